@@ -4,6 +4,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import islice
 import threading
 
 from checkweigher_core.recording import Event
@@ -12,19 +13,18 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 @dataclass
 class Pacer:
-    """Translate stamps into due times on another clock, at a rate in seconds of signal in a second.
+    """Conversion of stamps to due times on another clock.
 
-    At rate 0 there is no pace at all. `start` is when the first event is due, in s; a block is due
-    when its last sample has been taken.
+    A block is due when its last sample has been taken. At rate 0 all events are due at once.
     """
 
-    rate: float
+    rate: float  # s of signal per second
     sample_rate: float  # Hz
-    start: float
+    start: float  # s, due time of the first event
     _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
-        """Return when an event is due, s."""
+        """Return the due time of an event in s."""
         if self._first_stamp is None:
             self._first_stamp = event.stamp
         if self.rate == 0:
@@ -37,28 +37,28 @@ class Pacer:
 
 @dataclass(eq=False)
 class FlowControl:
-    """Limits of how far the line may lag behind the driver before the driver waits.
+    """Limits of the lag of the line behind the driver, beyond which the driver waits.
 
-    The counts are those that the subscribers report, so that it holds for queues of any depth.
-    Samples and edges are counted apart: they are topics of their own, and one may be held up while
-    the other is not. For any thread.
+    The lag is computed from the counts that the segmenter reports, so that it does not depend on
+    the depth of the queues. Samples and edges are counted separately because they have separate
+    topics, one of which may be delayed. The methods may be called from any thread.
     """
 
-    max_duration: float = 1.0  # s of signal; below the lateness of edges the segmenter allows for
-    max_blocks: int = 500  # below the depth of the queue, as max_edges
-    max_edges: int = 500
+    max_duration: float = 1.0  # s of signal; below the delay of edges that the segmenter accepts
+    max_blocks: int = 500  # below the depth of the queue
+    max_edges: int = 500  # below the depth of the queue
     max_items: int = 100  # between segmenter and verdict
 
     def __post_init__(self) -> None:
         self._lock = threading.RLock()
         self.samples_sent = 0
         self.items_judged = 0
-        self._edges: deque[int] = deque()  # stamps of those on their way
+        self._edges: deque[int] = deque()  # stamps of the edges on their way
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        self._samples_missed = 0  # sent before there was this segmenter, which never saw them
+        self._samples_missed = 0  # sent before this segmenter was started
 
     def sent(self, event: Event) -> None:
-        """Note what is about to be sent."""
+        """Count an event that is about to be sent."""
         with self._lock:
             if isinstance(event, SampleBlock):
                 self.samples_sent += len(event.counts)
@@ -66,24 +66,23 @@ class FlowControl:
                 self._edges.append(event.stamp)
 
     def taken(self, samples: int, edges: int, items: int) -> None:
-        """Note what the segmenter says it has taken and cut in all."""
+        """Process the total counts of the segmenter."""
         with self._lock:
             if samples < self._samples_taken or edges < self._edges_taken:
-                # A new segmenter has taken the place of one that was ended: it never saw the rest.
+                # The segmenter was restarted and does not get what was sent before.
                 self._samples_missed = self.samples_sent - samples
                 self.items_judged = items
                 self._edges.clear()
-            for _ in range(min(edges - self._edges_taken, len(self._edges))):
-                self._edges.popleft()
+            self._edges = deque(islice(self._edges, max(edges - self._edges_taken, 0), None))
             self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
 
     def judged(self) -> None:
-        """Count an item that has its verdict."""
+        """Count a verdict."""
         with self._lock:
             self.items_judged += 1
 
     def may_send(self, event: Event, sample_rate: float) -> bool:
-        """Tell whether an event may follow now."""
+        """Return whether an event may be sent now."""
         with self._lock:
             if isinstance(event, SampleBlock):
                 limit = min(self.max_duration * sample_rate, self.max_blocks * len(event.counts))
@@ -94,10 +93,10 @@ class FlowControl:
             return not self.awaits_edges(event, sample_rate)
 
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
-        """Tell whether an event must wait for edges that were sent before it.
+        """Return whether an event must wait until the segmenter has taken earlier edges.
 
-        With a block the segmenter would have samples so much later than an edge that it gives the
-        edge up. An edge may find the queue full.
+        A block must wait if its samples are so late that the segmenter would ignore the edge. An
+        edge must wait while the queue may be full.
         """
         with self._lock:
             if isinstance(event, SampleBlock):
@@ -106,12 +105,11 @@ class FlowControl:
             return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Wait no longer for edges if they alone are missing; return how many those are."""
+        """Count edges as lost if all samples have been taken; return the number of edges."""
         with self._lock:
-            if self._samples_on_their_way > 0:
-                return 0
-            lost = len(self._edges)
-            self._edges.clear()
+            lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
+            if lost:
+                self._edges.clear()
             return lost
 
     @property

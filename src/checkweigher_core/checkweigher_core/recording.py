@@ -3,9 +3,9 @@
 """A recording: the samples, edges and known masses of a line, ordered by their stamps."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import heapq
-from typing import overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,11 @@ _AT_A_TIME = 1 << 14  # blocks
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the key that sorts events: by stamp, at equal stamps edge, reference, samples.
+    """Return the sorting key of events: by stamp, at equal stamps edge, reference, samples.
 
-    A block counts with the stamp of its first sample, so the edges that fell while it was being
-    sampled follow it. No two different events of one machine have the same key, so a sorted
-    stream does not depend on the order in which its events were received.
+    A block has the stamp of its first sample; edges that fall into it therefore follow it. No two
+    different events of a machine have the same key, so that a sorted stream does not depend on the
+    order in which its events were received.
     """
     if isinstance(event, EyeEdge):
         return event.stamp, 0, event.eye, event.blocked
@@ -33,7 +33,7 @@ def canonical_order(event: Event) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What a line sent from a begin to an end: blocks, edges and references by their stamps.
+    """Blocks, edges and references of a line, each sorted by stamp.
 
     Iterating yields every event in canonical order.
     """
@@ -42,12 +42,12 @@ class Recording:
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
-    # What its user must know of it in one line: that it broke off and where, or has no check sums.
+    # One line for the user, for instance that the recording broke off or has no check sums.
     warning: str = ''
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
-        """Collect events that come in any order."""
+        """Return a recording of events in any order."""
         ordered = sorted(events, key=canonical_order)
         return cls(
             load_cell,
@@ -64,10 +64,10 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockColumns(Sequence[SampleBlock]):
-    """A sequence of sample blocks that are kept as columns.
+    """A sequence of sample blocks, stored as columns.
 
-    A bag has more than a hundred thousand blocks an hour, and each costs more than its samples; so
-    they are made when they are asked for.
+    A bag has more than a hundred thousand blocks per hour, and a block takes more memory than its
+    samples. The blocks are therefore made on demand.
     """
 
     stamps: NDArray[np.int64]  # (n,), ns
@@ -95,23 +95,19 @@ class BlockColumns(Sequence[SampleBlock]):
 
     @classmethod
     def concatenate(cls, parts: Sequence['BlockColumns']) -> 'BlockColumns':
-        """Return the blocks of all parts, at least one, one part after the other."""
-        return cls(
-            np.concatenate([part.stamps for part in parts]),
-            np.concatenate([part.first_indices for part in parts]),
-            np.concatenate([part.lengths for part in parts]),
-            np.concatenate([part.counts for part in parts]),
-        )
+        """Return the blocks of all parts, of which there is at least one, in their order."""
+        columns = ([getattr(part, each.name) for part in parts] for each in fields(cls))
+        return cls(*map(np.concatenate, columns))
 
     def take(self, order: NDArray[np.intp]) -> 'BlockColumns':
-        """Return the blocks of these numbers in this order."""
+        """Return the blocks with some numbers in the order of the numbers."""
         if np.array_equal(order, np.arange(len(self))):
             return self
         lengths = self.lengths[order]
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # the places take more than the samples
+        for first in range(0, len(order), _AT_A_TIME):  # because places take more than samples
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -124,15 +120,17 @@ class BlockColumns(Sequence[SampleBlock]):
         parts = ((slice(0, place), slice(0, begin)), (slice(place, None), slice(begin, None)))
         head, tail = (
             BlockColumns(
-                self.stamps[blocks].copy(), self.first_indices[blocks].copy(),
-                self.lengths[blocks].copy(), self.counts[samples].copy(),
+                self.stamps[blocks].copy(),
+                self.first_indices[blocks].copy(),
+                self.lengths[blocks].copy(),
+                self.counts[samples].copy(),
             )
             for blocks, samples in parts
-        )  # fmt: skip
+        )
         return head, tail
 
     def in_canonical_order(self) -> 'BlockColumns':
-        """Return the blocks by stamp and first index; those of equal ones stay in their order."""
+        """Return the blocks sorted by stamp and first index, in a stable order."""
         return self.take(np.lexsort((self.first_indices, self.stamps)))
 
     def __len__(self) -> int:
@@ -143,16 +141,12 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # as Python's, the numbers take four times
+        for number in range(0, len(self), _AT_A_TIME):  # because lists take more than arrays
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])
 
-    @overload
-    def __getitem__(self, number: int) -> SampleBlock: ...
-    @overload
-    def __getitem__(self, number: slice) -> tuple[SampleBlock, ...]: ...
-    def __getitem__(self, number: int | slice) -> SampleBlock | tuple[SampleBlock, ...]:
+    def __getitem__(self, number: Any) -> Any:
         """Return a block, or several as a tuple."""
         if isinstance(number, slice):
             return tuple(self.take(np.arange(len(self))[number]))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear under their name whole or not at all, and why one cannot be written."""
+"""Writing of output files, complete or not at all."""
 
 from collections.abc import Iterable
 import errno
@@ -11,23 +11,18 @@ import sys
 
 from checkweigher_core.state_files import replace_file
 
-_UNENCODABLE = 'backslashreplace'  # the name of a file may be no Unicode
-
 
 class OutputError(ValueError):
-    """An output that cannot be written; one line that says which and why."""
+    """An output that cannot be written. The message names the output and the fault."""
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o644) -> None:
-    """Write a file, in place of one that is there; text in UTF-8, its line ends as they are.
+    """Write or replace a file. Text is written in UTF-8 with unchanged line ends.
 
-    A text may come in parts, such as the lines of another file. A link stays one: what it names
-    is replaced. A stream is written to as it is, see `is_stream`. `mode` is that of the file.
+    A text may be given in parts, such as the lines of another file. If the path is a link, its
+    target is replaced. Streams are written to, see `is_stream`. `mode` is that of the file.
 
-    Raises
-    ------
-    OutputError
-        If it cannot be written; a file that was there before then stays.
+    Raises `OutputError` if it cannot be written; a file that was there before then stays.
     """
     parts = map(_encoded, [content] if isinstance(content, str | bytes) else content)
     try:
@@ -43,9 +38,9 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 
 
 def is_stream(path: Path) -> bool:
-    """Return whether a path names a device, a pipe or the standard output, also through links.
+    """Return whether a path or the target of a link is a device, a pipe or the standard output.
 
-    There is nothing to replace in them, and a device that a file took the place of is gone.
+    Such a file must not be replaced, because a device would be lost.
     """
     try:
         there = os.stat(path)
@@ -57,7 +52,8 @@ def is_stream(path: Path) -> bool:
 
 
 def _encoded(part: str | bytes) -> bytes:
-    return part if isinstance(part, bytes) else part.encode('utf-8', _UNENCODABLE)
+    # The name of a file may not be Unicode.
+    return part if isinstance(part, bytes) else part.encode('utf-8', 'backslashreplace')
 
 
 def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
@@ -65,7 +61,7 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
         sys.stdout.flush()
         number = os.dup(1)
     else:
-        # A pipe that nobody reads is an error then; without the flag it would hang.
+        # Without the flag, opening a pipe without a reader would hang.
         number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         os.set_blocking(number, True)
     with open(number, 'wb') as file:
@@ -73,14 +69,14 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Raise OutputError unless a file or folder can be made, before the work for it begins."""
+    """Raise `OutputError` unless a new file or folder can be made, before the work begins."""
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)
 
 
 def check_folder_of(path: Path) -> None:
-    """Raise OutputError unless something can be made or replaced where `path` leads."""
+    """Raise `OutputError` unless a file or folder can be made or replaced at a path."""
     folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
     if not folder.is_dir():
         raise OutputError(f'{path}: there is no folder {folder}; make it first')
@@ -89,7 +85,7 @@ def check_folder_of(path: Path) -> None:
 
 
 def output_error(path: Path, error: OSError) -> OutputError:
-    """Return the one line for an error of the file system."""
+    """Return an `OutputError` for an error of the file system."""
     if error.errno == errno.ENXIO:
         return OutputError(f'{path}: cannot be written: nobody reads this pipe')
     return OutputError(f'{path}: cannot be written: {error.strerror or error}')

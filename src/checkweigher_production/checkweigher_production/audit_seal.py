@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Seals of an audit log: signed digests, by a key that the machine's users do not have.
+"""Seals of an audit log: digests, signed with a key that the users of the machine do not have.
 
-The chain of an audit log shows a change only to a reader who noted a hash. A seal is that note,
-signed with Ed25519 (RFC 8032): number and hash of the last entry, and the time of sealing. Each
-seal holds the hash of the one before it. Seals stand in a file of their own, one a line, in JSON.
-That file should lie, as the key does, where those who may write the log may not write.
+A log that was rewritten as a whole is only detected by a reader who noted one of its hashes. A seal
+is such a note: number and hash of the last entry and the time of sealing, signed with Ed25519
+(RFC 8032). Each seal holds the hash of the previous one. Seals are kept in a file of their own, one
+per line, in JSON. Persons who may write the log must not have access to that file or to the key.
 """
 
 from collections.abc import Sequence
@@ -29,13 +29,13 @@ _MAKE_PUBLIC = 'openssl pkey -in KEY -pubout -out PUBLIC'
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """One seal."""
+    """Seal of a log."""
 
     number: int  # from 1, without gaps
     time: str  # of sealing, ISO 8601, UTC
     entries: int  # number of the last entry that it covers
     hash: str  # of that entry, hexadecimal
-    previous: str  # SHA-256 of the line of the seal before, hexadecimal
+    previous: str  # SHA-256 of the line of the previous seal, hexadecimal
     signature: str = ''  # Ed25519 over all the other fields, hexadecimal
 
     def line(self) -> bytes:
@@ -48,17 +48,14 @@ class Seal:
 
 
 def seals_path(log: Path) -> Path:
-    """Return the file that the seals of a log are in, unless another one is named."""
+    """Return the default file for the seals of a log."""
     return log.with_name(log.name + '.seals')
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
-    """Read the key that signs, in PEM.
+    """Read the signing key from a PEM file.
 
-    Raises
-    ------
-    AuditError
-        If it cannot be read, is none, or others than its owner may read it.
+    Raises `AuditError` if it cannot be read, is not a key, or others than its owner may read it.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:
@@ -75,7 +72,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 
 
 def public_key(path: Path) -> Ed25519PublicKey:
-    """Read the key that verifies, in PEM; `AuditError` if it cannot be read or is none."""
+    """Read the public key from a PEM file; `AuditError` if it cannot be read or is not a key."""
     data = _read(path)
     try:
         key = load_pem_public_key(data)
@@ -89,13 +86,10 @@ def public_key(path: Path) -> Ed25519PublicKey:
 
 
 def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
-    """Read the seals of a file, all of them made with the key.
+    """Read the seals of a file and check their signatures.
 
-    Raises
-    ------
-    AuditError
-        If the file cannot be read or is empty, or a seal is not signed with the key or does not
-        follow the one before it.
+    Raises `AuditError` if the file cannot be read or is empty, or a seal is not signed with the key
+    or does not follow the one before it.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -118,7 +112,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
 
 
 def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return what shows that a log is not the one that was sealed; empty if nothing does."""
+    """Return how a log differs from the one that was sealed, empty if it does not."""
     for seal in seals:
         begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
         if seal.entries > len(entries):
@@ -131,12 +125,9 @@ def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 def hold_to_seals(
     found: Verification, path: Path, key: Ed25519PublicKey
 ) -> tuple[tuple[Seal, ...], Verification]:
-    """Return the seals of a log, and the log as broken where they say so.
+    """Check a log by its seals. Returns the seals and the verification, with the fault if any.
 
-    Raises
-    ------
-    AuditError
-        If the file of the seals is not there.
+    Raises `AuditError` if there is no file with seals.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name their file by --seals')
@@ -149,7 +140,7 @@ def hold_to_seals(
 
 
 def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return how far a log that is held to its seals is sealed, in words."""
+    """Return a text that says how far a log is sealed."""
     last = seals[-1]
     return (
         f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '
@@ -158,12 +149,10 @@ def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 
 
 def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:
-    """Seal the entries of a log that was verified; the seal is on the disk when this returns.
+    """Seal the entries of a verified log, and sync the seal to the disk.
 
-    Raises
-    ------
-    AuditError
-        If the seals cannot be read or written, were made with another key, or are of another log.
+    Raises `AuditError` if the seals cannot be read or written, were made with another key, or are
+    of another log.
     """
     seals = read_seals(path, key.public_key()) if path.exists() else ()
     if broken := broken_seal(seals, entries):
@@ -177,7 +166,7 @@ def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519Privat
     )
     seal = replace(seal, signature=key.sign(seal.signed()).hex())
     try:
-        # A seal that was cut off would look like a forged one.
+        # An incomplete seal would look like a forged one.
         replace_file(path, (each.line() for each in (*seals, seal)))
     except OSError as error:
         raise AuditError(f'{path}: cannot be written: {error.strerror or error}') from None

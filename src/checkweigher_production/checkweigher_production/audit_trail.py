@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of the audit log: each change with the value before it, across restarts.
+"""Entries of the audit log: each change with the previous value, across restarts.
 
-The values that were last seen are found in the log itself. So a parameter file that was edited
-while the line stood still is noticed at the next start.
+The previous values are read from the log. A parameter file that was edited while the line was not
+running is therefore detected at the next start.
 """
 
 from collections import deque
@@ -19,15 +19,15 @@ from checkweigher_production.authors import Author
 
 
 class AuditTrail:
-    """Changes, written to the log; a value that has not changed is not written.
+    """Writer of changes to the audit log; a value that has not changed is not written.
 
-    `source` is the node that writes; `clock` returns the time of an entry, ISO 8601, UTC. Without a
-    log nothing is written.
+    `source` is the node that writes, and `clock` returns the time of an entry, ISO 8601, UTC.
+    Without a log nothing is written.
 
-    What is about to be done is written by a method that raises `AuditError` if it cannot be: then
-    it must not be done. What has been done already (`saw` and `saw_state`) is written as soon as
-    that is possible, with the time at which it was done. `trouble` is why the log cannot be written
-    at present, empty if it can.
+    `note`, `state`, `parameters` and `recipes` write an entry before a change is made. They raise
+    `AuditError` if it cannot be written; the change must not be made then. `saw` and `saw_state`
+    write an entry of something that has happened, as soon as that is possible, with the time at
+    which it happened. `trouble` is the reason why the log cannot be written now, else empty.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -37,8 +37,9 @@ class AuditTrail:
         self._parameters: dict[str, dict[str, object]] = {}
         self._last: dict[tuple[str, str], object] = {}
         self._zero_out_of_range = False
+        # Arguments of `_append` for entries that are still to be written.
         self._owed: deque[tuple[str, str, str, object, object, Author | None]] = deque(maxlen=1_000)
-        self._refused, self._reason = 0, ''  # changes since the last entry, and why the last
+        self._refused, self._reason = 0, ''  # changes since the last entry, and the last reason
         self.trouble = ''
         for entry in log.entries if log else ():
             self._learn(entry.kind, entry.subject, entry.new)
@@ -53,7 +54,7 @@ class AuditTrail:
     def note(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write down an action that is about to be done."""
+        """Write a change that is about to be made."""
         if not self._log:
             return
         try:
@@ -67,7 +68,7 @@ class AuditTrail:
     def saw(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write down something that has been done."""
+        """Write a change that was made."""
         if not self._log:
             return
         self._learn(kind, subject, plain(new))
@@ -76,7 +77,7 @@ class AuditTrail:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Write down what could not be written when it was done, and how much was refused."""
+        """Write the entries that are owed, and the number of changes that were refused."""
         while self._owed:
             self._append(*self._owed[0])
             self._owed.popleft()
@@ -86,13 +87,7 @@ class AuditTrail:
             self._refused = 0
 
     def _append(
-        self,
-        time: str,
-        kind: str,
-        subject: str,
-        old: object,
-        new: object,
-        by: Author | None,
+        self, time: str, kind: str, subject: str, old: object, new: object, by: Author | None
     ) -> None:
         assert self._log is not None
         try:
@@ -103,47 +98,49 @@ class AuditTrail:
         self.trouble = ''
 
     def last(self, kind: str, subject: str) -> Any:
-        """Return the last value of a subject, None if it has none."""
+        """Return the last value of a subject, None if there is none."""
         return self._last.get((kind, subject))
 
     def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write down a state that is about to be, if it is not the last one."""
-        old = self._last.get((kind, subject))
+        """Write a state that is about to be set, unless it is the last one."""
+        old = self.last(kind, subject)
         if old != plain(value):
             self.note(kind, subject, old, value, by)
 
     def saw_state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write down a state that is, if it is not the last one."""
-        old = self._last.get((kind, subject))
+        """Write a state that was found, unless it is the last one."""
+        old = self.last(kind, subject)
         if old != plain(value):
             self.saw(kind, subject, old, value, by)
 
     def found(self, node: str, values: Mapping[str, object]) -> None:
-        """Write down the parameters of a node that differ from those that it had last."""
-        known = self._parameters.get(node, {})
-        new = {n: v for n, v in values.items() if n not in known or known[n] != plain(v)}
-        if new:
+        """Write the parameters of a node that differ from their last values."""
+        if new := self._changed(node, values):
+            known = self._parameters.get(node, {})
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
     def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
-        """Write down that parameters of a running node are about to be set."""
-        for name, value in values.items():
-            known = self._parameters.get(node, {})
-            if name not in known or known[name] != plain(value):
-                self.note(PARAMETER, f'{node}.{name}', known.get(name), value, by)
+        """Write the parameters of a running node that are about to be set."""
+        for name, value in self._changed(node, values).items():
+            old = self._parameters.get(node, {}).get(name)
+            self.note(PARAMETER, f'{node}.{name}', old, value, by)
+
+    def _changed(self, node: str, values: Mapping[str, object]) -> dict[str, object]:
+        known = self._parameters.get(node, {})
+        return {n: v for n, v in values.items() if n not in known or known[n] != plain(v)}
 
     def recipes(
         self, recipes: Mapping[str, Mapping[str, object]], by: Author | None = None
     ) -> None:
-        """Write down which recipes are new, changed or gone."""
+        """Write the recipes that are new, changed or removed."""
         gone = {subject for kind, subject in self._last if kind == RECIPE} - set(recipes)
         for name, recipe in (*recipes.items(), *((name, None) for name in sorted(gone))):
             self.state(RECIPE, name, recipe, by)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Write down that the zero has left its range, or is back in it."""
+        """Write that the zero has left its range, or has returned."""
         out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
-        # Another fault says nothing of the zero.
+        # A verdict with other faults says nothing about the zero.
         if out != self._zero_out_of_range and (out or not verdict.reasons):
             self._zero_out_of_range = out
             self.saw(ZERO, Reason.ZERO_OUT_OF_RANGE.value, not out, out)

@@ -1,16 +1,16 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The record of a batch: a file with a line of JSON for everything that happened in it.
+"""The record of a batch: a file with a line of JSON for each event of the batch.
 
 The lines are begin, product (the recipe), verdict, stop, filler, reset and end, each with its kind.
-NaN and infinities are written as NaN, Infinity and -Infinity, as in Python. A thread of
-its own writes and syncs, so that no disk keeps the line waiting; a disk that is full is tried again
-until it takes the lines. The record of a batch that has no end goes on after a restart.
+NaN and infinities are written as NaN, Infinity and -Infinity, as in Python. A thread of its own
+writes and syncs the lines, so that the line does not wait for the disk. If the disk is full, it
+tries again until the lines are written. A record without an end is continued after a restart.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, is_dataclass
 import errno
 import hashlib
 import json
@@ -21,19 +21,19 @@ import threading
 from typing import Any
 from urllib.parse import quote
 
-from checkweigher_core.records import Decision, FillerFeedback, StopRequest, Verdict
+from checkweigher_core.records import Decision, Verdict
 
 SUFFIX = '.jsonl'
 _RETRY = 1.0  # s
 
 
 class RecordError(ValueError):
-    """A record that cannot be used; one line that says which, where and why."""
+    """A record that cannot be used. The message names the file, the place and the fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class EndedRecord:
-    """A record that is complete, and the SHA-256 of its file."""
+    """A complete record with the SHA-256 of its file."""
 
     batch: str
     path: Path
@@ -47,12 +47,12 @@ def record_path(folder: Path, batch: str) -> Path:
 
 def last_record(folder: Path) -> Path | None:
     """Return the record that was written last, None if there is none."""
-    found = sorted(folder.glob(f'*{SUFFIX}'), key=lambda path: path.stat().st_mtime_ns)
-    return found[-1] if found else None
+    found = folder.glob(f'*{SUFFIX}')
+    return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
 
 
 def ended_record(path: Path) -> EndedRecord | None:
-    """Return a record with its hash if its batch has ended."""
+    """Return a record with its hash if its batch has ended, else None."""
     begin = last = None
     for last in read_lines(path):
         begin = begin or last
@@ -62,12 +62,9 @@ def ended_record(path: Path) -> EndedRecord | None:
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a record; one that a power cut has left without its end is no line.
+    """Yield the lines of a record, except a last line that a power loss left incomplete.
 
-    Raises
-    ------
-    RecordError
-        If the file cannot be read or a line is none of a record.
+    Raises `RecordError` if the file cannot be read or a line does not belong to a record.
     """
     try:
         with path.open('rb') as file:
@@ -87,12 +84,14 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def verdict_of(values: Mapping[str, Any]) -> Verdict:
-    """Return the verdict of a line; `RecordError` if it is none."""
+    """Return the verdict of a line; `RecordError` if it is not one.
+
+    Fields that the version of the record did not have get their defaults.
+    """
     try:
-        own = {entry.name: values[entry.name] for entry in fields(Verdict)}
-        decision = Decision[own.pop('decision')]
-        reasons = tuple(map(str, own.pop('reasons')))
-        return Verdict(decision=decision, reasons=reasons, **own)
+        own = {each.name: values[each.name] for each in fields(Verdict) if each.name in values}
+        own |= {'decision': Decision[own['decision']], 'reasons': tuple(own['reasons'])}
+        return Verdict(**own)
     except (KeyError, TypeError) as error:
         raise RecordError(f'a verdict of a record lacks or misuses {error}') from None
 
@@ -100,8 +99,8 @@ def verdict_of(values: Mapping[str, Any]) -> Verdict:
 class RecordWriter:
     """Writer of the records of a lane, one batch after the other.
 
-    `ended` has each record that is complete; `trouble` is why nothing can be written at present,
-    empty if it can.
+    `ended` is the queue of complete records. `trouble` is the reason why nothing can be written
+    now, else empty.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -109,7 +108,7 @@ class RecordWriter:
         self.trouble = ''
         self._folder = folder
         self._closing = threading.Event()
-        # What follows belongs to the thread of the executor: the open file and what it holds.
+        # Used by the thread of the executor: the open file, its size and its hash.
         self._file: int | None = None
         self._batch, self._path = '', folder
         self._size, self._hash = 0, hashlib.sha256()
@@ -120,7 +119,7 @@ class RecordWriter:
         self._executor = ThreadPoolExecutor(1, 'batch record')
 
     def begin(self, batch: str, time: str, **others: object) -> None:
-        """Begin the record of a batch, or go on with it if it is there."""
+        """Begin the record of a batch, or continue it if it exists."""
         line = line_of('begin', {'time': time, 'batch': batch, **others})
         self._submit(self._open, batch)
         self._submit(self._append, line, True)
@@ -135,7 +134,7 @@ class RecordWriter:
         self._submit(self._finish)
 
     def close(self) -> None:
-        """Write what is left and stop; what a disk does not take now is lost."""
+        """Write the remaining lines and stop. Lines that the disk does not take are lost."""
         self._closing.set()
         self._executor.submit(self._release)
         self._executor.shutdown()
@@ -144,7 +143,7 @@ class RecordWriter:
         self._executor.submit(self._persist, step, *arguments)
 
     def _persist(self, step: Callable[..., object], *arguments: object) -> None:
-        """Do what the disk may refuse, again and again until it is done or the writer closes."""
+        """Repeat a step that writes to the disk until it succeeds or the writer is closed."""
         while True:
             try:
                 step(*arguments)
@@ -153,11 +152,11 @@ class RecordWriter:
             except OSError as error:
                 self.trouble = f'{error.filename or self._folder}: {error.strerror or error}'
                 if self._closing.wait(_RETRY):
-                    self._release()  # no later line may follow on one that is lost
+                    self._release()  # no line may follow a lost one
                     return
 
     def _open(self, batch: str) -> None:
-        """Open the file, without an end that a power cut has left unfinished."""
+        """Open the file, and remove a last line that a power loss left incomplete."""
         self._batch, self._path = batch, record_path(self._folder, batch)
         self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         there = self._path.read_bytes()
@@ -166,7 +165,7 @@ class RecordWriter:
         self._size, self._hash = len(there), hashlib.sha256(there)
 
     def _append(self, line: bytes, first: bool = False) -> None:
-        """Append a line, whole or not at all; one that is to be the `first` only if it is."""
+        """Append a whole line or nothing; a `first` line only to an empty file."""
         if self._file is None or (first and self._size):
             return
         try:
@@ -191,10 +190,7 @@ class RecordWriter:
 
 
 def line_of(kind: str, values: object) -> bytes:
-    """Return the line of something that happened."""
-    if isinstance(values, Verdict | StopRequest | FillerFeedback):
-        values = asdict(values)
-    assert isinstance(values, dict)
-    if isinstance(values.get('decision'), Decision):
-        values['decision'] = values['decision'].name
-    return json.dumps({'kind': kind, **values}, separators=(',', ':')).encode('ascii') + b'\n'
+    """Return the line of a record or of a mapping of values."""
+    own: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
+    own = {n: v.name if isinstance(v, Decision) else v for n, v in own.items()}
+    return json.dumps({'kind': kind, **own}, separators=(',', ':')).encode('ascii') + b'\n'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A control chart of mean and spread over subgroups, with the rules of ISO 7870-2.
+"""Control chart of mean and spread over subgroups, with the rules of ISO 7870-2.
 
 The rules are quoted from memory of ISO 7870-2:2013, 8.2, not checked against its text.
 """
@@ -18,9 +18,9 @@ _RUN = 7  # points on one side of the centre line, or in one direction
 
 @dataclass(frozen=True, slots=True)
 class ControlChart:
-    """Means and standard deviations of subgroups, (groups,), with centre lines and limits, kg.
+    """Means and standard deviations of subgroups, (groups,), with centre lines and limits in kg.
 
-    `marks` has the rule that each mean breaks, empty where it breaks none.
+    `marks` has the rule that each mean breaks, empty if it breaks none.
     """
 
     means: NDArray[np.float64]
@@ -34,10 +34,10 @@ class ControlChart:
 
 
 def control_chart(masses: Sequence[float]) -> ControlChart | None:
-    """Return the chart of masses in the order in which they came, or None below two subgroups.
+    """Return the chart of masses in kg in order of time, or None below two subgroups.
 
-    The limits are three standard deviations of a mean (of a standard deviation) of `SUBGROUP`
-    values, estimated from the mean of the standard deviations: A3, B4 of ISO 7870-2, table 2.
+    The limits are three standard deviations of a mean (or of a standard deviation) of `SUBGROUP`
+    values, estimated from the mean of the standard deviations (A3, B4 of ISO 7870-2, table 2).
 
     Examples
     --------
@@ -51,15 +51,13 @@ def control_chart(masses: Sequence[float]) -> ControlChart | None:
     groups = np.reshape(masses[: count * SUBGROUP], (count, SUBGROUP))
     means, std_devs = groups.mean(axis=1), groups.std(axis=1, ddof=1)
     centre, spread = float(means.mean()), float(std_devs.mean())
-    # Mean and standard deviation of the standard deviation of SUBGROUP normal values, as shares of
-    # theirs.
+    # Mean of the standard deviation of SUBGROUP values of the standard normal distribution.
     c4 = math.sqrt(2 / (SUBGROUP - 1)) * math.gamma(SUBGROUP / 2) / math.gamma((SUBGROUP - 1) / 2)
     reach = 3 * spread / c4 / math.sqrt(SUBGROUP)
     lower, upper = centre - reach, centre + reach
-    return ControlChart(
-        means, std_devs, centre, lower, upper, spread,
-        spread * (1 + 3 * math.sqrt(1 - c4 * c4) / c4), _marks(means, centre, lower, upper),
-    )  # fmt: skip
+    spread_upper = spread * (1 + 3 * math.sqrt(1 - c4 * c4) / c4)
+    marks = _marks(means, centre, lower, upper)
+    return ControlChart(means, std_devs, centre, lower, upper, spread, spread_upper, marks)
 
 
 def _marks(

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feedback to the filler: an integral controller of its set point, with a dead band.
 
-The median of a subgroup of items is compared with the target. Beyond the dead band the set point
-moves by a share of the difference. Items that were filled before the filler had the step are still
-on their way to the scale, so the next `delay` items are not used: a controller that used them would
-correct the same difference again.
+The median of a subgroup of items is compared with the target. Outside the dead band, the set point
+is changed by a share of the difference. Items that were filled before the change are still on their
+way to the scale. The next `delay` items are therefore ignored; otherwise the same difference would
+be corrected twice.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from checkweigher_core.records.reasons import Reason
 
 @dataclass(frozen=True)
 class FillerParameters(Parameters):
-    """The controller of the filler, a part of a recipe; masses are of the contents."""
+    """Parameters of the controller of the filler in a recipe. Masses are of the contents."""
 
     node: ClassVar[str] = 'filler'
 
@@ -49,27 +49,23 @@ class FillerParameters(Parameters):
 
 
 class FillerController:
-    """The correction of one filler for one product; it takes every verdict, in order.
+    """Controller of one filler for one product, with its correction in kg.
 
-    Parameters
-    ----------
-    parameters : FillerParameters
-        Gain, dead band and limits.
-    product : str
-        Name of the product.
-    nominal, tare : float
-        kg, of the product.
-    correction : float, optional
-        kg, sum of the steps that the filler has already made.
+    `nominal` and `tare` of the product are in kg. `correction` is the sum of the steps that the
+    filler has made already, in kg.
     """
 
     def __init__(
-        self, parameters: FillerParameters, product: str, nominal: float, tare: float,
+        self,
+        parameters: FillerParameters,
+        product: str,
+        nominal: float,
+        tare: float,
         correction: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._parameters = parameters
-        self.product = product
-        self.target = parameters.target or nominal
+        self._product = product
+        self._target = parameters.target or nominal
         self._tare = tare
         self._limit = parameters.max_correction
         self.correction = min(max(correction, -self._limit), self._limit)
@@ -77,29 +73,36 @@ class FillerController:
         self._on_the_way = 0
 
     def add(self, verdict: Verdict) -> FillerFeedback | None:
-        """Take an item; return what the filler should change if it completes a subgroup."""
+        """Add an item, in order of the verdicts; return feedback if it completes a subgroup."""
         if Reason.PERFORMANCE_TEST in verdict.reasons:
-            return None  # a test product did not come from the filler
+            return None  # a test product does not come from the filler
         if self._on_the_way:
             self._on_the_way -= 1
             return None
-        # A fault may keep its mass, that of a product with metal in it for instance.
+        # A fault may have a mass, for instance that of a product with metal in it.
         if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
             self._masses.append(verdict.mass - self._tare)
         if len(self._masses) < self._parameters.subgroup:
             return None
         found, items = median(self._masses), len(self._masses)
         self._masses.clear()
-        step, limited = self._step(self.target - found)
+        step, limited = self._step(self._target - found)
         self.correction += step
         self._on_the_way = self._parameters.delay if step else 0
         return FillerFeedback(
-            verdict.t3, self.product, verdict.item_id, items, self.target, found, step,
-            self.correction, limited,
-        )  # fmt: skip
+            stamp=verdict.t3,
+            product=self._product,
+            item_id=verdict.item_id,
+            items=items,
+            target=self._target,
+            median=found,
+            step=step,
+            correction=self.correction,
+            limited=limited,
+        )
 
     def _step(self, difference: float) -> tuple[float, bool]:
-        """Return the step in kg, and whether a limit has made it smaller."""
+        """Return the step in kg, and whether a limit has reduced it."""
         known = self._parameters
         if abs(difference) <= known.dead_band:
             return 0.0, False

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The performance test of a recipe: passes of a test product of known mass, at due times.
 
-A recipe asks for it every so many hours, at the beginning of each shift, in each batch, or by
-several of these. From the due time on a reminder shows; after the grace the line is asked to
-stop. A test that passed counts until the next due time, one that failed stops the line until one
-passes.
+A recipe asks for a test after a number of hours, at the begin of each shift, in each batch, or by
+several of these rules. A reminder is shown from the due time on, and after a grace time the line is
+asked to stop. A passed test is valid until the next due time. A failed test stops the line until a
+test passes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime, timedelta, tzinfo
 import math
 import re
@@ -31,7 +31,7 @@ _MAX_SHIFTS = 24
 
 @dataclass(frozen=True)
 class PerformancePlan(Parameters):
-    """When a recipe asks for a performance test, and what passes it."""
+    """Due times and limits of the performance test of a recipe."""
 
     node: ClassVar[str] = 'test'
 
@@ -67,10 +67,18 @@ class PerformancePlan(Parameters):
             raise ParameterError('test: needs every_hours, shifts or every_batch')
 
     def due(self, last: int | None, began: int, *, in_batch: bool, zone: tzinfo) -> int | None:
-        """Return when the next test is due, ns; None if the next batch asks for it first.
+        """Return the due time of the next test in ns, None if only the next batch asks for one.
 
-        `last` is when one has passed, None for never, `began` when the batch or the product began;
-        `in_batch` tells whether one has passed in this batch. Shifts begin in the time `zone`.
+        Parameters
+        ----------
+        last : int or None
+            Time of the last test that passed in ns, None if none has passed.
+        began : int
+            Begin of the product or of the batch in ns.
+        in_batch : bool
+            Whether a test has passed in this batch.
+        zone : tzinfo
+            Time zone of the shifts.
         """
         if last is None:
             return began
@@ -93,7 +101,7 @@ class PerformancePlan(Parameters):
 
 @dataclass(frozen=True)
 class LastTest:
-    """The last test that has ended: when, ns, in which batch, who made it, and how it ended."""
+    """Last test that has ended: its time in ns, batch, person, and errors of the passes in kg."""
 
     time: int
     batch: str
@@ -103,77 +111,70 @@ class LastTest:
 
 
 class PerformanceTests:
-    """The test of the product on the line.
+    """State of the performance test of the product on the line.
 
-    All times are ns of the system clock; shifts begin in the time `zone`. While a test is `wanted`
-    the line has to reject all items.
+    Times are in ns of the system clock; shifts begin in the time `zone`. `plan` is that of the
+    recipe, None if it asks for no test.
     """
 
     def __init__(self, zone: tzinfo) -> None:
         self._zone = zone
-        self._plan: PerformancePlan | None = None
         # The last test and the last one that passed, by product.
         self._known: dict[str, tuple[LastTest, LastTest | None]] = {}
         self._began = 0
+        self.plan: PerformancePlan | None = None
         self.state = PerformanceTest(0, PerformanceState.NOT_ASKED)
 
     @property
     def wanted(self) -> bool:
-        """Whether a test goes on: each item is a test product, and is to be rejected."""
+        """Whether a test goes on. Each item is then a test product, and must be rejected."""
         return self.state.state is PerformanceState.RUNNING
 
-    @property
-    def plan(self) -> PerformancePlan | None:
-        """What the recipe asks for, None for nothing."""
-        return self._plan
-
     def remember(self, product: str, last: LastTest) -> None:
-        """Take the last test of a product from before this start, if none is known."""
+        """Add the last test of a product before this start, unless a later one is known."""
         self._known.setdefault(product, (last, last if last.passed else None))
 
     def select(self, product: str, batch: str, plan: PerformancePlan | None, now: int) -> None:
-        """Take another product, batch or plan; a test that is under way is broken off."""
-        if (product, batch, plan) != (self.state.product, self.state.batch, self._plan):
+        """Use another product, batch or plan, and break off the present test."""
+        if (product, batch, plan) != (self.state.product, self.state.batch, self.plan):
             self._began = now
-        self._plan = plan
+        self.plan = plan
         self.state = PerformanceTest(now, PerformanceState.NOT_ASKED, product, batch)
         self.advance(now)
 
     def plan_to_begin(self) -> PerformancePlan:
-        """Return what the recipe asks for; `ValueError` if that is nothing, or a test goes on."""
-        if self._plan is None:
+        """Return the plan of the recipe; `ValueError` if there is none, or a test goes on."""
+        if self.plan is None:
             raise ValueError('the recipe of the product asks for no performance test')
         if self.wanted:
             raise ValueError(f'{self.state.who} makes a performance test already')
-        return self._plan
+        return self.plan
 
     def begin(self, who: str, now: int) -> None:
-        """Begin a test; `ValueError` as `plan_to_begin`."""
+        """Begin a test; raises `ValueError` as `plan_to_begin`."""
         self.plan_to_begin()
-        self.state = replace(
-            self.state, stamp=now, state=PerformanceState.RUNNING, who=who, errors=(), text=''
-        )
+        running = PerformanceState.RUNNING
+        self.state = replace(self.state, stamp=now, state=running, who=who, errors=(), text='')
 
     def cancel(self, now: int) -> None:
-        """Break off the test that is under way; what was due before is due still."""
-        if self.wanted:
-            self.state = replace(self.state, state=PerformanceState.NOT_ASKED, errors=())
-            self.advance(now)
+        """Break off the present test; the due time does not change."""
+        self.state = replace(self.state, state=PerformanceState.NOT_ASKED, errors=())
+        self.advance(now)
 
     def take(self, verdict: Verdict, now: int) -> LastTest | None:
-        """Take a verdict; return the test if it ends with this pass."""
-        plan = self._plan
+        """Process a verdict; return the test if this pass completes it."""
+        plan, test = self.plan, self.state
         if plan is None or not self.wanted or Reason.PERFORMANCE_TEST not in verdict.reasons:
             return None
         known = set(verdict.reasons) == {Reason.PERFORMANCE_TEST.value}
         error = verdict.mass - plan.mass if known else math.nan
-        errors = (*self.state.errors, error)
-        self.state = replace(self.state, stamp=now, errors=errors)
+        self.state = replace(test, stamp=now, errors=(*test.errors, error))
+        errors = self.state.errors
         if len(errors) < plan.passes:
             return None
-        ended = LastTest(now, self.state.batch, self.state.who, passes(plan, errors), errors)
-        _, passed = self._known.get(self.state.product, (None, None))
-        self._known[self.state.product] = ended, ended if ended.passed else passed
+        ended = LastTest(now, test.batch, test.who, passes(plan, errors), errors)
+        _, passed = self._known.get(test.product, (None, None))
+        self._known[test.product] = ended, ended if ended.passed else passed
         self.state = replace(self.state, state=PerformanceState.NOT_ASKED)
         self.advance(now)
         return ended
@@ -181,42 +182,53 @@ class PerformanceTests:
     def advance(self, now: int) -> bool:
         """Advance to `now`; return whether the state has changed."""
         before = self.state
-        if not self.wanted:
-            self.state = self._judge(now)
+        if self.plan is not None and not self.wanted:
+            self.state = self._judge(self.plan, now)
         return before.state != self.state.state
 
-    def _judge(self, now: int) -> PerformanceTest:
-        plan, (last, passed) = self._plan, self._known.get(self.state.product, (None, None))
-        if plan is None:
-            return PerformanceTest(
-                self.state.stamp, PerformanceState.NOT_ASKED, self.state.product, self.state.batch
-            )
-        in_batch = passed is not None and passed.batch == self.state.batch
-        due = plan.due(
-            passed.time if passed else None, self._began, in_batch=in_batch, zone=self._zone
+    def _judge(self, plan: PerformancePlan, now: int) -> PerformanceTest:
+        product, batch = self.state.product, self.state.batch
+        last, passed = self._known.get(product, (None, None))
+        judged = PerformanceTest(
+            stamp=now,
+            state=PerformanceState.IN_TIME,
+            product=product,
+            batch=batch,
+            mass=plan.mass,
+            limit=plan.limit,
+            passes=plan.passes,
         )
-        stop_at = None if due is None else due + round(plan.grace * NANOSECONDS)
-        if last is not None and not last.passed:
-            state, text = PerformanceState.FAILED, _why_failed(plan, last)
-        elif due is None or now < due:
-            state, text = PerformanceState.IN_TIME, ''
-        else:
-            over = stop_at is not None and now >= stop_at
-            state = PerformanceState.OVERDUE if over else PerformanceState.DUE
-            text = 'none has passed yet' if passed is None else 'the last one is too long ago'
-            if passed is not None and plan.every_batch and not in_batch:
-                text = 'none has passed in this batch'
-        return PerformanceTest(
-            now if state != self.state.state else self.state.stamp, state,
-            self.state.product, self.state.batch, text, last.who if last else '', due, stop_at,
-            passed.time if passed else None, plan.mass, plan.limit, plan.passes,
-            last.errors if last else (),
-        )  # fmt: skip
+        if passed is not None:
+            judged = replace(judged, last=passed.time)
+        in_batch = passed is not None and passed.batch == batch
+        due = plan.due(judged.last, self._began, in_batch=in_batch, zone=self._zone)
+        if due is not None:
+            stop_at = due + round(plan.grace * NANOSECONDS)
+            judged = replace(judged, due=due, stop_at=stop_at)
+            if now >= due:
+                state = PerformanceState.DUE if now < stop_at else PerformanceState.OVERDUE
+                text = _why_due(plan, passed, in_batch=in_batch)
+                judged = replace(judged, state=state, text=text)
+        if last is not None:
+            judged = replace(judged, who=last.who, errors=last.errors)
+            if not last.passed:
+                text = _why_failed(plan, last)
+                judged = replace(judged, state=PerformanceState.FAILED, text=text)
+        same = judged.state is self.state.state
+        return replace(judged, stamp=self.state.stamp) if same else judged
 
 
 def passes(plan: PerformancePlan, errors: tuple[float, ...]) -> bool:
-    """Tell whether errors, kg, pass: each within the limit, none unknown."""
+    """Return whether errors in kg pass: enough of them, each known and within the limit."""
     return len(errors) >= plan.passes and all(abs(each) <= plan.limit for each in errors)
+
+
+def _why_due(plan: PerformancePlan, passed: LastTest | None, *, in_batch: bool) -> str:
+    if passed is None:
+        return 'none has passed yet'
+    if plan.every_batch and not in_batch:
+        return 'none has passed in this batch'
+    return 'the last one is too long ago'
 
 
 def _why_failed(plan: PerformancePlan, last: LastTest) -> str:
@@ -228,22 +240,11 @@ def _why_failed(plan: PerformancePlan, last: LastTest) -> str:
 
 
 def as_entry(plan: PerformancePlan, ended: LastTest, reason: str) -> dict[str, Any]:
-    """Return what the audit log has of a test that has ended."""
-    return {
-        'passed': ended.passed,
-        'time': ended.time,
-        'batch': ended.batch,
-        'who': ended.who,
-        'reason': reason,
-        'mass': plan.mass,
-        'limit': plan.limit,
-        'errors': ended.errors,
-    }
+    """Return the value of a test that has ended in the audit log."""
+    return asdict(ended) | {'reason': reason, 'mass': plan.mass, 'limit': plan.limit}
 
 
 def from_entry(values: dict[str, Any]) -> LastTest:
     """Return the test of an entry of the audit log."""
-    return LastTest(
-        int(values['time']), str(values['batch']), str(values['who']), bool(values['passed']),
-        tuple(float(each) for each in values['errors']),
-    )  # fmt: skip
+    own = {each.name: values[each.name] for each in fields(LastTest)}
+    return LastTest(**own | {'errors': tuple(map(float, values['errors']))})

@@ -2,26 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prepackages of one nominal quantity: EU Directive 76/211/EEC, Annex I.
 
-The tolerable negative error (TNE) depends on the nominal quantity. A batch is right if its mean is
-not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE and none is below
+The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is
+not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE, and none is below
 TU2 = nominal - 2 TNE. Percentages are not rounded here; the directive rounds them up to the next
-0.1 g (quoted from memory), so the limits here are never the looser ones.
+0.1 g (quoted from memory). The limits here are therefore never less strict.
 
 Nothing here is type-approved for legal metrology. The reference test of Annex II, by samples, is in
 `reference_test`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # kg, range of the table
 
-# Nominal quantity in kg up to which a row holds, and its TNE: a share of the quantity, or kg.
+# Largest nominal quantity of a row in kg, and its TNE: a share of the quantity, or kg.
 _ROWS = (
     (0.05, 0.09, 0.0),
     (0.1, 0.0, 0.0045),
@@ -35,7 +36,7 @@ _ROWS = (
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits for one nominal quantity, all in kg."""
+    """Limits for one nominal quantity in kg."""
 
     nominal: float
     tolerable_negative_error: float
@@ -45,12 +46,12 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class BatchJudgement:
-    """Judgement of a batch by the directive: its figures, and whether each requirement is met."""
+    """Figures of a batch, and whether it meets each requirement of the directive."""
 
     limits: Limits
     count: int
     mean: float  # kg
-    below_tu1: int  # those below TU2 included
+    below_tu1: int  # including those below TU2
     below_tu2: int
     mean_passed: bool
     tu1_passed: bool
@@ -70,7 +71,7 @@ class BatchJudgement:
 def tolerable_negative_error(nominal: float) -> float:
     """Return the tolerable negative error in kg for a nominal quantity of 0.005..10 kg.
 
-    `ValueError` if the directive has no row for it.
+    Raises `ValueError` for any other quantity.
     """
     if not SMALLEST * (1 - ROUNDING) <= nominal <= LARGEST * (1 + ROUNDING):
         span = f'{SMALLEST:g}..{LARGEST:g} kg, for which the directive has limits'
@@ -80,26 +81,29 @@ def tolerable_negative_error(nominal: float) -> float:
 
 
 def limits(nominal: float) -> Limits:
-    """Return TNE, TU1 and TU2 for a nominal quantity in kg; `ValueError` as above."""
+    """Return TNE, TU1 and TU2 for a nominal quantity of 0.005..10 kg."""
     error = tolerable_negative_error(nominal)
     return Limits(nominal, error, nominal - error, nominal - 2 * error)
 
 
-def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Judge a batch by the three requirements; masses are those of the contents in kg.
-
-    Raises
-    ------
-    ValueError
-        If the batch is empty, a mass is not finite or the directive has no limits for `nominal`.
-    """
-    batch = np.array(list(masses), dtype=np.float64)
+def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float64]:
+    """Return masses as an array; `ValueError` if there are none or one is not finite."""
+    batch = np.array(masses, dtype=np.float64)
     if not len(batch):
-        raise ValueError('a batch of no prepackages cannot be judged')
+        raise ValueError(f'a batch of no prepackages cannot be {done}')
     if not np.isfinite(batch).all():
         raise ValueError('a mass is not finite; leave out the prepackages that were not weighed')
-    its = limits(nominal)
-    slack = ROUNDING * nominal
+    return batch
+
+
+def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
+    """Judge a batch by the three requirements. Masses are those of the contents in kg.
+
+    Raises `ValueError` if the batch is empty, a mass is not finite or the directive has no limits
+    for `nominal`.
+    """
+    batch = batch_of(list(masses))
+    its, slack = limits(nominal), ROUNDING * nominal
     mean = float(batch.mean())
     below_tu1 = int(np.sum(batch < its.tu1 - slack))
     below_tu2 = int(np.sum(batch < its.tu2 - slack))

@@ -19,8 +19,8 @@
           identifier:
             estimator: gauss_markov
 
-All masses of a product are those of its contents. The scale weighs contents and packaging, so the
-limits that the reject node gets are tare + limit.
+All masses of a product are those of its contents. The scale weighs contents and packaging; the
+limits of the reject node are therefore tare + limit.
 """
 
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ from checkweigher_production.filler_feedback import FillerParameters
 from checkweigher_production.performance import PerformancePlan
 from checkweigher_production.prepackages import LARGEST, MAX_SHARE_BELOW_TU1, SMALLEST, limits
 
-# Nodes whose parameters may change while the line runs.
+# Nodes whose parameters a recipe may set.
 NODES: dict[str, type[Parameters]] = {
     'denoise': DenoiseParameters,
     'identifier': IdentifierParameters,
@@ -61,7 +61,7 @@ Changes = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Product(Settings):
-    """Recipe of one product; masses are of the contents, in kg."""
+    """Recipe of one product. Masses are of the contents, in kg."""
 
     name: str = parameter(text='by which the operator selects it')
     nominal: float = parameter(
@@ -69,9 +69,12 @@ class Product(Settings):
     )
     tare: float = parameter(0.0, 'of the packaging', unit='kg', minimum=0, maximum=_LARGEST_MASS)
     lower_limit: float = parameter(
-        -math.inf, 'LowerToleranceLimit, or a limit of 76/211/EEC', unit='kg', minimum=0,
+        -math.inf,
+        'LowerToleranceLimit, or a limit of 76/211/EEC',
+        unit='kg',
+        minimum=0,
         choices=('TU1', 'TU2'),
-    )  # fmt: skip
+    )
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
@@ -86,9 +89,11 @@ class Product(Settings):
     reason: bool = parameter(False, 'whether a person at the page must give a reason')
     parameters: Mapping[str, Any] = parameter(None, 'further ones, by node and name')
     tu1_quota: float = parameter(
-        math.nan, 'share of a batch that may be below TU1; NaN for no such rule', minimum=0,
+        math.nan,
+        'share of a batch that may be below TU1; NaN for no such rule',
+        minimum=0,
         maximum=MAX_SHARE_BELOW_TU1,
-    )  # fmt: skip
+    )
     mean_value: bool = parameter(False, 'whether the mean of a batch must never be below nominal')
     filler: FillerParameters | None = parameter(None, 'feedback to the filler')
     test: PerformancePlan | None = parameter(None, 'performance test')
@@ -102,14 +107,13 @@ class Product(Settings):
             object.__setattr__(self, 'tu1', its.tu1)
             object.__setattr__(self, 'tu2', its.tu2)
         object.__setattr__(self, 'lower_limit', self._lower_limit())
-        if self.lower_limit > self.nominal:
-            raise SettingsError(
-                f'{self.lower_limit} is above nominal, {self.nominal:g} kg', 'lower_limit'
-            )
-        if self.upper_limit < self.nominal:
-            raise SettingsError(
-                f'{self.upper_limit} is below nominal, {self.nominal:g} kg', 'upper_limit'
-            )
+        for name, side, beyond in (
+            ('lower_limit', 'above', self.lower_limit > self.nominal),
+            ('upper_limit', 'below', self.upper_limit < self.nominal),
+        ):
+            if beyond:
+                text = f'{getattr(self, name)} is {side} nominal, {self.nominal:g} kg'
+                raise SettingsError(text, name)
         for name in ('length', 'speed'):
             smallest, largest = getattr(self, name)
             if not smallest < largest:
@@ -121,12 +125,12 @@ class Product(Settings):
             _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
-        """Return the limit, which may have been given as TU1 or TU2."""
+        """Return the lower limit in kg, which may be given as TU1 or TU2."""
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
             if math.isnan(self.tu1):
                 raise SettingsError('76/211/EEC has no TU1 for this nominal weight', 'tu1_quota')
-            # A record has the mass for it.
+            # The record of a batch has the mass instead of TU2.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
                 why = 'items from TU2 to TU1 are what it is about, so lower_limit must be TU2'
@@ -140,7 +144,7 @@ class Product(Settings):
         return self.tu1 if given == 'TU1' else self.tu2
 
     def limits(self) -> dict[str, object]:
-        """Return the limits of the product with its packaging, by the names that reject has."""
+        """Return the limits of the product with its packaging by the parameters of reject."""
         quota = math.isfinite(self.tu1_quota)
         return {
             'lower_limit': self.tare + self.lower_limit,
@@ -156,11 +160,11 @@ class Product(Settings):
         }
 
     def stage_values(self) -> dict[str, object]:
-        """Return the parameters that the recipe sets, by `node.name`, its limits among them."""
+        """Return all parameters that the recipe sets, including its limits, by `node.name`."""
         return flatten(self.parameters) | flatten({'reject': self.limits()})
 
     def on_line(self, batch: str) -> ProductOnLine:
-        """Return what the reject node needs of the product, in a batch."""
+        """Return the product in a batch for the reject node."""
         limits: dict[str, Any] = self.limits()
         return ProductOnLine(0, self.name, batch, needed=True, **limits)
 
@@ -173,22 +177,21 @@ class RecipeFile(Settings):
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
-    """Read all products of a recipe file; `SettingsError` if a part of it cannot be used."""
+    """Read all products of a recipe file; `SettingsError` if one of them cannot be used."""
     return dict(read_settings(path, RecipeFile).products)
 
 
 def product_of(values: Mapping[str, Any]) -> Product:
-    """Return the product of a record; `SettingsError` if it is none."""
+    """Return the product of the record of a batch; `SettingsError` if it is not valid."""
     return settings_of(Product, values, values['name'], newer=True)
 
 
 def make_product(name: str, values: Mapping[str, Any]) -> Product:
-    """Return the product of a recipe; `SettingsError` names the first bad key."""
+    """Return the product of a recipe; `SettingsError` names the first invalid key."""
     return settings_of(Product, values, name)
 
 
-# A mass in grams, where kg belong, is a thousand times too large: these bounds find it, and are far
-# beyond what a product could need.
+# These bounds detect masses that were given in g instead of kg. No product comes near to them.
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
         text = f'{filler.target:g} kg is more than half off nominal, {nominal:g} kg'
@@ -213,7 +216,7 @@ def _is_near(mass: float, nominal: float) -> bool:
 
 
 def _parameters(given: Mapping[str, Any]) -> Changes:
-    """Return the parameters by node; only the nodes can check them together."""
+    """Return the checked parameters by node. The nodes check combinations of parameters."""
     made: Changes = {}
     for node, section in given.items():
         if node not in NODES:

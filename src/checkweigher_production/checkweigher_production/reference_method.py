@@ -2,20 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reference test of an inspector on a batch, non-destructive, by one of two sampling plans.
 
-Double sampling is that of EU Directive 76/211/EEC, Annex II, section 2: the contents by one sample
-or two (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - k s. Sources: the text of
-the directive as legislation.gov.uk publishes it; it shows the criteria of 2.3.3 as pictures, so k
-is from the same tables in schedule 2 of UK SI 2006/659, and is t(0.995, n - 1) / sqrt(n) of 2.3.1.
+Double sampling follows EU Directive 76/211/EEC, Annex II, section 2. The contents are judged by one
+or two samples (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - k s. The text is
+that of legislation.gov.uk, which shows the criteria of 2.3.3 as pictures. Therefore k is from the
+same tables in schedule 2 of UK SI 2006/659; it is t(0.995, n - 1) / sqrt(n) of 2.3.1.
 
-Single sampling is that of OIML R 87, which was not at hand: one sample, from which the mean is
-taken too, and none of it may be below TU2. Sources: Australian National Trade Measurement
-Regulations 2009, 4.34, which has the numbers of R 87, and for TU2 the examples in the Guide to the
-Average Quantity System in Australia.
+Single sampling follows OIML R 87, which was not at hand. One sample is judged, for the mean as
+well, and none of it may be below TU2. Sources: Australian National Trade Measurement Regulations
+2009, 4.34, which has the numbers of R 87, and for TU2 the examples in the Guide to the Average
+Quantity System in Australia.
 
-A batch below 100 is tested whole (2.1.3), for which the directive has no numbers: the mean has to
-reach the nominal quantity (UK SI 2006/659, 4.7), and the shares below TU1 and TU2 are held to the
-packers' rules, which is this program's choice. A batch that is checked at the end of the packing
-line is not limited to 10,000 (2.1.2).
+A batch below 100 is tested whole (2.1.3). The directive has no numbers for that: the mean must
+reach the nominal quantity (UK SI 2006/659, 4.7), and this program applies the packers' rules to the
+shares below TU1 and TU2. A batch at the end of the packing line may exceed 10,000 (2.1.2).
 
 Nothing here is type-approved for legal metrology.
 """
@@ -28,7 +27,7 @@ import math
 import numpy as np
 
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
-from checkweigher_production.prepackages import MAX_SHARE_BELOW_TU1, limits
+from checkweigher_production.prepackages import MAX_SHARE_BELOW_TU1, batch_of, limits
 
 WHOLE_BELOW = 100  # prepackages, tested one by one
 
@@ -40,9 +39,8 @@ class SamplingPlan(Enum):
     SINGLE = 'single'  # OIML R 87
 
 
-# Size of the batch up to which a row holds; then for the first sample, and the second one if there
-# is one, the number of both together, and of the defective ones in them the most to accept and the
-# fewest to reject.
+# Largest batch of a row; then for the first sample, and for both samples together: their size, the
+# largest number of defective ones to accept, and the smallest number to reject.
 _CONTENTS = {
     SamplingPlan.DOUBLE: (
         (500, ((30, 1, 3), (60, 4, 5))),
@@ -55,7 +53,7 @@ _CONTENTS = {
         (math.inf, ((125, 7, 8),)),
     ),
 }
-# Size of the batch up to which a row holds, number in the sample, and k.
+# Largest batch of a row, size of the sample, and k.
 _MEANS = {
     SamplingPlan.DOUBLE: ((500, 30, 0.503), (math.inf, 50, 0.379)),
     SamplingPlan.SINGLE: ((500, 50, 0.379), (3_200, 80, 0.295), (math.inf, 125, 0.234)),
@@ -64,7 +62,7 @@ _MEANS = {
 
 @dataclass(frozen=True, slots=True)
 class SampleResult:
-    """Defective prepackages in the samples up to this one, and the numbers that decide."""
+    """Number of defective prepackages in the samples up to this one, with its limits."""
 
     count: int  # of the samples up to this one
     defective: int  # below TU1
@@ -74,26 +72,26 @@ class SampleResult:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceTest:
-    """Result of the reference test; masses in kg, `drawn` are positions in the batch."""
+    """Result of the reference test. Masses are in kg, `drawn` are positions in the batch."""
 
     plan: SamplingPlan
     batch_size: int
     seed: int
     drawn: tuple[int, ...]
     samples: tuple[SampleResult, ...]
-    below_tu2: int  # among those drawn
-    tu2_decides: bool  # whether a single one of these fails the contents
+    below_tu2: int  # number among those drawn
+    tu2_decides: bool  # whether a single one below TU2 fails the contents
     contents_passed: bool
     mean_count: int
     mean: float
-    std_dev: float  # of the sample of the mean; NaN of one prepackage
-    k: float  # 0 where the batch is tested whole
+    std_dev: float  # of the sample of the mean; NaN for one prepackage
+    k: float  # 0 if the batch is tested whole
     mean_limit: float  # nominal - k std_dev
     mean_passed: bool
 
     @property
     def passed(self) -> bool:
-        """Whether the batch is acceptable by both checks."""
+        """Whether the batch passes both checks."""
         return self.contents_passed and self.mean_passed
 
 
@@ -103,57 +101,60 @@ def reference_test(
     seed: int = 1,
     plan: SamplingPlan = SamplingPlan.DOUBLE,
 ) -> ReferenceTest:
-    """Draw the samples of a batch at random and judge it by them.
+    """Draw the samples of a batch at random and judge the batch by them.
 
     Parameters
     ----------
     masses : sequence of float
-        kg, of the contents of every prepackage of the batch.
+        Mass of the contents of every prepackage of the batch in kg.
     nominal : float
-        kg.
+        Nominal quantity in kg.
     seed : int
-        Of the draw: the same seed draws the same prepackages.
+        Seed of the draw.
     plan : SamplingPlan
-        Samples that are drawn of a batch of at least 100.
+        Sampling plan for a batch of at least 100.
 
     Raises
     ------
     ValueError
         If the batch is empty, a mass is not finite or the directive has no limits for `nominal`.
     """
-    batch = np.array(masses, dtype=np.float64)
-    if not len(batch):
-        raise ValueError('a batch of no prepackages cannot be tested')
-    if not np.isfinite(batch).all():
-        raise ValueError('a mass is not finite; leave out the prepackages that were not weighed')
+    batch = batch_of(masses, 'tested')
     its, size, slack = limits(nominal), len(batch), ROUNDING * nominal
-    # The prepackages in the order in which they are drawn.
-    order = np.arange(size)
-    if size >= WHOLE_BELOW:
-        order = np.random.Generator(np.random.PCG64(seed)).permutation(size)
-    defective = batch[order] < its.tu1 - slack
-    samples = _samples(defective, plan)
+    whole = size < WHOLE_BELOW
+    generator = np.random.Generator(np.random.PCG64(seed))
+    order = np.arange(size) if whole else generator.permutation(size)
+    samples = _samples(batch[order] < its.tu1 - slack, plan)
     number = samples[-1].count
     below_tu2 = int(np.sum(batch[order[:number]] < its.tu2 - slack))
-    count, k = next((n, k) for most, n, k in _MEANS[plan] if size <= most)
-    if size < WHOLE_BELOW:
-        count, k = size, 0.0
+    of_plan = next((n, k) for most, n, k in _MEANS[plan] if size <= most)
+    count, k = (size, 0.0) if whole else of_plan
     drawn = batch[order[:count]]
     mean = float(drawn.mean())
     std_dev = float(drawn.std(ddof=1)) if count > 1 else math.nan
     limit = nominal - k * std_dev if k else nominal
     contents = samples[-1].defective <= samples[-1].accept
-    tu2_decides = size < WHOLE_BELOW or plan is SamplingPlan.SINGLE
+    tu2_decides = whole or plan is SamplingPlan.SINGLE
     return ReferenceTest(
-        plan, size, seed, tuple(order[:number].tolist()), samples, below_tu2,
-        tu2_decides, contents_passed=contents and not (tu2_decides and below_tu2),
-        mean_count=count, mean=mean, std_dev=std_dev, k=k, mean_limit=limit,
+        plan=plan,
+        batch_size=size,
+        seed=seed,
+        drawn=tuple(order[:number].tolist()),
+        samples=samples,
+        below_tu2=below_tu2,
+        tu2_decides=tu2_decides,
+        contents_passed=contents and not (tu2_decides and below_tu2),
+        mean_count=count,
+        mean=mean,
+        std_dev=std_dev,
+        k=k,
+        mean_limit=limit,
         mean_passed=mean >= limit - slack,
-    )  # fmt: skip
+    )
 
 
 def _samples(defective: np.ndarray, plan: SamplingPlan) -> tuple[SampleResult, ...]:
-    """Return one sample, or both; the last of them decides."""
+    """Return the first sample, and the second if the first is undecided."""
     size = len(defective)
     if size < WHOLE_BELOW:
         accept = math.floor(MAX_SHARE_BELOW_TU1 * size * (1 + ROUNDING))

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of production for each product and batch, in the time of the samples.
 
-Items that were not accepted are counted by decision and reason. Mean, standard deviation,
-giveaway and the shares below TU1 and TU2 are those of the accepted items, which leave the line. All
-masses are of the contents, without tare.
+All items are counted by decision and reason. Mean, standard deviation, giveaway and the shares
+below TU1 and TU2 are computed from the accepted items. Masses are of the contents, without tare.
 """
 
 from collections import Counter
@@ -18,62 +17,50 @@ from checkweigher_production.prepackages import ROUNDING
 from checkweigher_production.recipes import Product
 
 _MINUTE = 60 * NANOSECONDS
-# Such a verdict may come when the next stream has begun.
+_NO_PRODUCT = Product('', math.nan)
+# Verdicts with these reasons may belong to the previous stream.
 _OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
 
 
 class ProductionStatistics:
-    """Counts, mean and spread of one product in one batch.
-
-    While no product is selected, nominal weight and limits are not known.
-    """
+    """Counts, mean and spread of one product in one batch, or of items without a product."""
 
     def __init__(self, product: Product | None = None) -> None:
         self.product = product
         self._decisions: Counter[Decision] = Counter()
         self._reasons: Counter[str] = Counter()  # an item may have several
-        self._masses = RunningMoments()  # kg, of the accepted items that have one
+        self._masses = RunningMoments()  # kg, of accepted items
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        self._stamp: int | None = None  # the largest t3, ns
-        self._first: int | None = None  # t3 since the stream began, ns
-        self._last: int | None = None
-        self._timed = 0  # since then
+        self._stamp: int | None = None  # largest t3 in ns
+        # Smallest and largest t3 in ns since the stream began, and the number of items with a t3.
+        self._timed: tuple[int, int, int] | None = None
 
     def add(self, verdict: Verdict) -> None:
         """Count one item."""
         self._decisions[verdict.decision] += 1
         self._reasons.update(set(verdict.reasons))
         if verdict.t3 is not None:
-            self._stamp = verdict.t3 if self._stamp is None else max(self._stamp, verdict.t3)
+            self._stamp = max(self._stamp or verdict.t3, verdict.t3)
             if _OF_STREAM_BEFORE.isdisjoint(verdict.reasons):
-                self._add_time(verdict.t3)
+                first, last, count = self._timed or (verdict.t3, verdict.t3, 0)
+                self._timed = min(first, verdict.t3), max(last, verdict.t3), count + 1
         if verdict.decision == Decision.ACCEPT and math.isfinite(verdict.mass):
-            self._add_mass(verdict.mass - (self.product.tare if self.product else 0.0))
+            product = self.product or _NO_PRODUCT
+            mass, slack = verdict.mass - product.tare, ROUNDING * product.nominal
+            self._masses.add(mass)
+            self._below_tu1 += mass < product.tu1 - slack
+            self._below_tu2 += mass < product.tu2 - slack
 
     def begin_stream(self) -> None:
-        """Measure the throughput from now on: a new stream may have another clock."""
-        self._first = self._last = None
-        self._timed = 0
-
-    def _add_time(self, t3: int) -> None:
-        if self._first is None or self._last is None:
-            self._first = self._last = t3
-        self._first, self._last = min(self._first, t3), max(self._last, t3)
-        self._timed += 1
-
-    def _add_mass(self, mass: float) -> None:
-        self._masses.add(mass)
-        if self.product is not None:
-            slack = ROUNDING * self.product.nominal
-            self._below_tu1 += mass < self.product.tu1 - slack
-            self._below_tu2 += mass < self.product.tu2 - slack
+        """Measure the throughput from now on, because a new stream may have another clock."""
+        self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
-        """Count an item whose length or speed is not that of the product; tell whether it is so."""
+        """Return and count whether length or speed of an item are outside those of the product."""
         if self.product is None:
             return False
-        # A value that is not known is not outside: the item has another reason.
+        # An unknown value (NaN) is not outside; the item has another reason.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
         self._length_faults += length
@@ -81,9 +68,10 @@ class ProductionStatistics:
         return length or speed
 
     def summary(self, batch: str = '') -> Statistics:
-        """Return the counts until now, under the name of a batch."""
-        product = self.product or Product('', math.nan)
+        """Return the present statistics with the name of a batch."""
+        product = self.product or _NO_PRODUCT
         mean, count = self._masses.mean, self._masses.count
+        share = math.nan if math.isnan(product.tu1) or not count else self._below_tu1 / count
         return Statistics(
             stamp=self._stamp,
             product=product.name,
@@ -106,23 +94,20 @@ class ProductionStatistics:
             tu2=product.tu2,
             below_tu1=self._below_tu1,
             below_tu2=self._below_tu2,
-            share_below_tu1=math.nan
-            if math.isnan(product.tu1) or not count
-            else self._below_tu1 / count,
+            share_below_tu1=share,
             throughput=self._throughput(),
             tu1_quota=product.tu1_quota,
             mean_value=product.mean_value,
         )
 
     def _throughput(self) -> float:
-        """Return the items in a minute since the stream began, NaN below two."""
-        if self._first is None or self._last is None or self._last == self._first:
-            return math.nan
-        return (self._timed - 1) * _MINUTE / (self._last - self._first)
+        """Return the number of items per minute since the stream began, NaN below two items."""
+        first, last, count = self._timed or (0, 0, 0)
+        return math.nan if first == last else (count - 1) * _MINUTE / (last - first)
 
 
 class ProductionRecord:
-    """The statistics of every product in every batch since the line was started."""
+    """Statistics of every product in every batch since the start of the line."""
 
     def __init__(self, batch: str = '') -> None:
         self.batch = batch
@@ -136,22 +121,22 @@ class ProductionRecord:
 
     @property
     def current(self) -> ProductionStatistics:
-        """The statistics of this product in this batch."""
+        """Statistics of the present product in the present batch."""
         found = self._all.get(self._key)
-        # The counts of a recipe that was changed begin at 0: its items have other limits.
+        # If its recipe was changed, the counts begin at 0 because the limits differ.
         if found is None or found.product != self.product:
             found = self._all[self._key] = ProductionStatistics(self.product)
         return found
 
     def tally(self, product: str, batch: str) -> BatchTally:
-        """Return the counts of a product in a batch by the last verdict that had them."""
+        """Return the counts of a product in a batch from its last verdict."""
         return self._tallies.get((product, batch), BatchTally(product, batch))
 
     def add(self, verdict: Verdict) -> bool:
-        """Count an item of the product and batch of its verdict; tell if it was not known yet.
+        """Count an item for the product and batch of its verdict, unless it was counted before.
 
-        The number of items in a verdict shows what has been counted: a node that was started again
-        gets verdicts that it had before.
+        Returns whether it was counted. A node that was restarted gets verdicts again; the number of
+        items of the batch in a verdict shows whether it is new.
         """
         key = verdict.product, verdict.batch
         if verdict.product:
@@ -165,11 +150,11 @@ class ProductionRecord:
         return True
 
     def summary(self) -> Statistics:
-        """Return the counts of this product in this batch."""
+        """Return the statistics of the present product in the present batch."""
         return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
-        """Tell whether anything was counted for a batch, or it is the present one."""
+        """Return whether a batch is the present one or has any counts."""
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
@@ -178,7 +163,7 @@ class ProductionRecord:
             each.begin_stream()
 
     def reset(self) -> None:
-        """Count this product in this batch from 0."""
+        """Count the present product in the present batch from 0."""
         self._all[self._key] = ProductionStatistics(self.product)
 
 

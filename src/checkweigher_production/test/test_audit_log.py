@@ -86,16 +86,10 @@ def test_a_log_of_a_version_that_knew_no_author_is_whole_and_goes_on(tmp_path: P
 
     found = read_log(path)
     assert found.whole
-    assert [entry.who for entry in found.entries] == [None, 'graph:/product']
-
-
-def test_a_log_is_continued_where_it_ended(tmp_path: Path):
-    path = tmp_path / 'audit.log'
-    write(path, 2)
-    write(path, 1)
-    found = read_log(path)
-    assert found.whole
-    assert [entry.sequence for entry in found.entries] == [1, 2, 3]
+    assert [(entry.sequence, entry.who) for entry in found.entries] == [
+        (1, None),
+        (2, 'graph:/product'),
+    ]
 
 
 @settings(max_examples=500)
@@ -110,14 +104,6 @@ def test_any_change_of_a_single_byte_is_found_in_its_line(log: tuple[bytes, byte
     line = text[:position].count(b'\n') + 1
     # The end of the last line is missed by the head: the line is then no longer there.
     assert found.bad_line == line
-
-
-@given(st.data())
-def test_any_change_of_the_head_is_found(log: tuple[bytes, bytes], data):
-    text, head = log
-    position = data.draw(st.integers(0, len(head) - 1))
-    value = data.draw(st.integers(0, 255).filter(lambda v: v != head[position]))
-    assert not verify(text, head[:position] + bytes([value]) + head[position + 1 :]).whole
 
 
 @pytest.mark.parametrize('number', range(5))
@@ -139,13 +125,6 @@ def test_a_line_that_was_inserted_is_found(log: tuple[bytes, bytes], copied: int
     expected = place + 1 if place != copied else place + 2
     assert found.bad_line == expected
     assert found.problem == ('removed' if place < copied else 'inserted')
-
-
-@pytest.mark.parametrize('number', range(4))
-def test_lines_that_were_swapped_are_found(log: tuple[bytes, bytes], number: int):
-    lines = log[0].splitlines(keepends=True)
-    lines[number], lines[number + 1] = lines[number + 1], lines[number]
-    assert verify(b''.join(lines), log[1]).bad_line == number + 1
 
 
 def test_entries_written_behind_the_back_of_the_head_are_found(tmp_path: Path):
@@ -215,14 +194,11 @@ def test_an_entry_that_lacks_its_end_of_line_alone_is_kept_and_marked(tmp_path: 
     assert found.entries[2].new['bytes'] == 0
 
 
-def test_an_end_of_line_that_the_head_knows_was_cut_off(log: tuple[bytes, bytes]):
-    found = verify(log[0][:-1], log[1])
+@pytest.mark.parametrize('kept', [-1, -20])
+def test_what_the_head_knows_was_not_torn_by_power_loss(log: tuple[bytes, bytes], kept: int):
+    found = verify(log[0][:kept], log[1])
     assert (found.problem, found.bad_line) == ('cut', 5)
-
-
-def test_an_entry_that_the_head_knows_was_not_torn_by_power_loss(log: tuple[bytes, bytes]):
-    found = verify(log[0][:-20], log[1])
-    assert (found.problem, found.bad_line) == ('cut', 5)
+    assert verify(log[0] + bytes(100), log[1]).whole  # zeros, as some file systems leave them
 
 
 def test_power_lost_between_an_entry_and_its_head_does_no_harm(tmp_path: Path):
@@ -291,6 +267,8 @@ def test_a_hostile_head_is_a_changed_one(tmp_path: Path, head: bytes):
 
 
 def test_what_is_no_file_is_no_log(tmp_path: Path):
+    with pytest.raises(AuditError, match='No such file'):
+        AuditLog(tmp_path / 'nowhere/audit.log')
     (tmp_path / 'link').symlink_to('/dev/zero')
     with pytest.raises(AuditError, match='not a regular file'):
         read_log(tmp_path / 'link')
@@ -379,15 +357,6 @@ def test_an_entry_that_is_too_long_is_refused(tmp_path: Path):
         log.append(TIME, '/product', 'recipe', 'crisps', None, 'x')
 
 
-def test_zeros_that_power_loss_left_are_no_tampering(log: tuple[bytes, bytes]):
-    assert verify(log[0] + bytes(100), log[1]).whole
-
-
 @pytest.mark.parametrize('data', [b'some text', b'some text\n', b'\n', b'{}'])
 def test_another_file_is_no_log(data: bytes):
     assert verify(data, b'').bad_line == 1
-
-
-def test_a_log_that_cannot_be_made_is_refused(tmp_path: Path):
-    with pytest.raises(AuditError, match='No such file'):
-        AuditLog(tmp_path / 'nowhere/audit.log')

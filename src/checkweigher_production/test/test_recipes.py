@@ -49,10 +49,6 @@ def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, ne
     assert product.lower_limit == pytest.approx(net, rel=EXACT)
     assert reject['lower_limit'] == pytest.approx(net + 0.004, rel=EXACT)
     assert reject['upper_limit'] == pytest.approx(0.169, rel=EXACT)
-
-
-def test_the_reject_node_gets_the_length_and_the_speed():
-    reject = make_product('crisps', GOOD).limits()
     assert (reject['min_length'], reject['max_length']) == (0.08, 0.12)
     assert (reject['min_speed'], reject['max_speed']) == (0.5, 1.5)
 
@@ -94,86 +90,44 @@ def test_a_test_product_and_a_target_may_be_up_to_half_off():
     product = make_product('crisps', {**GOOD, **inner})
     assert product.test is not None
     assert product.test.mass == 0.23
+    assert product.parameters['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
     assert product_of({'name': 'crisps', **plain(product)}) == product
-
-
-def test_the_parameters_of_nodes_are_named_as_ros_names_them():
-    changes = make_product('crisps', GOOD).parameters
-    assert changes['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
 
 
 @pytest.mark.parametrize(
     ('key', 'value', 'complaint'),
     [
         ('nominal', '150 g', "crisps.nominal: '150 g' is not a number"),
-        ('nominal', True, 'crisps.nominal: True is not a number'),
         ('nominal', 0.0, 'crisps.nominal: must be above 0'),
-        ('nominal', math.nan, 'crisps.nominal: nan is not in'),
+        ('nominal', None, 'crisps.nominal: is missing'),
         ('nominal', -0.1, 'crisps.nominal: -0.1 is not in'),
         ('tare', -0.001, 'crisps.tare: -0.001 is not in 0..10000 kg'),
-        ('tare', math.inf, 'crisps.tare: inf is not in'),
         ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 is above nominal, 0.15 kg'),
         ('lower_limit', 'TU3', "crisps.lower_limit: 'TU3' is not a number"),
         ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is below nominal, 0.15 kg'),
         ('length', 0.1, 'crisps.length: 0.1 is not a list like [a, b]'),
         ('length', [0.12, 0.08], 'crisps.length: from 0.12 to 0.08 nothing would be weighed'),
-        ('length', [0.1, 0.1], 'crisps.length: from 0.1 to 0.1 nothing would be weighed'),
-        ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
         ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
         ('reason', 'yes', "crisps.reason: 'yes' is not true or false"),
         ('colour', 'red', 'crisps.colour: no such key'),
         ('tu1_quota', 0.025, 'crisps.tu1_quota: items from TU2 to TU1 are what it is about'),
-        ('mean_value', 1, 'crisps.mean_value: 1 is not true or false'),
         ('filler', 3, 'crisps.filler: 3 is not'),
-        ('test', 3, 'crisps.test: 3 is not'),
         ('test', {'mass': 0.2}, 'crisps.test.limit: must be given'),
-        (
-            'test',
-            {**TEST, 'mass': 150.0},
-            'crisps.test.mass: 150 kg is more than half off nominal and tare',
-        ),
-        ('test', {**TEST, 'mass': 0.076}, 'crisps.test.mass: 0.076 kg is more than half off'),
-        (
-            'test',
-            {**TEST, 'limit': 0.5},
-            'crisps.test.limit: 0.5 kg is not below a tenth of the mass',
-        ),
-        (
-            'test',
-            {**TEST, 'limit': 0.016},
-            'crisps.test.limit: 0.016 kg is not below a tenth of the mass',
-        ),
+        ('test', {**TEST, 'mass': 150.0}, 'crisps.test.mass: 150 kg is more than half off'),
+        ('test', {**TEST, 'limit': 0.016}, 'crisps.test.limit: 0.016 kg is not below'),
         (
             'filler',
             {'max_correction': 0.004, 'target': 150.0},
-            'crisps.filler.target: 150 kg is more than half off nominal, 0.15 kg',
+            'crisps.filler.target: 150 kg is more than half off',
         ),
         ('filler', {'max_correction': 4.0}, 'crisps.filler.max_correction: 4 kg is above nominal'),
-        (
-            'filler',
-            {'max_correction': 0.004, 'max_step': 2.0},
-            'crisps.filler.max_step: 2 kg is above nominal, 0.15 kg',
-        ),
-        (
-            'filler',
-            {'max_correction': 0.004, 'dead_band': 0.2},
-            'crisps.filler.dead_band: 0.2 kg is above nominal, 0.15 kg',
-        ),
         ('filler', {'gain': 0.1}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
         ('filler', {'gain': 2}, 'crisps.filler.gain: 2'),
-        ('parameters', 3, 'crisps.parameters: 3 is not'),
         ('parameters', {'segmenter': {'lead_time': 1.0}}, 'crisps.parameters.segmenter: no recipe'),
-        ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no recipe'),
         ('parameters', {'reject': 3}, 'crisps.parameters.reject: 3 is not'),
         ('parameters', {'reject': {'lower_limit': 0.1}}, 'crisps.parameters.reject.lower_limit'),
-        (
-            'parameters',
-            {'reject': {'needs_product': False}},
-            'crisps.parameters.reject.needs_product',
-        ),
-        ('parameters', {'reject': {'max_length': 0.1}}, 'crisps.parameters.reject.max_length'),
+        ('parameters', {'reject': {'needs_product': 0}}, 'crisps.parameters.reject.needs_product'),
         ('parameters', {'denoise': {'strech': 9}}, 'crisps.parameters.denoise.strech: denoise has'),
-        ('parameters', {'denoise': {'stretch': 9}}, 'crisps.parameters.denoise.stretch: 9 is not'),
         (
             'parameters',
             {'identifier': {'hann': {'gain': 1.0}}},
@@ -189,12 +143,9 @@ def test_a_bad_recipe_is_refused_with_the_key_and_the_value(
     assert str(error.value).startswith(complaint)
 
 
-def test_a_recipe_without_a_nominal_weight_is_refused():
-    with pytest.raises(SettingsError, match=r'crisps\.nominal: is missing'):
-        make_product('crisps', {'tare': 0.0})
-
-
 def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
+    with pytest.raises(SettingsError, match='No such file'):
+        read_recipes(tmp_path / 'recipes.yaml')
     path = write(tmp_path, yaml.safe_dump({'products': {'crisps': GOOD, 'nuts': {'nominal': 1}}}))
     assert read_recipes(path) == {
         'crisps': make_product('crisps', GOOD),
@@ -214,15 +165,10 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
             r"4: products\.b\.nominal: 'x' is",
         ),
         ('products: {a: {nominal: 0.1}, a: {nominal: 0.2}}', 'line 1: .* a is there twice'),
-        (
-            'products:\n  a:\n    nominal: 0.1\n    nominal: 0.2',
-            'line 4: .* nominal is there twice',
-        ),
         ('products: {7: {nominal: 0.1}}', r'products\.7\.name: 7 is not .* put it in quotes'),
         ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'line 1: .* recursive'),
         (r'products: {"\e[2J": {nominal: 0.1}}', r"'\\x1b\[2J' is not one line of text"),
         ('products: {a: 3}', r'products\.a: 3 is no table with nominal, tare'),
-        ('products: {a: {nominal: 0.1', 'line 1: bad YAML'),
         ('products: {? [1, 2] : {nominal: 0.1}}', 'line 1: bad YAML'),
     ],
 )
@@ -231,11 +177,6 @@ def test_a_bad_file_is_refused_whole(tmp_path: Path, text: str, complaint: str):
         read_recipes(write(tmp_path, text))
     assert str(error.value).startswith(str(tmp_path))
     assert '\n' not in str(error.value)
-
-
-def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
-    with pytest.raises(SettingsError, match='No such file'):
-        read_recipes(tmp_path / 'recipes.yaml')
 
 
 def test_a_file_of_a_newer_format_may_have_keys_that_are_not_known(tmp_path: Path):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Folders for copies of bags, which go also where the process that made them is killed."""
+"""Temporary folders for copies of bags, which are removed even if their process was killed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,10 +15,10 @@ _PREFIX = 'checkweigher-bag-'
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Have a new folder among the temporary files until the block ends.
+    """Make a temporary folder and remove it at the end of the block.
 
-    Its process holds a lock on it, which the kernel frees however the process ends. Folders that
-    others have left are removed first.
+    The process holds a lock on the folder, which the kernel frees when the process ends in any way.
+    Folders of processes that have ended are removed first.
     """
     remove_abandoned()
     folder, lock = _locked_folder()
@@ -34,16 +34,13 @@ def remove_abandoned() -> None:
     for folder in Path(tempfile.gettempdir()).glob(f'{_PREFIX}*'):
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        except OSError:  # of another user, or gone meanwhile
+        except OSError:  # of another user, or removed by another process
             continue
-        try:
+        with suppress(OSError):  # in use, or on a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(lock).st_uid == os.getuid():
                 shutil.rmtree(folder, ignore_errors=True)
-        except OSError:  # in use, or on a disk that knows no locks
-            pass
-        finally:
-            os.close(lock)
+        os.close(lock)
 
 
 def _locked_folder() -> tuple[Path, int]:
@@ -51,9 +48,9 @@ def _locked_folder() -> tuple[Path, int]:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        except FileNotFoundError:  # another process took it for an abandoned one
+        except FileNotFoundError:  # removed by another process before it was locked
             continue
-        with suppress(OSError):  # a disk that knows no locks
+        with suppress(OSError):  # on a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX)
         if folder.exists():
             return folder, lock

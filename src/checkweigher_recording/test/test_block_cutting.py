@@ -1,8 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import astuple
-import itertools
-import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,7 +16,6 @@ from checkweigher_recording.block_cutting import (
     is_exit,
     join,
     join_recording,
-    join_stretches,
 )
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
@@ -30,10 +27,6 @@ MILLISECOND = NANOSECONDS // 1000
 def block(first, count, stamp=None):
     stamp = first * MILLISECOND if stamp is None else stamp
     return SampleBlock(stamp, first, np.arange(first, first + count, dtype=np.int32))
-
-
-def never(edge):
-    return False
 
 
 def edge(milliseconds):
@@ -129,7 +122,7 @@ def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
 def test_blocks_that_follow_each_other_are_joined():
     events = [block(0, 10), block(10, 10), edge(15), block(20, 10), block(30, 5), edge(36)]
 
-    joined = list(join(events, RATE, ends_block=never))
+    joined = list(join(events, RATE))
 
     assert shown(joined) == [15, (0, 35), 36]
     np.testing.assert_array_equal(joined[1].counts, np.arange(35))
@@ -141,21 +134,19 @@ def test_blocks_that_follow_each_other_are_joined():
     ids=['lost', 'overlapping', 'off the clock', 'again'],
 )
 def test_blocks_that_do_not_follow_each_other_stay_what_they_are(second):
-    assert shown(join([block(0, 10), second], RATE, ends_block=never)) == shown(
-        [block(0, 10), second]
-    )
+    assert shown(join([block(0, 10), second], RATE)) == shown([block(0, 10), second])
 
 
 def test_a_joined_block_is_no_longer_than_the_segmenter_reports():
     events = [block(first, 10) for first in range(0, 1000, 10)]
 
-    assert shown(join(events, RATE, ends_block=never)) == [
-        (first, 250) for first in range(0, 1000, 250)
-    ]
+    assert shown(join(events, RATE)) == [(first, 250) for first in range(0, 1000, 250)]
 
 
 @pytest.mark.parametrize(
-    'ends_block', [is_exit, never, lambda edge: True], ids=['at t3', 'nowhere', 'at each edge']
+    'ends_block',
+    [is_exit, lambda edge: False, lambda edge: True],
+    ids=['at t3', 'nowhere', 'at each edge'],
 )
 def test_the_masses_are_the_same_to_the_last_bit(ends_block):
     simulation = Simulation(SimulationParameters(count=12, samples_per_block=7, seed=4))
@@ -210,34 +201,9 @@ def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
     joined = join_recording(recording, longest)
 
     signal = (event for event in recording if not isinstance(event, Reference))
-    expected = [_plain(event) for event in join(signal, RATE, longest, ends_block=never)]
+    expected = [_plain(event) for event in join(signal, RATE, longest)]
     assert [_plain(event) for event in joined] == expected
     assert len(joined) == len(expected)
-
-
-@given(
-    STREAMS,
-    st.lists(st.integers(-2, 100)),
-    st.sampled_from([0.004, 0.01, 0.25]),
-    st.lists(st.integers(0, 150), max_size=6),
-)
-def test_stretches_of_a_recording_are_joined_as_all_of_it(blocks, edges, longest, ends):
-    recording = recording_of(blocks, edges)
-
-    joined = join_stretches(stretches(recording, sorted(ends)), longest)
-
-    expected = [_plain(event) for event in join_recording(recording, longest)]
-    assert [_plain(event) for event in joined] == expected
-
-
-def stretches(recording, ends):
-    """Return a recording in stretches that end at times in ms."""
-    events = list(recording)
-    bounds = [-math.inf, *(end * MILLISECOND for end in ends), math.inf]
-    return [
-        Recording.from_events(CELL, (event for event in events if begin <= event.stamp < end))
-        for begin, end in itertools.pairwise(bounds)
-    ]
 
 
 def test_the_edges_of_a_long_block_of_a_recording_come_after_it():

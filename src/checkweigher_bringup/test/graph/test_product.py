@@ -57,18 +57,13 @@ def test_a_product_of_a_wrong_length_is_a_fault_and_is_counted(spinner: Spinner,
     assert line.judge(0.2, length=0.16).decision == verdict.ACCEPT
 
 
-def test_a_speed_at_which_the_line_weighs_nothing_is_refused(spinner: Spinner, tmp_path: Path):
+def test_a_product_gets_back_what_another_one_had_set(spinner: Spinner, tmp_path: Path):
     line = Line(spinner, tmp_path)
     before = line.parameters()
     answer = line.select('snails')
     assert not answer.success
     assert answer.message.startswith('snails.speed: 0.05 m/s is below min_belt_speed of segmenter')
     assert line.parameters() == before
-
-
-def test_a_product_gets_back_what_another_one_had_set(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
-    before = line.parameters()
     assert line.select('crisps').success
     assert line.parameters()['identifier']['estimator'] == 'hann'
     assert line.select('nuts').success
@@ -135,23 +130,18 @@ def test_a_limit_that_is_set_holds_until_another_product_is_selected(
     assert line.entries('selection')[-1].old['lower_limit'] == 0.17
 
 
-@pytest.mark.parametrize(
-    ('change', 'product', 'complaint'),
-    [
+def test_a_bad_recipe_file_changes_nothing(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path)
+    before = line.parameters()
+    for change, product, complaint in (
         (('nuts:', 'walnuts:'), 'nuts', "has no product 'nuts'; it has crisps, walnuts, tins"),
         (('nominal: 0.2', 'nominal: heavy'), 'crisps', "nuts.nominal: 'heavy' is not a number"),
-    ],
-)
-def test_a_bad_recipe_file_changes_nothing(
-    spinner: Spinner, tmp_path: Path, change: tuple[str, str], product: str, complaint: str
-):
-    line = Line(spinner, tmp_path)
-    line.recipes.write_text(RECIPES.replace(*change), encoding='utf-8')
-    before = line.parameters()
-    answer = line.select(product)
-    assert not answer.success
-    assert complaint in answer.message
-    assert line.parameters() == before
+    ):
+        line.recipes.write_text(RECIPES.replace(*change), encoding='utf-8')
+        answer = line.select(product)
+        assert not answer.success
+        assert complaint in answer.message
+        assert line.parameters() == before
 
 
 def test_a_product_is_not_selected_while_a_node_is_missing(spinner: Spinner, tmp_path: Path):

@@ -1,11 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The audit log of a lane: what its nodes are about to change, and what was found changed."""
+"""The audit log of a lane: changes that its nodes are about to make, or that were found."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 import json
+import math
 import time
 from typing import Any
 
@@ -14,60 +15,79 @@ from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import LoadCell, ZeroChange
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.line_parameters import LineParametersClient, Values
-from checkweigher_core.ros.services import SETTER
+from checkweigher_core.ros.change_record import TIME_TO_CHANGE
+from checkweigher_core.ros.line_parameters import LineParametersClient, RefusedError, Values
+from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_production.audit_trail import AuditTrail
 from checkweigher_production.authors import Author, Authors
-from checkweigher_production.nodes.parameter_audit import ParameterAudit
 
 _LONGEST_NAME = 64  # characters, of a person
-_CALL_PATIENCE = 150.0  # s, in which a person's call has ended
-# Node that makes a change and the service that asks it to, by kind and subject of the entry.
-_OF_SERVICES = {
-    changes.ZERO: ('segmenter', ports.ZERO),
-    changes.LEARNED: ('identifier', ports.FORGET_LEARNED),
-    changes.TUNED: (ports.DYNAMIC_SETTING.name, ports.ACCEPT_TUNED),
-    changes.CALIBRATION: ('driver', ports.FINISH_CALIBRATION),
-}
+_CALL_PATIENCE = 150.0  # s, longest time from the announcement of a person's call to its end
 
 
 class LineAudit:
-    """Write into the audit log what changes on a lane, with who changes it and why.
+    """Writer of the audit log of a lane: what changes, who changes it, and why.
 
-    `log` is None on a lane without one; `node` is the full name of the node that writes, `line` its
-    client of the parameters. `has_record` tells whether a batch has a record, `warn` takes a
-    warning for the log of the node.
+    The parameters of each node are written when it is started, and changes before they are made. A
+    change that was announced and not made is found when the parameters are read again later.
+
+    `log` is None on a lane without one. `node` is the full name of the node that writes, `clock`
+    returns the time of an entry (ISO 8601, UTC), and `line` is the client of the parameters.
+    `has_record` returns whether a batch, by its name, has a record, and `warn` logs a warning.
     """
 
     def __init__(
-        self, log: AuditLog | None, node: str, clock: Callable[[], str],
-        line: LineParametersClient, has_record: Callable[[str], bool],
+        self,
+        log: AuditLog | None,
+        node: str,
+        clock: Callable[[], str],
+        line: LineParametersClient,
+        has_record: Callable[[str], bool],
         warn: Callable[[str], object],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._log = log
         self._namespace = node.rpartition('/')[0]
+        self._line = line
         self._has_record = has_record
         self._warn = warn
         self._authors = Authors(_CALL_PATIENCE)
+        self._unread = set(ports.NODES)  # nodes whose parameters are still to be read
+        self._announced: dict[str, float] = {}  # time of the entry, by nodes to be read again
         self.trail = AuditTrail(log, node, clock)
-        self.parameters = ParameterAudit(self._namespace, line, self.trail, warn)
+        # Subject, node that makes the change, and service that asks for it, by kind of the entry.
+        self._asked = {
+            changes.ZERO: (ports.ZERO, 'segmenter', ports.ZERO),
+            changes.LEARNED: (f'{self._namespace}/identifier', 'identifier', ports.FORGET_LEARNED),
+            changes.TUNED: (f'{self._namespace}/{SETTING}', SETTING, ports.ACCEPT_TUNED),
+            changes.CALIBRATION: (ports.LOAD_CELL_INFO.name, 'driver', ports.FINISH_CALIBRATION),
+        }
 
     def awaits(self, nodes: set[str]) -> bool:
-        """Tell whether the log has to have parameters of some nodes before they are changed."""
-        return self._log is not None and not self.parameters.unread.isdisjoint(nodes)
+        """Return whether parameters of some nodes must be in the log before they are changed."""
+        return self._log is not None and not self._unread.isdisjoint(nodes)
 
-    def announce(self, changes: dict[str, Values], by: Author) -> None:
-        """Write down what parameters of some nodes are about to become."""
-        if self._log is not None:
-            self.parameters.announce(changes, by)
+    def add_started(self, nodes: set[str]) -> None:
+        """Add nodes that have been started, whose parameters are to be read."""
+        self._unread |= nodes.intersection(ports.NODES)
+
+    def announce(self, changes: Mapping[str, Values], by: Author) -> None:
+        """Write the parameters that some nodes are about to get.
+
+        Raises `AuditError` if that fails; the parameters must not be set then.
+        """
+        for node, values in changes.items():
+            if node not in ports.NODES:
+                raise AuditError(f'{node}: is no node of the line')
+            self._announced[node] = time.monotonic()
+            self.trail.parameters(f'{self._namespace}/{node}', values, by)
 
     def author_of(self, service: str, node: str = 'product') -> Author:
-        """Return who calls a service of a node: a person, or else the node."""
+        """Return the person who calls a service of a node, by default the node."""
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
     def on_change(self, request: Any, response: Any) -> Any:
-        """Write down what a node of the line is about to change."""
+        """Write a change that a node of the line is about to make."""
         try:
             self._write(request, json.loads(request.new_value))
             response.success = True
@@ -81,33 +101,28 @@ class LineAudit:
         namespace, _, node = subject.rpartition('/')
         here = namespace == self._namespace
         if kind == changes.PERSON and len(subject) <= _LONGEST_NAME:
-            self._hear_person(one_line(subject), request, value)
+            self._write_person(one_line(subject), request, value)
         elif kind == changes.PARAMETER and here and isinstance(value, dict):
-            self.parameters.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
+            self.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
         elif kind == changes.REPORT and self._has_record(subject):
-            by = Author(f'graph:{self._namespace}/batch_reporter')
+            by = Author(f'graph:{self._namespace}/{REPORTER}')
             self.trail.state(kind, subject, value, by)
-        elif subject == self._subjects().get(kind):
-            maker, service = _OF_SERVICES[kind]
-            by = self.author_of(service, maker)
-            if kind == changes.CALIBRATION:
-                self.trail.state(kind, subject, value, by)
-            else:
-                self.trail.note(kind, subject, None, value, by)
         else:
+            self._write_asked(kind, subject, value)
+
+    def _write_asked(self, kind: str, subject: str, value: Any) -> None:
+        """Write a change that a service of another node was asked for."""
+        known, maker, service = self._asked.get(kind, (None, '', ''))
+        if subject != known:
             raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')
+        by = self.author_of(service, maker)
+        if kind == changes.CALIBRATION:
+            self.trail.state(kind, subject, value, by)
+        else:
+            self.trail.note(kind, subject, None, value, by)
 
-    def _subjects(self) -> dict[str, str]:
-        """Return the subject of each kind of entry of `_OF_SERVICES`."""
-        return {
-            changes.ZERO: ports.ZERO,
-            changes.LEARNED: f'{self._namespace}/identifier',
-            changes.TUNED: f'{self._namespace}/{ports.DYNAMIC_SETTING.name}',
-            changes.CALIBRATION: ports.LOAD_CELL_INFO.name,
-        }
-
-    def _hear_person(self, name: str, request: Any, value: Any) -> None:
-        """Take which services a person is about to call, or write down what a person did."""
+    def _write_person(self, name: str, request: Any, value: Any) -> None:
+        """Register the services that a person is about to call, or write an action of a person."""
         author = Author(name, one_line(request.reason))
         if value is None:
             self._authors.announce(author, list(request.subjects), time.monotonic())
@@ -117,19 +132,33 @@ class LineAudit:
             raise AuditError(f'{name}: what a person did is a text')
 
     async def read_started(self) -> None:
-        """Write what is owed, and compare the parameters of nodes that were started."""
-        with suppress(AuditError):  # the diagnostics tell
+        """Write entries that are owed, and compare the parameters of nodes with the log."""
+        with suppress(AuditError):  # shown by the diagnostics
             self.trail.catch_up()
-        await self.parameters.read_started()
+        for node in ports.NODES:
+            began = time.monotonic()
+            changed = began - self._announced.get(node, math.inf) > TIME_TO_CHANGE
+            if not (changed or node in self._unread) or not self._line.ready(node):
+                continue
+            try:
+                values = await self._line.get_all(node)
+                # Otherwise the values may precede a change that was announced meanwhile.
+                if self._announced.get(node, -math.inf) < began:
+                    self.trail.found(f'{self._namespace}/{node}', values)
+                    self._unread.discard(node)
+                    if changed:
+                        del self._announced[node]
+            except (AuditError, RefusedError) as error:
+                self._warn(str(error))
 
     def on_load_cell(self, load_cell: LoadCell) -> None:
-        """Write down a calibration that is not the last one known."""
+        """Write a calibration that differs from the last known one."""
         by = Author(f'graph:{self._namespace}/driver')
         name = ports.LOAD_CELL_INFO.name
         self.trail.saw_state(changes.CALIBRATION, name, asdict(load_cell), by)
 
     def on_zero_setting(self, change: ZeroChange) -> None:
-        """Write down the zero that was set."""
+        """Write the zero that was set."""
         by = self.author_of(ports.ZERO, 'segmenter')
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
@@ -138,9 +167,10 @@ class LineAudit:
         if self._log is None:
             return conclude('Audit log', 'none: changes are not written down', ())
         values: dict[str, float | str] = {
-            'path': str(self._log.path), 'last_hash': self._log.last_hash,
-            'nodes_to_be_read': len(self.parameters.unread),
-        }  # fmt: skip
+            'path': str(self._log.path),
+            'last_hash': self._log.last_hash,
+            'nodes_to_be_read': len(self._unread),
+        }
         found = []
         if trouble := self._log.trouble():
             hint = 'changes are refused: restore log and LOG.head, and start product again'

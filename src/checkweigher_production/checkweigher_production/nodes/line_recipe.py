@@ -23,39 +23,39 @@ from checkweigher_production.recipes import NODES, Product
 class LineRecipe:
     """Limits and parameters of the selected product, in all nodes of the line or in none.
 
-    While nodes have yet to take their parameters, no product is on the line: the reject node
-    accepts nothing. Each step waits until the reject node has taken the one before.
+    While nodes have yet to get their parameters, no product is on the line, and the reject node
+    accepts nothing. Each step waits until the reject node uses the result of the previous one. The
+    coroutines raise `RefusedError` if a node refuses its part or does not answer.
 
-    The coroutines raise RefusedError if a node does not take its part or does not answer.
-    `announce` takes parameters that are about to be set, by node; it raises if they must not be.
-    `publish` takes what is on the line from now on, `clock` returns the time in ns, and `tally` the
-    counts of a product in a batch.
+    `line` is the client of the parameters, `publish` publishes the product on the line, `clock`
+    returns the time in ns, and `tally` returns the counts of a product in a batch.
 
     Attributes
     ----------
     on_line : ProductOnLine
-        As it was published last, without a product while none is on the line.
+        Last published product; its name is empty while no product is on the line.
     in_use : ProductOnLine or None
-        By what the reject node judges, None until it has said that.
+        Product by which the reject node judges, None until that is known.
     """
 
     def __init__(
-        self, line: LineParametersClient, announce: Callable[[dict[str, Values]], object],
-        publish: Callable[[ProductOnLine], object], clock: Callable[[], int],
+        self,
+        line: LineParametersClient,
+        publish: Callable[[ProductOnLine], object],
+        clock: Callable[[], int],
         tally: Callable[[str, str], BatchTally],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._line = line
-        self._announce = announce
         self._publish = publish
         self._clock = clock
         self._tally = tally
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
-        self._taken = Future()  # of what was published last, by the reject node
+        self._taken = Future()  # done when the reject node uses the last published product
         self._selected: ProductOnLine | None = None
-        # Values before the first recipe that set them: products that leave them out get them back.
+        # Values before the first recipe that set them, for products that do not set them.
         self._base: dict[str, Values] = {}
-        self._set: dict[str, Values] = {}  # by the selected product
+        self._set: dict[str, Values] = {}  # values of the selected product
         self._restarted: set[str] = set()
 
     @property
@@ -65,7 +65,7 @@ class LineRecipe:
 
     @property
     def lost(self) -> set[str]:
-        """Nodes that were started again without the parameters of the product."""
+        """Nodes that were restarted and have not got the parameters of the product yet."""
         return self._restarted & self._set.keys()
 
     def add_started(self, nodes: set[str]) -> None:
@@ -73,8 +73,8 @@ class LineRecipe:
         self._restarted |= nodes
 
     def taken(self, product: ProductOnLine) -> None:
-        """Process what the reject node judges by from now on."""
-        # It may have the product since before a restart of this node, and limits that were set.
+        """Process the product by which the reject node judges from now on."""
+        # The reject node may have had a product, or limits of its own, when this node started.
         if product.product and (self.in_use is None or product.stamp == self.on_line.stamp):
             self.on_line = self._selected = product
         self.in_use = product
@@ -82,22 +82,28 @@ class LineRecipe:
             self._taken.set_result(product)
 
     def update(self) -> None:
-        """Publish the counts by now, from which a reject node goes on that is started later."""
+        """Publish the present counts, with which a reject node goes on after a restart."""
         if self.on_line.product:
             self._publish(self._counted(self.on_line))
 
-    async def set(self, product: Product, batch: str) -> None:
-        """Put a product on the line; if a node refuses, all keep what they had."""
+    async def set(
+        self, product: Product, batch: str, announce: Callable[[dict[str, Values]], object]
+    ) -> None:
+        """Put a product on the line. If a node refuses, all nodes keep their parameters.
+
+        `announce` gets the parameters that are about to be set, by node. If it raises, none is set.
+        """
         restarted = set(self._restarted)
         await self._check_speed(product)
         self._base = await self._base_of(product.parameters)
         own = product.parameters
         whole = {node: {**base, **own.get(node, {})} for node, base in self._base.items()}
         changes = {
-            node: new for node, new in whole.items()
+            node: new
+            for node, new in whole.items()
             if plain(new) != plain(await self._line.get(node, list(new)))
-        }  # fmt: skip
-        self._announce(changes)  # all at once: a log that is full in between leaves no half recipe
+        }
+        announce(changes)  # of all nodes, before the first one is changed
         selected = product.on_line(batch)
         try:
             await self._change(changes, selected, self._selected)
@@ -109,7 +115,7 @@ class LineRecipe:
         self._restarted -= restarted
 
     async def _check_speed(self, product: Product) -> None:
-        """Refuse a product that is slower than all that is weighed."""
+        """Raise `RefusedError` if the segmenter does not weigh products of this speed."""
         slowest: Any = await self._line.get('segmenter', ['min_belt_speed'])
         if product.speed[1] < slowest['min_belt_speed']:
             raise RefusedError(
@@ -118,7 +124,7 @@ class LineRecipe:
             )
 
     async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
-        """Return the line's own values of all parameters that a product has set or will set."""
+        """Return the values without a recipe of all parameters of present and past products."""
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
             if not self._line.ready(node):
@@ -134,11 +140,11 @@ class LineRecipe:
         changed = replace(self._selected, **values)
         if self.on_line.product:
             await self._change({}, changed, self._selected)
-        else:  # it will be, once all nodes have their parameters
+        else:  # it is put there when all nodes have their parameters
             self._selected = changed
 
     async def restore(self) -> str:
-        """Set the parameters of the product in the nodes that lost them; return the product."""
+        """Set the parameters of the product in the lost nodes, and return its name."""
         lost = self.lost
         assert self._selected is not None
         await self._change({n: self._set[n] for n in NODES if n in lost}, self._selected, None)
@@ -148,28 +154,28 @@ class LineRecipe:
     async def _change(
         self, values: dict[str, Values], product: ProductOnLine, otherwise: ProductOnLine | None
     ) -> None:
-        """Set parameters while no product is on the line, then put one there.
+        """Set parameters while no product is on the line, then put a product there.
 
-        If a node refuses, `otherwise` is on the line, or nothing if the parameters do not fit that.
+        If a node refuses, `otherwise` is on the line, or no product if the parameters may not fit.
         """
         try:
             if values:
-                await self._tell(None)
+                await self._put_and_wait(None)
                 await self._line.set(values)
                 otherwise = None
-            await self._tell(product)
+            await self._put_and_wait(product)
         except RefusedError as error:
             self.put(None if isinstance(error, HalfSetError) else otherwise)
             raise
 
-    async def _tell(self, product: ProductOnLine | None) -> None:
-        """Publish what is on the line, and wait until the reject node has taken it."""
+    async def _put_and_wait(self, product: ProductOnLine | None) -> None:
+        """Publish the product on the line, and wait until the reject node uses it."""
         self._taken = Future()
         self.put(product)
         await self._line.answer('reject', self._taken)
 
     def put(self, product: ProductOnLine | None) -> None:
-        """Publish what is on the line from now on, None for no product."""
+        """Publish the product on the line, None for no product."""
         none = ProductOnLine(0, needed=True)
         self.on_line = self._counted(replace(product or none, stamp=self._clock()))
         self._publish(self.on_line)

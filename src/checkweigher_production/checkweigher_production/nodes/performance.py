@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The performance test of the product on the line: its times, its passes, its entries."""
+"""The performance test of the product on the line, in the audit log and at the reject node."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -29,70 +29,73 @@ _LEVELS = {
 
 
 class LineTest:
-    """The performance test, with what it needs of the line.
+    """Performance test of the product on the line, which rejects all items during a test.
 
-    `publish` takes each new state, `clock` returns ns of the system clock. The line rejects all
-    items while a test goes on, which `recipe` has the reject node know.
+    `recipe` tells the reject node that a test goes on, and `trail` writes the entries. `publish`
+    publishes a new state, and `clock` returns the time of the system clock in ns.
     """
 
     def __init__(
-        self, recipe: LineRecipe, trail: AuditTrail,
-        publish: Callable[[PerformanceTest], object], clock: Callable[[], int],
-    ) -> None:  # fmt: skip
+        self,
+        recipe: LineRecipe,
+        trail: AuditTrail,
+        publish: Callable[[PerformanceTest], object],
+        clock: Callable[[], int],
+    ) -> None:
         self._recipe = recipe
         self._trail = trail
         self._publish = publish
         self._clock = clock
         self._tests = PerformanceTests(datetime.now(UTC).astimezone().tzinfo or UTC)
         self._reason = ''
-        self._rejecting = False  # whether the reject node knows that a test goes on
+        self._rejecting = False  # whether the reject node was told that a test goes on
 
     def select(self, product: Product, batch: str) -> None:
-        """Take the product and the batch on the line, whose parameters are set."""
+        """Use the product and the batch on the line."""
         if (entry := self._trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
         self._tests.select(product.name, batch, product.test, self._clock())
         self._publish(self._tests.state)
 
-    async def begin(self, who: str, reason: str) -> str:
-        """Begin a test; return what to do. ValueError or RefusedError says why it is not begun."""
-        who = who.strip()
+    async def begin(self, by: Author) -> str:
+        """Begin a test, and return the instruction for the person who makes it.
+
+        Raises `ValueError` or `RefusedError` if the test cannot begin.
+        """
+        who = by.who.strip()
         if not who:
             raise ValueError('who makes the performance test has to be named')
         plan = self._tests.plan_to_begin()
         product = self._tests.state.product
-        self._trail.note(changes.TEST_BEGUN, product, None, True, Author(who, reason))
+        self._trail.note(changes.TEST_BEGUN, product, None, True, by._replace(who=who))
         await self._recipe.change(performance_test=True)
-        self._rejecting, self._reason = True, reason
+        self._rejecting, self._reason = True, by.why
         self._tests.begin(who, self._clock())
         self._publish(self._tests.state)
         return f'let the test product of {GRAMS * plan.mass:g} g pass {plan.passes} times'
 
-    async def cancel(self, who: str, reason: str) -> str:
-        """Break off the test that is under way; return what has become of it."""
+    async def cancel(self, by: Author) -> str:
+        """Break off the present test, and return a message for the person."""
         if not self._tests.wanted:
             return 'no performance test was under way'
-        state = self._tests.state
-        self._trail.note(changes.TEST_BEGUN, state.product, True, False, Author(who, reason))
+        self._trail.note(changes.TEST_BEGUN, self._tests.state.product, True, False, by)
         self._tests.cancel(self._clock())
         self._publish(self._tests.state)
         return 'the performance test was broken off'
 
     def take(self, verdict: Verdict) -> None:
-        """Take a verdict, which may be a pass of the test."""
-        passes = len(self._tests.state.errors)
+        """Process a verdict, which may be a pass of the test."""
+        before, plan = self._tests.state, self._tests.plan
         ended = self._tests.take(verdict, self._clock())
-        plan = self._tests.plan
         if ended is not None and plan is not None:
             entry = as_entry(plan, ended, self._reason)
-            product = self._tests.state.product
             author = Author(ended.who, self._reason)
-            self._trail.saw(changes.TEST, product, None, entry, author)
-        if ended is not None or len(self._tests.state.errors) != passes:
+            self._trail.saw(changes.TEST, before.product, None, entry, author)
+        if self._tests.state is not before:
             self._publish(self._tests.state)
 
-    async def look(self) -> None:
-        """See what time has brought, and have the reject node accept again after a test."""
+    async def advance(self) -> None:
+        """Publish what is due now, and let the reject node accept items again after a test."""
         if self._tests.advance(self._clock()):
             self._publish(self._tests.state)
         if self._rejecting and not self._tests.wanted:

@@ -3,6 +3,7 @@
 """The product node: recipes of the line, statistics of production, and the audit log."""
 
 from collections.abc import Awaitable
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -40,23 +41,21 @@ from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.audit_log import AuditError, AuditLog
 from checkweigher_production.authors import Author
 from checkweigher_production.batch_record import RecordError
-from checkweigher_production.filler_feedback import FillerController
-from checkweigher_production.nodes.batch_recorder import BatchRecorder
+from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.nodes.line_audit import LineAudit
 from checkweigher_production.nodes.line_recipe import LineRecipe
 from checkweigher_production.nodes.performance import LineTest
 from checkweigher_production.recipes import NODES, Product, read_recipes
-from checkweigher_production.statistics import ProductionRecord
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
-# Statistics that the audit log keeps.
+# Statistics in the entries of the audit log.
 _AUDITED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
 
 
 @dataclass(frozen=True)
 class ProductParameters(Parameters):
-    """The recipe file, and the product on the line at the start."""
+    """Files of the node, and the product and the batch at the start."""
 
     node: ClassVar[str] = 'product'
 
@@ -75,62 +74,65 @@ class ProductParameters(Parameters):
 
 
 class ProductNode(StageNode[ProductParameters]):
-    """Select the product, count the items, and write down what is changed."""
+    """Node for the recipes of the line, the counts of its batches, and its audit log."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        self._log: AuditLog | None = None  # before the parameters, which may be refused
-        self._record: BatchRecorder | None = None
+        self._files = ExitStack()  # before the parameters, which may be refused
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
-        self._production = ProductionRecord(self.parameters.batch)
         self._host_clock = HostClock()
-        self._filler: FillerController | None = None
         try:
-            self._open_files()
+            self._log = self._open_log()
+            self._batches = self._open_batches()
         except (AuditError, SettingsError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
+        self._production = self._batches.production
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
-        name = self.get_fully_qualified_name()
-        self._audit = LineAudit(self._log, name, self._time, line, self._has_record, self.warn)
+        name, has_record = self.get_fully_qualified_name(), self._batches.has_record
+        self._audit = LineAudit(self._log, name, self._time, line, has_record, self.warn)
         self._trail = self._audit.trail
-        self._by = Author()  # who has asked for what is being changed
-        self._recipe = LineRecipe(
-            line, lambda changes: self._audit.announce(changes, self._by),
-            self.output(ports.PRODUCT_ON_LINE).send, self._stamp, self._production.tally,
-        )  # fmt: skip
+        publish = self.output(ports.PRODUCT_ON_LINE).send
+        self._recipe = LineRecipe(line, publish, self._stamp, self._production.tally)
         tests = self.output(ports.PERFORMANCE_TEST)
         self._test = LineTest(self._recipe, self._trail, tests.send, self._stamp)
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
-        self.subscribe(
-            ports.VERDICT, self._on_verdict,
-            # With a record also those that were missed while this node was away.
-            qos=ports.VERDICT.qos if self.parameters.batch_folder else None,
-        )  # fmt: skip
+        # With a record, also verdicts that were published while this node was away.
+        latched = ports.VERDICT.qos if self.parameters.batch_folder else None
+        self.subscribe(ports.VERDICT, self._on_verdict, qos=latched)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         self._serve()
         if self.parameters.batch_folder:
             self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
-            self.create_timer(_POLL_PERIOD, self._tell_ended)
+            self.create_timer(_POLL_PERIOD, self._publish_ended)
         if self.parameters.audit_log:
             self._audit_others()
 
-    def _open_files(self) -> None:
+    def _open_log(self) -> AuditLog | None:
+        path = self.parameters.audit_log
         if self.parameters.product:
             self._find(self.parameters.product)
-        if self.parameters.audit_log:
-            self._log = AuditLog(Path(self.parameters.audit_log))
-        elif self.parameters.recipes:
+        if path:
+            return self._files.enter_context(AuditLog(Path(path)))
+        if self.parameters.recipes:
             self.get_logger().warning('product.audit_log is empty: no change is written down')
-        if self.parameters.batch_folder:
-            self._record = self._begin_record(Path(self.parameters.batch_folder))
+        return None
+
+    def _open_batches(self) -> LineBatches:
+        audit = {}
+        if self._log is not None:
+            audit = {'audit_log': str(self._log.path), 'audit_hash': self._log.last_hash}
+        batch, folder = self.parameters.batch, self.parameters.batch_folder
+        batches = LineBatches(batch, folder, self._time, audit)
+        self._files.callback(batches.close)
+        return batches
 
     def _serve(self) -> None:
-        """Offer the services, and look after what the recipes ask for."""
-        # One service at a time, for each waits for other nodes of the line.
+        """Offer the services, and begin the periodic work for the recipes."""
+        # One callback at a time, because each waits for other nodes of the line.
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
             (SelectProduct, ports.SELECT_PRODUCT, self._on_select),
@@ -144,10 +146,10 @@ class ProductNode(StageNode[ProductParameters]):
             poll = partial(self.create_timer, _POLL_PERIOD, callback_group=group)
             self._start_timer = poll(self._select_at_start)
             poll(self._restore)
-            poll(self._look_after_test)
+            poll(self._advance_test)
 
     def _audit_others(self) -> None:
-        """Write down what other nodes of the line change."""
+        """Begin to write changes of other nodes of the line."""
         self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
         self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
         own_group = MutuallyExclusiveCallbackGroup()
@@ -155,12 +157,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     def destroy_node(self) -> None:
         """Close log and record as well."""
-        if self._record is not None:
-            self._record.close()
-            self._record = None
-        if self._log is not None:
-            self._log.close()
-            self._log = None
+        self._files.close()
         super().destroy_node()
 
     def _stamp(self) -> int:
@@ -170,16 +167,10 @@ class ProductNode(StageNode[ProductParameters]):
         seconds = self._stamp() / NANOSECONDS
         return datetime.fromtimestamp(seconds, UTC).isoformat(timespec='microseconds')
 
-    def _begin_record(self, folder: Path) -> BatchRecorder:
-        audit = {}
-        if self._log is not None:
-            audit = {'audit_log': str(self._log.path), 'audit_hash': self._log.last_hash}
-        return BatchRecorder(folder, self._production, self._time(), audit)
-
-    def _notice_started(self) -> None:
+    def _add_started(self) -> None:
         started = self._started_nodes.started()
         self._recipe.add_started(started)
-        self._audit.parameters.add_started(started)
+        self._audit.add_started(started)
 
     # Recipes
 
@@ -203,51 +194,31 @@ class ProductNode(StageNode[ProductParameters]):
         return response
 
     async def _on_select(self, request: Any, response: Any) -> Any:
-        self._by = self._audit.author_of(ports.SELECT_PRODUCT)
-        failed = f'product {request.product!r} was not selected'
-        return await self._answer(response, self._select(request.product), failed)
+        work = self._select(request.product, self._audit.author_of(ports.SELECT_PRODUCT))
+        return await self._answer(response, work, f'product {request.product!r} was not selected')
 
-    async def _select(self, name: str) -> None:
+    async def _select(self, name: str, by: Author) -> None:
         products, product = self._find(name)
-        self._notice_started()
-        self._trail.recipes(plain(products), self._by)
-        # Written before it is done: a change that cannot be written down is not made.
+        self._add_started()
+        self._trail.recipes(plain(products), by)
+        # Written before it is made: a change that cannot be written is not made.
         before, batch = self._production.product, self._production.batch
         old, new = map(_audited, (self._recipe.in_use, product.on_line(batch)))
-        self._trail.note(changes.SELECTION, 'product', old, new, self._by)
-        # Items that are judged by the new recipe while it is set belong to it already.
-        self._use(product)
+        self._trail.note(changes.SELECTION, 'product', old, new, by)
+        # Items that are judged by the new recipe while it is being set belong to it already.
+        self._batches.use(product)
         try:
-            await self._recipe.set(product, batch)
+            await self._recipe.set(product, batch, partial(self._audit.announce, by=by))
         except RefusedError as error:
-            self._use(before if self._recipe.on_line.product else None)
-            self._trail.saw(changes.REFUSED, 'product', name, str(error), self._by)
+            self._batches.use(before if self._recipe.on_line.product else None)
+            self._trail.saw(changes.REFUSED, 'product', name, str(error), by)
             raise
-        self._control_filler(product)
+        self._batches.control_filler(product)
         self._test.select(product, batch)
         self.count('products selected')
         self._publish()
 
-    def _use(self, product: Product | None) -> None:
-        """Count for a product from now on."""
-        self._production.product = product
-        if self._record is not None and product is not None:
-            self._record.write('product', {'name': product.name, **plain(product)})
-
-    def _control_filler(self, product: Product) -> None:
-        """Begin to control the filler for a product, or go on if it is the same one."""
-        filler, correction = product.filler, 0.0
-        if self._filler is not None and self._filler.product == product.name:
-            correction = self._filler.correction
-        elif self._filler is None and self._record and self._record.product == product.name:
-            correction = self._record.correction
-        self._filler = None
-        if filler is not None:
-            of_product = product.name, product.nominal, product.tare
-            self._filler = FillerController(filler, *of_product, correction)
-
     async def _select_at_start(self) -> None:
-        self._by = Author()
         name = self.parameters.product
         if not self._recipe.ready:
             if name:
@@ -260,15 +231,14 @@ class ProductNode(StageNode[ProductParameters]):
                 # If only this node was started again, the product on the line stays.
                 name = self._recipe.on_line.product or name
                 if name:  # otherwise the limits of the line hold
-                    await self._select(name)
+                    await self._select(name, Author())
             self._start_timer.cancel()
         except (AuditError, SettingsError, RefusedError) as error:
             self.warn(f'product {name!r} was not selected: {error}')
 
     async def _restore(self) -> None:
-        """Give nodes of the line that were started again the parameters of the product."""
-        self._by = Author()
-        self._notice_started()
+        """Set the parameters of the product in nodes of the line that were started again."""
+        self._add_started()
         lost = self._recipe.lost
         if not lost or self._audit.awaits(lost):
             return
@@ -280,31 +250,26 @@ class ProductNode(StageNode[ProductParameters]):
         except RefusedError as error:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
-    # Statistics
+    # Batches
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        if not self._production.add(verdict):
-            return  # it came before this node was started again
+        if not self._batches.add(verdict):
+            return
         self._recipe.update()
-        if self._record is not None:
-            self._record.write('verdict', verdict)
         self._publish()
         self._test.take(verdict)
         self._trail.verdict(verdict)
-        if self._filler and (feedback := self._filler.add(verdict)):
+        if feedback := self._batches.feedback(verdict):
             self._feedback.send(feedback)
-            if self._record is not None:
-                self._record.write('filler', feedback)
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
-        if self._record is not None and request is not None:
-            self._record.write('stop', {'time': self._time(), **asdict(request)})
+        if request is not None:
+            self._batches.write('stop', {'time': self._time(), **asdict(request)})
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
-        """Take note of a stream that begins."""
+        """Process the begin of a stream."""
         self._production.begin_stream()
-        if self._log is not None:
-            self._audit.on_load_cell(load_cell)
+        self._audit.on_load_cell(load_cell)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if self._production.current.add_estimate(estimate):
@@ -314,53 +279,48 @@ class ProductNode(StageNode[ProductParameters]):
         self._statistics.send(self._production.summary())
 
     async def _on_new_batch(self, request: Any, response: Any) -> Any:
-        self._by = self._audit.author_of(ports.NEW_BATCH)
         name = str(request.batch).strip()
-        if not name or self._production.has_batch(name) or self._has_record(name):
+        if not name or self._production.has_batch(name) or self._batches.has_record(name):
             response.message = f'batch {name!r}: a name that was not used before is needed'
             return response
-        work = self._end_count(response, changes.BATCH, name)
+        work = self._begin_batch(response, name, self._audit.author_of(ports.NEW_BATCH))
         return await self._answer(response, work, f'batch {name!r}')
 
-    async def _on_reset(self, request: Any, response: Any) -> Any:
-        self._by = self._audit.author_of(ports.RESET_STATISTICS)
-        work = self._end_count(response, changes.RESET, None)
-        return await self._answer(response, work, 'statistics')
-
-    async def _end_count(self, response: Any, kind: str, batch: str | None) -> None:
-        finished = self._production.summary()
-        audited = {name: getattr(finished, name) for name in _AUDITED}
-        self._trail.note(kind, 'statistics', audited, batch, self._by)
-        if batch is None:
-            self._production.reset()
-            if self._record is not None:
-                self._record.write('reset', {'time': self._time()})
-        else:
-            await self._change_batch(batch)
-        response.finished = to_message(ports.STATISTICS, finished)
-        self._publish()
-
-    async def _change_batch(self, batch: str) -> None:
-        """Have the reject node count for another batch, then end the record of this one."""
-        before, self._production.batch = self._production.batch, batch
+    async def _begin_batch(self, response: Any, name: str, by: Author) -> None:
+        """Let the reject node count for another batch, then end the record of this one."""
+        finished = self._end_count(changes.BATCH, name, by)
+        before, self._production.batch = self._production.batch, name
         try:
-            await self._recipe.change(batch=batch)
+            await self._recipe.change(batch=name)
         except (AuditError, RefusedError) as error:
             self._production.batch = before
-            self._trail.saw(changes.REFUSED, 'batch', batch, str(error), self._by)
+            self._trail.saw(changes.REFUSED, 'batch', name, str(error), by)
             raise
-        product = self._production.product
-        if self._record is not None:
-            self._record.change(batch, self._time())
-            if product is not None:
-                self._use(product)
-        if product is not None:
-            self._test.select(product, batch)
+        self._batches.begin()
+        if self._production.product is not None:
+            self._test.select(self._production.product, name)
+        response.finished = finished
+        self._publish()
 
-    def _tell_ended(self) -> None:
-        """Tell of records that are complete, once the audit log has their hashes."""
-        while self._record is not None and not self._record.ended.empty():
-            ended = self._record.ended.get()
+    async def _on_reset(self, request: Any, response: Any) -> Any:
+        work = self._reset(response, self._audit.author_of(ports.RESET_STATISTICS))
+        return await self._answer(response, work, 'statistics')
+
+    async def _reset(self, response: Any, by: Author) -> None:
+        response.finished = self._end_count(changes.RESET, None, by)
+        self._batches.reset()
+        self._publish()
+
+    def _end_count(self, kind: str, batch: str | None, by: Author) -> Any:
+        """Write the end of a count to the audit log, and return the message of its statistics."""
+        finished = self._production.summary()
+        audited = {name: getattr(finished, name) for name in _AUDITED}
+        self._trail.note(kind, 'statistics', audited, batch, by)
+        return to_message(ports.STATISTICS, finished)
+
+    def _publish_ended(self) -> None:
+        """Publish the records that are complete, once their hashes are in the audit log."""
+        for ended in self._batches.ended():
             self._trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
             path = str(ended.path.resolve())
             self._results.send(BatchResult(self._stamp(), ended.batch, path, ended.sha256))
@@ -368,44 +328,38 @@ class ProductNode(StageNode[ProductParameters]):
     # Performance test
 
     async def _on_begin_test(self, request: Any, response: Any) -> Any:
-        who, reason = one_line(request.who), one_line(request.reason)
-        self._by = Author(who, reason)
-
         async def work() -> None:
             begin_or_cancel = self._test.cancel if request.cancel else self._test.begin
-            response.message = await begin_or_cancel(who, reason)
+            author = Author(one_line(request.who), one_line(request.reason))
+            response.message = await begin_or_cancel(author)
 
         return await self._answer(response, work(), 'performance test')
 
-    async def _look_after_test(self) -> None:
-        self._by = Author()
+    async def _advance_test(self) -> None:
         try:
-            await self._test.look()
+            await self._test.advance()
         except (AuditError, RefusedError) as error:
             self.warn(f'performance test: {error}')
 
-    def _has_record(self, batch: str) -> bool:
-        return self._record is not None and self._record.has(batch)
-
     async def _read_started(self) -> None:
-        self._notice_started()
+        self._add_started()
         await self._audit.read_started()
 
     # Diagnostics
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return which recipe is in use, whether changes are written down, and the clock."""
-        return [
-            self._diagnose_recipe(), self._audit.finding(), self._diagnose_record(),
-            self._test.finding(), self._host_clock.finding(now),
-        ]  # fmt: skip
+        """Return the findings on recipe, audit log, batch record, performance test and clock."""
+        findings = self._audit.finding(), self._batches.finding(), self._test.finding()
+        return [self._diagnose_recipe(), *findings, self._host_clock.finding(now)]
 
     def _diagnose_recipe(self) -> Finding:
         product, first = self._production.product, self.parameters.product
         values: dict[str, float | str] = {
-            'product': product.name if product else 'none', 'batch': self._production.batch,
-            'recipes': self.parameters.recipes, 'items': self._production.summary().items,
-        }  # fmt: skip
+            'product': product.name if product else 'none',
+            'batch': self._production.batch,
+            'recipes': self.parameters.recipes,
+            'items': self._production.summary().items,
+        }
         found = []
         if first and product is None:
             hint = 'check that denoise, identifier and reject run, and the warnings of this node'
@@ -413,19 +367,9 @@ class ProductNode(StageNode[ProductParameters]):
         well = f'product {product.name!r}' if product else 'no product is selected'
         return conclude('Recipe', well, found, values)
 
-    def _diagnose_record(self) -> Finding:
-        if self._record is None:
-            return conclude('Batch record', 'none: batches are not recorded', ())
-        found = []
-        if trouble := self._record.trouble:
-            hint = 'make room, or see to the disk: verdicts wait in memory'
-            found.append(Concern(Level.ERROR, trouble, hint))
-        folder = self.parameters.batch_folder
-        return conclude('Batch record', f'written to {folder}', found, {'folder': folder})
-
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:
-    """Return the product and its limits as the audit log keeps them."""
+    """Return the product and its limits as in the entries of the audit log."""
     if product is None:
         return None
     return {'product': product.product, 'batch': product.batch, **limits_of(product)}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of object stores and other places that fsspec reaches: copied here while they are read."""
+"""Temporary copies of bags from object stores and other places that fsspec supports."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -16,23 +16,20 @@ _PIECE = 1 << 20  # bytes
 
 
 def is_url(place: str) -> bool:
-    """Tell whether a place is a URL, and not a path of this machine."""
+    """Return whether a place is a URL, not a path on this machine."""
     return '://' in place
 
 
 def holds_bag(names: Iterable[str]) -> bool:
-    """Tell whether a folder with files of these names is a bag."""
+    """Return whether a folder with files of these names is a bag."""
     return any(name == 'metadata.yaml' or name.endswith('.mcap') for name in names)
 
 
 @contextmanager
 def local_bag(bag: str) -> Iterator[Path]:
-    """Have a bag on this machine: itself, or a copy of that of a URL, which is dropped at the end.
+    """Yield the path of a bag on this machine, or of a temporary copy if the bag is a URL.
 
-    Raises
-    ------
-    BagError
-        If it cannot be copied. An error of the bag within names its URL, not the copy.
+    Raises `BagError` if it cannot be copied. An error of the bag names its URL, not the copy.
     """
     if not is_url(bag):
         yield Path(bag)
@@ -49,11 +46,11 @@ def local_bag(bag: str) -> Iterator[Path]:
 
 @contextmanager
 def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
-    """Turn what goes wrong in an object store into one line.
+    """Convert errors of an object store to `BagError`.
 
-    Yield a function that returns the file system of a URL and the path in it.
+    Yields a function that returns the file system of a URL and the path in it.
     """
-    from fsspec.core import url_to_fs  # takes as long as reading a short bag
+    from fsspec.core import url_to_fs  # the import takes as long as reading a short bag
 
     try:
         yield url_to_fs
@@ -61,7 +58,7 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
         raise
     except ImportError as error:
         raise BagError(f'{url}: {" ".join(str(error).split())}') from None
-    # Each file system of fsspec has exceptions of its own.
+    # Each file system of fsspec has its own exceptions.
     except Exception as error:
         text = ' '.join(str(error).split()) or type(error).__name__
         if isinstance(error, FileNotFoundError):
@@ -73,19 +70,20 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
 
 
 def _copy(store: Any, path: str, copy: Path) -> None:
-    """Copy a file, or the files of a folder but not the folders in it."""
+    """Copy a file, or the files of a folder without its subfolders."""
     if path.endswith(('.mcap', '.db3')):
         _copy_file(store, path, copy)
         return
-    entries = [each for each in store.ls(path.rstrip('/'), detail=True) if each['type'] == 'file']
-    if not entries:
+    entries = store.ls(path.rstrip('/'), detail=True)
+    names = [str(each['name']) for each in entries if each['type'] == 'file']
+    files = {PurePosixPath(name).name: name for name in names}
+    if not files:
         raise FileNotFoundError(path)
-    if not holds_bag(PurePosixPath(str(entry['name'])).name for entry in entries):
+    if not holds_bag(files):
         raise BagError(f'{path}: no bag in this folder')
     copy.mkdir()
-    for entry in entries:
-        name = PurePosixPath(str(entry['name'])).name
-        _copy_file(store, str(entry['name']), copy / name)
+    for name, file in files.items():
+        _copy_file(store, file, copy / name)
 
 
 def _copy_file(store: Any, path: str, copy: Path) -> None:

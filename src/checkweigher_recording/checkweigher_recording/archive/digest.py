@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The digest of a bag, by which results tell of which bag they are."""
+"""Digest of a bag, which identifies the bag of a result."""
 
 import hashlib
 from pathlib import Path
@@ -10,14 +10,11 @@ from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 
 def bag_digest(path: Path) -> str:
-    """Return the SHA-256 over a bag: its file, or names and contents of the files of its folder.
+    """Return the SHA-256 over a bag: its file, or names and contents of the files in its folder.
 
-    Where the bag is and how it is named does not matter.
+    Place and name of the bag are not part of it.
 
-    Raises
-    ------
-    BagError
-        If there is no bag, or it cannot be read.
+    Raises `BagError` if there is no bag, or it cannot be read.
     """
     digest = hashlib.sha256()
     if not path.is_dir() and not path.is_file():

@@ -14,18 +14,15 @@ _SUFFIXES = ('.mcap', '.db3')
 
 
 def find_bags(places: Iterable[str]) -> dict[str, str]:
-    """Return bags and the bags in folders, each with the place that it was found in.
+    """Return bags and the bags in folders, each with the place in which it was found.
 
-    Each is there once, however it is spelled, in the order of their places and names. A place is a
+    Each bag is listed once, however it is spelled, in the order of places and names. A place is a
     path or a URL of fsspec. A bag is a file ``.mcap`` or ``.db3``, or a folder with one, or with
-    ``metadata.yaml``. What is no bag, or cannot be listed, is returned as it is, so that reading it
-    says what is wrong: it must not take the others with it. Folders whose names begin with a point
-    are passed over.
+    ``metadata.yaml``. A place without a bag, or that cannot be listed, is returned as it is: the
+    error is raised when it is read, and the other bags are read nevertheless. Folders whose names
+    begin with a point are skipped.
 
-    Raises
-    ------
-    BagError
-        If there is no place but folders without a bag, or that cannot be listed.
+    Raises `BagError` if no place has a bag.
     """
     found: dict[str, str] = {}
     seen: set[str] = set()
@@ -33,12 +30,8 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
     places = list(places)
     for place in places:
         try:
-            bags = list(_stored_bags(place) if is_url(place) else _local_bags(Path(place)))
-            if not bags:
-                raise BagError(f'{place}: no bag in this folder')
-        except (BagError, OSError) as error:
-            if isinstance(error, OSError):
-                error = BagError(f'{place}: cannot be read: {error.strerror or error}')
+            bags = _bags_in(place)
+        except BagError as error:
             without.append(error)
             bags = [place]
         for bag in bags:
@@ -51,11 +44,10 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
 
 
 def result_names(found: Mapping[str, str]) -> dict[str, str]:
-    """Return a name for the results of each bag of `find_bags`: its place, then its path below.
+    """Return a unique name for the results of each bag: its place, then its path below.
 
-    Names begin with the last part of the place. If two bags would share a name, all names begin
-    with more of the folders above. So names stay when bags are added. Slashes separate the parts
-    of a name; no two names are the same.
+    Names begin with the last part of the place, or with more of the folders above if two bags would
+    have the same name. Adding bags therefore keeps the names. The parts are separated by slashes.
     """
     parts = {bag: _parts(bag) for bag in found}
     above = {bag: max(len(_parts(place)) - 1, 0) for bag, place in found.items()}
@@ -68,18 +60,29 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
 
 
 def _spelled_out(bag: str) -> str:
-    """Return what is the same for all spellings of a bag on this machine."""
+    """Return the real path of a bag on this machine, or a URL."""
     path = bag.removeprefix('file://')
     return path if is_url(path) else os.path.realpath(path)
 
 
 def _parts(bag: str) -> tuple[str, ...]:
-    """Return the folders and the name of a bag; those of a URL begin with its protocol."""
+    """Return the folders and the name of a bag; for a URL, the protocol is the first part."""
     if is_url(bag):
         protocol, _, rest = bag.partition('://')
         parts = (part for part in rest.split('/') if part not in ('', '.'))
         return (protocol, *('_' if part == '..' else part for part in parts))
     return tuple(part for part in os.path.abspath(bag).split('/') if part)
+
+
+def _bags_in(place: str) -> list[str]:
+    """Return the bags in a place; `BagError` if there are none, or it cannot be listed."""
+    try:
+        bags = list(_stored_bags(place) if is_url(place) else _local_bags(Path(place)))
+    except OSError as error:
+        raise BagError(f'{place}: cannot be read: {error.strerror or error}') from None
+    if not bags:
+        raise BagError(f'{place}: no bag in this folder')
+    return bags
 
 
 def _local_bags(place: Path) -> Iterator[str]:

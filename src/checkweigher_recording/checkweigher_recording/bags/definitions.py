@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The definitions of the messages in bags, as they are installed."""
+"""Definitions of the messages in bags."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -21,12 +21,12 @@ _STORE = get_typestore(Stores.EMPTY)
 
 
 class BagError(ValueError):
-    """A bag that cannot be used; one line that says which, where and what to do."""
+    """A bag that cannot be used. The message names the bag, the fault and a remedy."""
 
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Turn any exception of the libraries that read a bag, or a file of it, into one line."""
+    """Convert exceptions of the libraries that read a bag or one of its files to `BagError`."""
     try:
         yield
     except BagError:
@@ -34,7 +34,7 @@ def bag_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         where = error.filename or path
         raise BagError(f'{where}: cannot be read: {error.strerror or error}') from error
-    # Damaged bytes can lead a parser anywhere, so no list of its exceptions would be complete.
+    # A parser may raise any exception for damaged bytes.
     except Exception as error:
         text = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
         raise BagError(f'{path}: damaged: {text}; record it again or restore it') from error
@@ -43,13 +43,10 @@ def bag_errors(path: Path) -> Iterator[None]:
 def typestore(ports: Iterable[Port] = RECORDED) -> Typestore:
     """Return the definitions of the messages of some ports and of their parts.
 
-    They are read from the installed packages, so a bag and the graph have the same types. Each
-    definition takes its time, so only those are read that are asked for.
+    They are read from the installed packages, so that a bag and the graph have the same types. Only
+    the definitions of these ports are read, because reading takes time.
 
-    Raises
-    ------
-    BagError
-        If a package with messages is not installed.
+    Raises `BagError` if a package with messages is not installed.
     """
     for port in ports:
         _register(port.message_type)
@@ -77,7 +74,7 @@ def _register(message_type: str) -> None:
 
 
 def _parts(field: Any) -> Iterator[str]:
-    """Yield the message type of a field that is a message, or an array of messages."""
+    """Yield the types of the messages in a field."""
     kind, content = field
     if kind == Nodetype.NAME:
         yield content
@@ -88,11 +85,11 @@ def _parts(field: Any) -> Iterator[str]:
 def serialize(port: Port, record: Any, stamp: int) -> bytes:
     """Return the message of a record of a port in CDR.
 
-    `stamp`, ns, is for the header of a record without a stamp of its own.
+    `stamp`, in ns, is that of the header if the record has no stamp of its own.
     """
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)
-    # Without frame_id: it says nothing that the topic does not say.
+    # The frame_id is empty, because it follows from the topic.
     header = store.types[HEADER](store.types[TIME](**fields.pop('header')['stamp']), '')
     times = {
         name: store.types[TIME](**value) for name, value in fields.items() if type(value) is dict
@@ -104,7 +101,7 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
 def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
     """Return the record of a message in CDR, by the definitions of `store` or the installed ones.
 
-    Bytes that are no such message, or hold what the record cannot have, raise an exception.
+    Raises an exception if the bytes are not such a message, or a value is not valid.
     """
     message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
@@ -114,7 +111,7 @@ def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
 
 
 def check_definition(path: Path, connection: Connection, port: Port) -> None:
-    """Raise BagError unless the messages of a connection have the type and definition of a port."""
+    """Raise `BagError` unless a connection has the type and the definition of a port."""
     if connection.msgtype != port.message_type:
         raise BagError(
             f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
@@ -130,10 +127,10 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
 
 
 def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
-    """Return the definitions by which the messages of a connection are to be read.
+    """Return the definitions for reading the messages of a connection.
 
-    They are those of this version, or of a bag from before a message gained fields its own.
-    `BagError` if the bag has neither.
+    They are those of this version, or those of the bag if it is older and lacks newer fields.
+    Raises `BagError` if the definitions differ in any other way.
     """
     if connection.msgtype == port.message_type:
         own = _brought(connection.msgdef, port)
@@ -144,7 +141,7 @@ def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
 
 
 def _lacks_newer(own: Typestore, port: Port) -> bool:
-    """Tell whether definitions are those of a port but for fields that it has gained since."""
+    """Return whether definitions differ from those of a port only by the lack of newer fields."""
     assert port.record is not None
     there = list(own.fielddefs[port.message_type][1])
     here = list(typestore([port]).fielddefs[port.message_type][1])
@@ -153,7 +150,7 @@ def _lacks_newer(own: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the hash of a definition that a bag brings along, empty if it brings none."""
+    """Return the hash of the definition in a bag, empty if there is none."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)
@@ -162,7 +159,7 @@ def _type_hash(definition: MessageDefinition, port: Port) -> str:
 
 
 def _brought(definition: MessageDefinition, port: Port) -> Typestore | None:
-    """Return the definitions that a bag brings along, None if it brings none."""
+    """Return the definitions in a bag, None if there are none."""
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definition.data, port.message_type))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a file of a bag is whole: by the check sums of MCAP, by SQLite's own check."""
+"""Integrity checks of the files of a bag: check sums of MCAP, and the own check of SQLite."""
 
 from contextlib import closing
 import os
@@ -17,20 +17,18 @@ from mcap.stream_reader import MAGIC_SIZE
 from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 MAGIC = b'\x89MCAP0\r\n'
-# Opcode, length and content of the last two records: places of two sections, and check sums.
+# Opcode, length and content of the last two records.
 _DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
 _PIECE = 1 << 20  # bytes
 
 
 def check_file(path: Path, name: Path | None = None) -> None:
-    """Check a file of a bag but for the chunks of MCAP, which rosbags checks as it reads them.
+    """Check a file of a bag, except the chunks of MCAP, which rosbags checks when it reads them.
 
-    `name` is that of the file for errors if `path` is a copy.
+    `name` is the name of the file for errors if `path` is a copy.
 
-    Raises
-    ------
-    BagError
-        If it cannot be read, is of another kind, was cut, or differs from what was written.
+    Raises `BagError` if it cannot be read, is of another kind, was cut, or differs from what was
+    written.
     """
     name = name or path
     with bag_errors(name):
@@ -42,7 +40,7 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check begin and end of a file, and its check sums: one that is 0 has not been written."""
+    """Check begin, end and check sums of a file. A check sum of 0 was not written."""
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         raise BagError(f'{name}: empty; the recording has not begun')
@@ -76,7 +74,7 @@ def _check_mcap(file: BinaryIO, name: Path) -> None:
 
 
 def _check_sum(file: BinaryIO, begin: int, end: int) -> int:
-    """Return the CRC-32 of some bytes of a file."""
+    """Return the CRC-32 of the bytes of a file from `begin` to `end`."""
     check_sum = 0
     for position in range(file.seek(begin), end, _PIECE):
         check_sum = zlib.crc32(file.read(min(_PIECE, end - position)), check_sum)
@@ -84,7 +82,7 @@ def _check_sum(file: BinaryIO, begin: int, end: int) -> int:
 
 
 def _check_sqlite(path: Path, name: Path) -> None:
-    """Check the pages of a database, and that its indices fit its tables."""
+    """Check the pages and the indices of a database."""
     address = f'file:{quote(str(path.absolute()))}?mode=ro&immutable=1'
     with closing(sqlite3.connect(address, uri=True)) as connection:
         (problem,) = connection.execute('PRAGMA integrity_check(1)').fetchone()

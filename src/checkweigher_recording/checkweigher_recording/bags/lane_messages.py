@@ -1,38 +1,33 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a lane as they are read, in any order, and the stretches that they make."""
+"""Messages of a lane of a bag, in any order, and the stretches of a recording from them."""
 
+from bisect import bisect_left
 from collections import Counter
+from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from checkweigher_core.recording import BlockColumns, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, Reference
-from checkweigher_core.ros.ports import (
-    LOAD_CELL_INFO,
-    LOAD_CELL_SAMPLES,
-    PHOTO_EYES,
-    Port,
-)
+from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import SampleDecoder
 
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # messages between two stretches, and their bytes
-_LATE = 60 * NANOSECONDS  # that a message may come after one with a later stamp
-_Stamped = TypeVar('_Stamped', EyeEdge, Reference)
+_LATE = 60 * NANOSECONDS  # largest delay of a message behind one with a later stamp
 
 
 class OutOfOrderError(BagError):
-    """A message that is so late that the stretch it belongs to has been read."""
+    """A message that is too late for its stretch."""
 
 
 class LaneMessages:
-    """The messages of a lane of a bag as they are read.
+    """Messages of a lane of a bag that are not in a stretch yet.
 
-    `path` is that of the bag, for errors; `numbers` counts the messages by topic. Of the messages
-    those are kept that no stretch has.
+    `path` is that of the bag, for errors. `numbers` counts the messages by topic.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,13 +36,12 @@ class LaneMessages:
         self._cell: LoadCell | None = None
         self._samples = SampleDecoder()
         self._blocks = BlockColumns.of([])
-        self._edges: list[EyeEdge] = []
-        self._references: list[Reference] = []
+        self._events: list[EyeEdge | Reference] = []
         self._since = self._bytes = 0  # messages since the last stretch, and their bytes
         self._end: int | None = None  # of the last stretch, ns
 
     def take(self, topic: str, port: Port, data: bytes) -> None:
-        """Add a message; BagError if it cannot be used."""
+        """Add a message; `BagError` if it cannot be used."""
         self.numbers[topic] += 1
         self._since += 1
         self._bytes += len(data)
@@ -56,11 +50,10 @@ class LaneMessages:
         elif port is LOAD_CELL_INFO:
             self.take_cell(data)
         else:
-            kept = self._edges if port is PHOTO_EYES else self._references
-            kept.append(deserialize(port, data))
+            self._events.append(deserialize(port, data))
 
     def take_cell(self, data: bytes) -> None:
-        """Add the message of the load cell, or one that repeats it."""
+        """Add a message of the load cell, which may come several times."""
         try:
             cell: LoadCell = deserialize(LOAD_CELL_INFO, data)
         except ValueError as error:
@@ -75,41 +68,43 @@ class LaneMessages:
         self._cell = cell
 
     def stretch(self) -> Recording | None:
-        """Return what is complete up to a minute before the latest stamp, None if it is too soon.
+        """Return the events up to a minute before the latest stamp, None if it is too soon.
 
-        Raises
-        ------
-        OutOfOrderError
-            If a message belongs before the end of a stretch that was returned.
+        Raises `OutOfOrderError` if a message belongs before the end of a stretch that was returned.
         """
         if self._since < _AT_ONCE and self._bytes < _BYTES_AT_ONCE:
             return None
         self._since = self._bytes = 0
         self._sort()
-        stamps = self._blocks.stamps
-        end = max((int(stamps[-1]) if len(stamps) else 0), self._latest_event()) - _LATE
-        place = int(np.searchsorted(stamps, end))
+        latest = [int(stamp) for stamp in self._blocks.stamps[-1:]]
+        end = max([*latest, *(event.stamp for event in self._events[-1:])], default=0) - _LATE
+        place = int(np.searchsorted(self._blocks.stamps, end))
         if not place or (self._end is not None and end <= self._end):
             return None
         self._end = end
         complete, self._blocks = self._blocks.split(place)
-        edges, self._edges = _cut(self._edges, end)
-        references, self._references = _cut(self._references, end)
-        return Recording(self.load_cell, complete, edges, references)
+        number = bisect_left(self._events, end, key=attrgetter('stamp'))
+        events, self._events = self._events[:number], self._events[number:]
+        return self._recording(complete, events)
 
     def rest(self) -> Recording:
-        """Return what no stretch has: everything, if there was none; raise as `stretch` does."""
+        """Return the remaining events, or all if there was no stretch; raises as `stretch`."""
         self._sort()
-        cell = self.load_cell
+        recording = self._recording(self._blocks, self._events)
         if not len(self._blocks) and self._end is None:
             raise BagError(
                 f'{self._path}: no samples on {LOAD_CELL_SAMPLES.name}; the driver was not running'
             )
-        return Recording(cell, self._blocks, tuple(self._edges), tuple(self._references))
+        return recording
+
+    def _recording(self, blocks: BlockColumns, events: Sequence[EyeEdge | Reference]) -> Recording:
+        edges = tuple(event for event in events if isinstance(event, EyeEdge))
+        references = tuple(event for event in events if isinstance(event, Reference))
+        return Recording(self.load_cell, blocks, edges, references)
 
     @property
     def load_cell(self) -> LoadCell:
-        """The load cell; BagError if no message of it has come."""
+        """Load cell of the lane; `BagError` if there was no message of it."""
         if self._cell is None:
             raise BagError(
                 f'{self._path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that '
@@ -118,23 +113,13 @@ class LaneMessages:
         return self._cell
 
     def _sort(self) -> None:
-        """Bring what is kept into canonical order; OutOfOrderError if some of it is too late."""
+        """Sort the events in canonical order; `OutOfOrderError` if one is too late."""
         parts = [self._blocks, self._samples.blocks()]
         self._blocks = BlockColumns.concatenate(parts).in_canonical_order()
-        self._edges.sort(key=canonical_order)
-        self._references.sort(key=canonical_order)
-        first = [one[0].stamp for one in (self._edges, self._references) if one]
-        first += self._blocks.stamps[:1].tolist()
+        self._events.sort(key=canonical_order)
+        first = [int(stamp) for stamp in self._blocks.stamps[:1]]
+        first += [event.stamp for event in self._events[:1]]
         if self._end is not None and first and min(first) < self._end:
             raise OutOfOrderError(
                 f'{self._path}: has messages that came more than {_LATE // NANOSECONDS} s late'
             )
-
-    def _latest_event(self) -> int:
-        return max((one[-1].stamp for one in (self._edges, self._references) if one), default=0)
-
-
-def _cut(records: list[_Stamped], end: int) -> tuple[tuple[_Stamped, ...], list[_Stamped]]:
-    """Return the records, in canonical order, before a time in ns, and the others."""
-    place = sum(record.stamp < end for record in records)
-    return tuple(records[:place]), records[place:]

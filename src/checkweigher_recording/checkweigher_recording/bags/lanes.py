@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lanes of a bag: a lane's topics are those below its namespace."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from rosbags.interfaces import Connection
@@ -14,50 +14,47 @@ Lane = list[tuple[Connection, Port]]
 
 
 def lane_prefix(namespace: str) -> str:
-    """Return what precedes the names of a lane's topics, however its slashes were written."""
+    """Return the prefix of the topics of a lane from its namespace with any slashes."""
     return ''.join(f'/{part}' for part in namespace.split('/') if part)
 
 
 def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
-    """Return the lane and the port of a topic, None for a topic of no port."""
+    """Return the lane and the port of a topic, None if it has no port."""
     name = f'/{name.lstrip("/")}'
-    found = [
-        port
-        for port in ports
-        if (name == port.name if port.name.startswith('/') else name.endswith(f'/{port.name}'))
-    ]
+    found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
         return None
-    # The longest: load_cell/status is not the status of a lane called load_cell.
+    # The longest name: load_cell/status is not the status of a lane named load_cell.
     port = max(found, key=lambda port: len(port.name))
     return name.removesuffix(port.name).removesuffix('/'), port
 
 
-def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
-    """Return those connections of one lane that describe a recording, each with its port.
-
-    Raises
-    ------
-    BagError
-        If there is no such lane, or several and no namespace.
-    """
+def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict[str, Lane]:
+    """Return the connections of ports with their ports, by lane."""
     lanes: dict[str, Lane] = {}
     for connection in connections:
-        if found := find_port(connection.topic, PLAYED):
+        if found := find_port(connection.topic, ports):
             prefix, port = found
             lanes.setdefault(prefix, []).append((connection, port))
+    return lanes
+
+
+def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
+    """Return the connections of one lane that make a recording, each with its port.
+
+    Raises `BagError` if there is no such lane, or several lanes and no namespace.
+    """
+    lanes = lanes_of(connections, PLAYED)
     if not lanes:
         names = ', '.join(sorted({connection.topic for connection in connections})) or 'none'
         raise BagError(
             f'{path}: not of a checkweigher: no topic {LOAD_CELL_SAMPLES.name}; its topics are: '
             f'{names}'
         )
-    if namespace is None and len(lanes) == 1:
-        return next(iter(lanes.values()))
-    listed = ', '.join(prefix or '/' for prefix in sorted(lanes))
-    if namespace is None:
+    prefix = next(iter(lanes)) if namespace is None else lane_prefix(namespace)
+    listed = ', '.join(each or '/' for each in sorted(lanes))
+    if namespace is None and len(lanes) > 1:
         raise BagError(f'{path}: holds several lanes: {listed}; choose one by its namespace')
-    prefix = lane_prefix(namespace)
     if prefix not in lanes:
         raise BagError(f'{path}: has no lane {prefix or "/"}; it has {listed}')
     return lanes[prefix]

@@ -17,7 +17,7 @@ from checkweigher_core.ros.ports import LOAD_CELL_INFO
 from checkweigher_recording.bags.definitions import BagError, bag_errors, check_definition
 from checkweigher_recording.bags.integrity import check_file
 from checkweigher_recording.bags.lane_messages import LaneMessages, OutOfOrderError
-from checkweigher_recording.bags.lanes import choose_lane
+from checkweigher_recording.bags.lanes import Lane, choose_lane
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_recording.progress import with_progress
 
@@ -31,28 +31,27 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     ----------
     path : Path
         Folder of a bag, or a single ``.mcap`` or ``.db3`` file. A folder without ``metadata.yaml``
-        is a recording that broke off: what is there of its ``.mcap`` files is read.
+        is a recording that broke off, whose ``.mcap`` files are read as far as possible.
     namespace : str or None
-        Of the lane; None if the bag has only one.
+        Namespace of the lane, None if the bag has only one lane.
     progress : bool
         Whether to show a bar on a terminal if it takes more than a second.
 
     Returns
     -------
     Recording
-        The events in canonical order; their order in the bag does not matter. `warning` if the
-        recording broke off, or has no check sums.
+        Events in canonical order, independent of their order in the bag. It has a `warning` if the
+        recording broke off or has no check sums.
 
     Raises
     ------
     BagError
-        If the bag is missing, damaged, incomplete or foreign. Of a file that is said to be whole,
-        and of one with a hole, no part is read.
+        If the bag is missing, damaged, incomplete or foreign. A damaged file is not read in part.
 
     Notes
     -----
-    Check sums are checked where the file has them; some writers leave them out. The numbers of
-    messages must agree wherever the bag states them.
+    Check sums are checked if the file has them; some writers leave them out. All numbers of
+    messages that the bag states must agree.
     """
     (recording,) = _read(path, namespace, progress, in_stretches=False)
     return recording
@@ -61,29 +60,29 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 def read_stretches(
     path: Path, namespace: str | None = None, *, progress: bool = False
 ) -> Iterator[Recording]:
-    """Read one lane of a bag in stretches of a minute or so, in memory that does not grow.
+    """Read one lane of a bag in stretches of about a minute, in limited memory.
 
-    One after the other they have all events that `read_bag` returns, in the same order. The first
-    one has samples; `warning` is that of the last one, and the end of a bag may show that all of it
-    is not to be used. Parameters and errors are those of `read_bag`.
+    Together they have all events that `read_bag` returns, in the same order. The first stretch has
+    samples, and the last one has the `warning`. An error at the end may concern the whole bag.
+    Parameters and errors are those of `read_bag`.
 
-    Raises
-    ------
-    OutOfOrderError
-        If a message is logged more than a minute after others with later stamps: `read_bag` puts
-        any order right.
+    Raises `OutOfOrderError` if a message is logged more than a minute after one with a later stamp.
+    `read_bag` reads such a bag.
     """
     return _read(path, namespace, progress, in_stretches=True)
 
 
 def over_stretches(
-    work: Callable[[Iterable[Recording]], T], path: Path, namespace: str | None = None, *,
+    work: Callable[[Iterable[Recording]], T],
+    path: Path,
+    namespace: str | None = None,
+    *,
     progress: bool = False,
-) -> T:  # fmt: skip
-    """Return what `work` makes of the stretches of a bag.
+) -> T:
+    """Return the result of `work` for the stretches of a bag.
 
-    It is called again, with the whole bag as one stretch, where the messages are too far out of
-    order for stretches. Parameters and errors are those of `read_bag`.
+    If the messages are too far out of order for stretches, `work` is called again with the whole
+    bag as one stretch. Parameters and errors are those of `read_bag`.
     """
     try:
         return work(read_stretches(path, namespace, progress=progress))
@@ -99,14 +98,12 @@ def _read(
         for connection, port in lane:
             check_definition(path, connection, port)
         messages = LaneMessages(path)
-        # The load cell may have been logged behind the first stretch.
-        cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
-        # Of no connections rosbags would give all messages.
-        if cells and (first := next(bag.messages(cells), None)):
-            messages.take_cell(first[2])
+        if cell := _load_cell(bag, lane):
+            messages.take_cell(cell)
         ports = {connection.topic: port for connection, port in lane}
-        found = bag.messages([connection for connection, _ in lane])
-        count = sum(connection.msgcount for connection, _ in lane)
+        connections = [connection for connection, _ in lane]
+        found = bag.messages(connections)
+        count = sum(connection.msgcount for connection in connections)
         for connection, _, data in with_progress(found, 'reading', count, shown=progress):
             messages.take(connection.topic, ports[connection.topic], data)
             if in_stretches and (stretch := messages.stretch()) is not None:
@@ -116,11 +113,18 @@ def _read(
         yield replace(messages.rest(), warning=_warning(path, bag))
 
 
+def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
+    """Return the first message of the load cell, which may follow the first stretch."""
+    cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
+    # Without connections rosbags would return all messages.
+    return next((data for _, _, data in bag.messages(cells)), None) if cells else None
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Reader | UnfinishedBag]:
-    """Open a bag, or what is there of a recording that broke off, once its files are checked.
+    """Check the files of a bag and open it, or the readable part of a recording that broke off.
 
-    What its libraries raise is a BagError, also while it is open.
+    Errors of the libraries become a `BagError`, also while the bag is open.
     """
     with bag_errors(path):
         if parts := unfinished_parts(path):
@@ -148,7 +152,7 @@ def _unfinished(path: Path, parts: Sequence[Path]) -> UnfinishedBag:
 
 
 def _files(path: Path) -> list[Path]:
-    """Return the files of a bag that are not compressed as a whole."""
+    """Return the uncompressed files of a bag."""
     if not path.exists():
         raise BagError(f'{path}: there is no such file or folder')
     if path.is_file() and path.suffix in ('.mcap', '.db3'):
@@ -166,7 +170,7 @@ def _parts(reader: Reader) -> list[Any]:
 
 
 def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
-    """Return what the user must know of a bag in one line, empty if there is nothing."""
+    """Return a warning for the user in one line, empty if there is none."""
     if isinstance(bag, UnfinishedBag):
         return (
             f'{path}: the recording broke off, or is still going on; read up to '
@@ -181,10 +185,10 @@ def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
 
 
 def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int]) -> None:
-    """Check that all messages have been read that the bag says it holds.
+    """Check the numbers of messages that were read against those that the bag states.
 
-    A folder says so twice, in ``metadata.yaml`` and in its files. Where the two disagree, or where
-    a topic has another name in one of them, messages would be passed over silently.
+    A folder states them in ``metadata.yaml`` and in its files. If the two disagree, or name a topic
+    differently, messages would be lost silently.
     """
     stated = _numbers(reader.connections)
     stored = _numbers(one for part in _parts(reader) for one in part.connections)

@@ -1,21 +1,22 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recovery of a recording that broke off: a whole bag of the messages that are there."""
+"""Recovery of a recording that broke off: a complete bag of its readable messages."""
 
+from itertools import chain
 from pathlib import Path
 
 from checkweigher_core.ros.ports import RECORDED, Port
 from checkweigher_recording.bags.definitions import BagError, bag_errors, check_definition
-from checkweigher_recording.bags.lanes import find_port
+from checkweigher_recording.bags.lanes import lanes_of
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_recording.bags.writing import BagWriter
 
 
 def recover_bag(source: Path, path: Path) -> int:
-    """Write a new bag of all messages up to where a recording was cut; return their number.
+    """Write a new bag of the messages up to where a recording was cut; return their number.
 
-    `source` is an ``.mcap`` file without an end, or the folder of a recording that broke off. Of a
-    chunk with a wrong check sum nothing is taken, nor of anything behind it.
+    `source` is an ``.mcap`` file without an end, or the folder of a recording that broke off. A
+    chunk with a wrong check sum and everything after it are left out.
 
     Raises
     ------
@@ -30,25 +31,23 @@ def recover_bag(source: Path, path: Path) -> int:
         raise BagError(f'{source}: there is no .mcap file and no recording that broke off')
     with bag_errors(source):
         bag = UnfinishedBag(parts)
-    ports: dict[str, Port] = {}  # by the name of the topic
-    lanes: set[str] = set()
-    connections = []
-    for connection in bag.connections:
-        found = find_port(connection.topic, RECORDED)
-        if found is None or not connection.msgcount:
-            continue
-        prefix, port = found
+    found = lanes_of((each for each in bag.connections if each.msgcount), RECORDED)
+    # A port with an absolute name is shared by all lanes.
+    lanes = [
+        lane
+        for lane, pairs in found.items()
+        if not all(port.name.startswith('/') for _, port in pairs)
+    ]
+    ports: dict[str, Port] = {}  # by topic
+    for connection, port in chain(*found.values()):
         check_definition(source, connection, port)
         ports[connection.topic] = port
-        connections.append(connection)
-        # A topic that nodes of all lanes share is of no lane.
-        if not port.name.startswith('/'):
-            lanes.add(prefix)
     if len(lanes) != 1:
         what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
         raise BagError(f'{source}: {what}; there is nothing to recover')
+    connections = [each for each in bag.connections if each.topic in ports]
     written = list({port.name: port for port in ports.values()}.values())
-    with BagWriter(path, written, lanes.pop()) as whole:
+    with BagWriter(path, written, lanes[0]) as whole:
         for connection, log_time, data in bag.messages(connections):
             whole.put(ports[connection.topic], log_time, data)
         return whole.message_count

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Decoding of sample blocks, nearly all messages of a bag: many at once by numpy."""
+"""Decoding of sample blocks, the most frequent messages of a bag, many at once by numpy."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,12 +14,12 @@ from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES
 from checkweigher_recording.bags.definitions import deserialize, typestore
 
 _LITTLE_ENDIAN = 0x0100  # encapsulation of plain CDR, read as little-endian number
-# Messages that are kept until they are decoded together, and their bytes.
+# Largest number of messages that are decoded together, and of their bytes.
 _BATCH_SIZE, _BATCH_BYTES = 4096, 1 << 24
 
 
 class SampleDecoder:
-    """Decode messages of type LoadCellSamples."""
+    """Decoder of messages of type LoadCellSamples."""
 
     def __init__(self) -> None:
         self._messages: list[bytes] = []
@@ -27,14 +27,14 @@ class SampleDecoder:
         self._decoded: list[BlockColumns] = []
 
     def add(self, message: bytes) -> None:
-        """Add a message; an exception says that this one, or one before, cannot be decoded."""
+        """Add a message; raises an exception if it or an earlier one cannot be decoded."""
         self._messages.append(message)
         self._bytes += len(message)
         if len(self._messages) == _BATCH_SIZE or self._bytes > _BATCH_BYTES:
             self._decode_batch()
 
     def blocks(self) -> BlockColumns:
-        """Return the blocks of the messages since the last call, in their order; raise as `add`."""
+        """Return the blocks of the messages since the last call, in order; raises as `add`."""
         self._decode_batch()
         decoded, self._decoded = self._decoded, []
         return BlockColumns.concatenate(decoded)
@@ -58,20 +58,27 @@ class SampleDecoder:
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
-    """Decode those messages that differ from the first one in nothing but numbers.
+    """Decode the messages that have the layout of the first one; also return which, (n,) bool.
 
-    All are of one size, and there is at least one. Also tells which they are, (n,) bool.
+    There is at least one message, and all have the same size.
     """
     message_type = LOAD_CELL_SAMPLES.message_type
     first: Any = typestore([LOAD_CELL_SAMPLES]).deserialize_cdr(messages[0], message_type)
     frame_size = len(first.header.frame_id.encode()) + 1
-    # The index, of 8 bytes, lies at a multiple of 8 bytes behind the encapsulation.
+    # The index, of 8 bytes, is aligned to 8 bytes after the encapsulation.
     padded_size = -(-(12 + frame_size) // 8) * 8 - 12
-    layout = np.dtype([
-        ('encapsulation', '<u4'), ('sec', '<i4'), ('nanosec', '<u4'),
-        ('frame_size', '<u4'), ('frame_id', 'u1', (padded_size,)),
-        ('first_index', '<u8'), ('count', '<u4'), ('counts', '<i4', (len(first.counts),)),
-    ])  # fmt: skip
+    layout = np.dtype(
+        [
+            ('encapsulation', '<u4'),
+            ('sec', '<i4'),
+            ('nanosec', '<u4'),
+            ('frame_size', '<u4'),
+            ('frame_id', 'u1', (padded_size,)),
+            ('first_index', '<u8'),
+            ('count', '<u4'),
+            ('counts', '<i4', (len(first.counts),)),
+        ]
+    )
     if layout.itemsize != len(messages[0]):
         return np.zeros(len(messages), bool), BlockColumns.of([])
     rows = np.frombuffer(b''.join(messages), layout)

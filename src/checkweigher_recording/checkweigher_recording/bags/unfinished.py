@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recording without an end, because its recorder was killed: the messages that are there."""
+"""Messages of a recording without an end, because its recorder was killed."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -45,7 +45,7 @@ _FORMATS = {
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
-# Of all records that may be among the data.
+# Readers of all records of the data section.
 _READERS: dict[int, Callable[[ReadDataStream, int], McapRecord]] = {
     Opcode.HEADER: lambda stream, _: Header.read(stream),
     Opcode.SCHEMA: lambda stream, _: Schema.read(stream),
@@ -60,19 +60,14 @@ _READERS: dict[int, Callable[[ReadDataStream, int], McapRecord]] = {
 
 
 class UnfinishedBag:
-    """The messages of the files of a recording up to where it broke off.
+    """Messages of the files of a recording up to the place where it broke off.
 
-    `parts` are its files in the order in which they were written; of the last one the end is
-    missing. `connections` are those of all parts, with the numbers of messages that are there.
-    `damage` says where something is missing with more behind it, and is empty if there is no such
-    place; only what is before it is there.
+    `parts` are the files in the order in which they were written; the last one has no end.
+    `connections` are those of all parts, with their numbers of messages. `damage` describes a place
+    at which something is missing and other data follow, else it is empty. Messages after that place
+    are left out.
 
-    Raises
-    ------
-    BagError
-        If a file is not MCAP.
-    OSError
-        If a file cannot be read.
+    Raises `BagError` if a file is not MCAP, and `OSError` if a file cannot be read.
     """
 
     def __init__(self, parts: Sequence[Path]) -> None:
@@ -93,12 +88,12 @@ class UnfinishedBag:
 
     @property
     def message_count(self) -> int:
-        """Number of messages that are there."""
+        """Number of messages."""
         return sum(connection.msgcount for connection in self.connections)
 
     @property
     def duration(self) -> float:
-        """Time in s from the first message to the last one, as they were logged."""
+        """Time from the first message to the last one in s, by their log times."""
         times = [time for part in self._parts for time in part.times]
         return (max(times) - min(times)) / NANOSECONDS
 
@@ -114,9 +109,9 @@ class UnfinishedBag:
 
 
 def unfinished_parts(path: Path) -> list[Path]:
-    """Return the files of a folder in their order if it is a recording that was not completed.
+    """Return the files of an unfinished recording in their order, none for any other path.
 
-    Such a folder has no ``metadata.yaml``: recorders write that at the end.
+    The folder of such a recording has no ``metadata.yaml``, which recorders write at the end.
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
@@ -129,12 +124,12 @@ def _number(part: Path) -> int:
 
 
 class _Part:
-    """An MCAP file up to where it was cut.
+    """An MCAP file up to the place where it was cut.
 
-    `ended` is whether all its data are there, although their index may be missing. `damage` says
-    where the file is not as a killed recorder or a machine without power leaves it: with a wrong
-    check sum and more behind it, for instance. Messages are those before. `times` are the earliest
-    and the latest log time of a message in ns, empty without any.
+    `ended` is whether all its data are there; its index may be missing. `damage` describes a state
+    of the file that is not that of a killed recorder or a power loss, such as a wrong check sum
+    with other data after it. Only messages before it are read. `times` are the earliest and the
+    latest log time of a message in ns, empty without messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -152,7 +147,7 @@ class _Part:
             self._scan(file)
 
     def connections(self) -> list[Connection]:
-        """Return the channels, with the numbers of messages that are there."""
+        """Return the channels with their numbers of messages."""
         return [self._connection(channel) for channel in self._channels.values()]
 
     def messages(self) -> Iterator[Message]:
@@ -165,7 +160,7 @@ class _Part:
                         yield record
 
     def _scan(self, file: BinaryIO) -> None:
-        """Read the records of the data up to the first that is not whole."""
+        """Read the records of the data up to the first incomplete one."""
         size, bad_chunk = os.fstat(file.fileno()).st_size, 0
         while not self.ended and len(head := file.read(_HEAD_SIZE)) == _HEAD_SIZE:
             opcode, length, begin = head[0], int.from_bytes(head[1:], 'little'), file.tell()
@@ -173,7 +168,7 @@ class _Part:
                 self.damage = f'wrong check sum of the chunk at byte {bad_chunk}'
                 return
             if opcode not in _READERS:
-                # After a loss of power, the room that the file system had reserved is still empty.
+                # After a power loss, the space that the file system had reserved may be empty.
                 rest = iter(lambda: file.read(_PIECE), b'')
                 if any(head) or any(piece.strip(b'\0') for piece in rest):
                     self.damage = f'no record at byte {begin - _HEAD_SIZE}'
@@ -182,7 +177,7 @@ class _Part:
                 return
             try:
                 self._add(opcode, begin, file.read(length))
-            # Damaged bytes can lead decompression and parsers anywhere.
+            # A parser may raise any exception for damaged bytes.
             except Exception:
                 if opcode != Opcode.CHUNK:
                     self.damage = f'the record at byte {begin - _HEAD_SIZE} is not valid'
@@ -190,7 +185,7 @@ class _Part:
                 bad_chunk = begin - _HEAD_SIZE
 
     def _add(self, opcode: int, begin: int, content: bytes) -> None:
-        """Add the content of a record: all of it, or nothing with an exception."""
+        """Add the content of a record. Nothing is added if it raises an exception."""
         records = _records(opcode, content)
         channels = {record.id: record for record in records if isinstance(record, Channel)}
         messages = [record for record in records if isinstance(record, Message)]
@@ -213,17 +208,22 @@ class _Part:
             text = schema.data.decode(errors='replace')
             definition = MessageDefinition(_FORMATS[schema.encoding], text)
         digest = channel.metadata.get('topic_type_hash', '')
-        extension = ConnectionExtRosbag2(channel.message_encoding, [])
         return Connection(
-            channel.id, channel.topic, schema.name, definition, digest, self._counts[channel.id],
-            extension, self,
-        )  # fmt: skip
+            id=channel.id,
+            topic=channel.topic,
+            msgtype=schema.name,
+            msgdef=definition,
+            digest=digest,
+            msgcount=self._counts[channel.id],
+            ext=ConnectionExtRosbag2(channel.message_encoding, []),
+            owner=self,
+        )
 
 
 def _records(opcode: int, content: bytes) -> list[McapRecord]:
-    """Return the records of a chunk, or the one that a record is by itself.
+    """Return the records of a chunk, or a single record.
 
-    A wrong check sum, or bytes that cannot be parsed, raise an exception.
+    Raises an exception if a check sum is wrong or the bytes cannot be parsed.
     """
     record = _READERS[opcode](ReadDataStream(BytesIO(content)), len(content))
     return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]

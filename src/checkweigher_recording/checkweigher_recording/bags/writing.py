@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writing a ROS 2 bag: MCAP with check sums, and metadata.yaml."""
+"""Writing of ROS 2 bags: MCAP with check sums, and metadata.yaml."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -30,7 +30,7 @@ from checkweigher_core.whole_file import OutputError, check_new, output_error, w
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 
-# Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
+# Does not depend on the folder, so that equal recordings have equal bytes.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # of the bag format
 _FOREVER = QosTime(9223372036, 854775807)
@@ -42,24 +42,24 @@ def write_bag(
 ) -> None:
     """Write the events of one lane as a new bag, all or nothing.
 
-    The log time of a message is the stamp of its event; that of the load cell, which comes first,
-    is the stamp of the first event. Equal events give equal bytes.
+    The log time of a message is the stamp of its event. The message of the load cell comes first,
+    with the stamp of the first event. Equal events give equal bytes.
 
     Parameters
     ----------
     path : Path
-        Folder to make; its parent must exist.
+        New folder; its parent must exist.
     load_cell : LoadCell
-        The cell that took the samples.
+        Load cell of the samples.
     events : iterable of SampleBlock, EyeEdge or Reference
-        In canonical order; they are not kept.
+        Events in canonical order; they are not kept in memory.
     namespace : str
-        Of the lane, ``''`` for none.
+        Namespace of the lane, ``''`` for none.
 
     Raises
     ------
     OutputError
-        If there is something at `path` already, or it cannot be written.
+        If `path` exists already, or cannot be written.
     BagError
         If the message definitions are not installed.
     """
@@ -73,18 +73,17 @@ def write_bag(
 
 
 class BagWriter:
-    """A new bag of serialized messages of some ports.
+    """A new bag of serialized messages of some ports, a context manager.
 
-    A context manager. The bag is there, whole, when the block ends without an exception; until
-    then, and after an exception, there is nothing under its name. With `in_place` it grows there
-    from the first message on, and what is there stays, without ``metadata.yaml`` until the end: so
-    a recording is not lost with its recorder. Equal messages, flushed alike, give equal bytes in
-    all files of the bag. `path`, `namespace` and errors are those of `write_bag`.
+    The bag appears complete when the block ends without an exception, otherwise not at all. With
+    `in_place` it grows at its place from the first message on, without ``metadata.yaml`` until the
+    end, so that a recording survives its recorder. Equal messages with equal calls of `flush` give
+    equal bytes. `path`, `namespace` and errors are those of `write_bag`.
 
     Notes
     -----
-    The file has check sums of each chunk, of the data section and of the summary, so any damage
-    shows. That is why it is written by the mcap package: rosbags leaves the check sums out.
+    The file has check sums of each chunk, of the data section and of the summary, so that damage is
+    detected. It is written by the mcap package because rosbags leaves the check sums out.
     """
 
     def __init__(
@@ -107,7 +106,7 @@ class BagWriter:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Complete the bag; after an exception remove it, or leave what is there in place."""
+        """Complete the bag. After an exception remove it, unless it is written in place."""
         try:
             if error is None:
                 self._complete()
@@ -125,16 +124,13 @@ class BagWriter:
 
     @property
     def message_count(self) -> int:
-        """Number of messages so far."""
+        """Number of messages that were written."""
         return self._counts.total()
 
     def put(self, port: Port, stamp: int, data: bytes) -> None:
-        """Append a message in CDR of one of the bag's ports; `stamp` is its log time, ns.
+        """Append a message in CDR of one of the ports of the bag; `stamp` is its log time in ns.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written, because the disk is full for instance.
+        Raises `OutputError` if it cannot be written, because the disk is full for instance.
         """
         mcap = self._mcap or self._open()
         try:
@@ -147,7 +143,7 @@ class BagWriter:
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
     def flush(self) -> None:
-        """Write what has come so far, so that it is there if this process is killed."""
+        """Write the messages so far to the file, so that they survive if this process is killed."""
         if self._mcap is not None:
             try:
                 self._mcap.flush()
@@ -164,7 +160,7 @@ class BagWriter:
             self._file = (self._folder / _FILE).open('xb')
             # The check sum of the data section is off by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # The name of the library, by default with its version, is part of the file.
+            # The default name of the library, with its version, would change the bytes.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:
@@ -203,7 +199,7 @@ class BagWriter:
         self._mcap.finish()
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-        # Readers take a bag with this file for whole.
+        # Written at the end, because for readers a bag with this file is complete.
         write_whole(self._folder / 'metadata.yaml', text)
         if not self._in_place:
             self._folder.rename(self._path)
@@ -245,7 +241,7 @@ class BagWriter:
 
 
 def _remove_partial(path: Path) -> None:
-    """Remove what writers of the same bag have left that were killed."""
+    """Remove the partial folders of killed writers of the same bag."""
     for folder in path.parent.glob(f'.{glob.escape(path.name)}.*.partial'):
         number = folder.suffixes[-2].lstrip('.')
         if number.isdecimal() and not Path(f'/proc/{number}').exists():
@@ -255,6 +251,13 @@ def _remove_partial(path: Path) -> None:
 def _qos(port: Port) -> Qos:
     durability = QosDurability.TRANSIENT_LOCAL if port.history.latched else QosDurability.VOLATILE
     return Qos(
-        QosHistory.KEEP_LAST, port.history.depth, QosReliability.RELIABLE, durability, _FOREVER,
-        _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False,
-    )  # fmt: skip
+        history=QosHistory.KEEP_LAST,
+        depth=port.history.depth,
+        reliability=QosReliability.RELIABLE,
+        durability=durability,
+        deadline=_FOREVER,
+        lifespan=_FOREVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )

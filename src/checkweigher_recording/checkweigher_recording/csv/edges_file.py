@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Edges of the photo-eyes of a CSV log, from a JSON file beside it."""
+"""Edges of the photo-eyes of a CSV log, from a JSON file."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 import json
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,9 @@ _LARGEST_NUMBER = 1e15  # of a row, a mass or a rate
 
 @dataclass(frozen=True, slots=True)
 class EdgesFile:
-    """Edges of the photo-eyes of a log, and what else its edges file says."""
+    """Content of an edges file."""
 
-    # Eye, row at which it switched, and whether it is blocked from there on.
+    # Eye, row at which it switched, and whether it is blocked from that row on.
     switches: tuple[tuple[Eye, float, bool], ...]
     masses: tuple[float, ...]  # kg, true ones of the items in order of entry; empty if not known
     sample_rate: float | None  # Hz
@@ -27,14 +27,12 @@ class EdgesFile:
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     """Read an edges file of a log of `rows` rows.
 
-    It is a JSON object that has for each eye, at its key in `keys`, a list of ``[row, level]``,
-    level 1 from that row on if the eye is blocked; the first entry is the state at the begin and no
-    edge. Optional: ``sample_rate_hz``, and ``mass_g``, a number for all items or a list.
+    It is a JSON object. For each eye it has, at the key in `keys`, a list of ``[row, level]``;
+    level 1 means that the eye is blocked from that row on. The first entry is the state at the
+    begin, not an edge. Optional keys are ``sample_rate_hz`` and ``mass_g``, a number for all items
+    or a list.
 
-    Raises
-    ------
-    CsvError
-        If the file cannot be read or does not hold that.
+    Raises `CsvError` if the file cannot be read or has other content.
     """
     text = read_text(path, 'utf-8')
     try:
@@ -56,24 +54,22 @@ def _switches(where: str, entries: Any, rows: int) -> list[tuple[float, bool]]:
     """Return row and state of each edge of one eye."""
     if not isinstance(entries, list) or not entries:
         raise CsvError(f'{where}: must be a list of [row, level]')
-    states: list[tuple[float, bool]] = []
     for entry in entries:
         if not (isinstance(entry, list) and len(entry) == 2 and entry[1] in (0, 1)):
             raise CsvError(f'{where}: {entry!r} is not [row, level] with level 0 or 1')
-        row, blocked = entry[0], bool(entry[1])
-        if not _is_number(row) or not 0 <= row < rows:
-            raise CsvError(f'{where}: row {row!r} is not in 0..{rows - 1}')
-        if states and (row <= states[-1][0] or blocked == states[-1][1]):
-            raise CsvError(f'{where}: {entry!r} does not follow {list(entries[len(states) - 1])!r}')
-        states.append((row, blocked))
-    return states[1:]
+        if not _is_number(entry[0]) or not 0 <= entry[0] < rows:
+            raise CsvError(f'{where}: row {entry[0]!r} is not in 0..{rows - 1}')
+    for before, entry in pairwise(entries):
+        if entry[0] <= before[0] or entry[1] == before[1]:
+            raise CsvError(f'{where}: {entry!r} does not follow {before!r}')
+    return [(row, bool(level)) for row, level in entries[1:]]
 
 
 def _masses(path: Path, content: dict[str, Any], items: int) -> tuple[float, ...]:
     given = content.get('mass_g')
     if given is None:
         return ()
-    masses: Sequence[Any] = given if isinstance(given, list) else [given] * items
+    masses = given if isinstance(given, list) else [given] * items
     if len(masses) != items:
         raise CsvError(f'{path}: mass_g: {len(masses)} masses for {items} items')
     for mass in masses:

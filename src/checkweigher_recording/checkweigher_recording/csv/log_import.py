@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Import of a laboratory's CSV log: bridge signal, photo-eyes and calibration become records."""
+"""Import of CSV logs of laboratories: bridge signal, photo-eyes and calibration."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -33,13 +33,11 @@ _INT32 = np.iinfo(np.int32)
 class ImportParameters(Parameters):
     """Columns of a log, and the calibration of its signal.
 
-    A column is named as in the header row, or by its number from 0. The calibration is given
-    either in counts or, as laboratories have it, as mass = slope * signal + offset in g.
+    A column is given by its name in the header row, or by its number from 0. The calibration is
+    given in counts, or as mass = slope * signal + offset in g.
 
-    Raises
-    ------
-    ParameterError
-        If a value is out of range, or the calibration is missing or given twice.
+    Raises `ParameterError` if a value is out of range, or the calibration is missing or given
+    twice.
     """
 
     node: ClassVar[str] = 'import'
@@ -47,9 +45,12 @@ class ImportParameters(Parameters):
     signal: str = parameter('', 'column of the signal; empty takes the only column')
     time: str = parameter('', 'column of the time in s; empty counts by sample_rate')
     sample_rate: float = parameter(
-        0.0, 'samples a second; 0 takes it from the time column or the edges file',
-        unit='Hz', minimum=0.0, maximum=1e6,
-    )  # fmt: skip
+        0.0,
+        'samples a second; 0 takes it from the time column or the edges file',
+        unit='Hz',
+        minimum=0.0,
+        maximum=1e6,
+    )
     delimiter: str = parameter(',', 'between columns', choices=(',', ';', 'tab', 'space'))
     decimal: str = parameter('.', 'decimal mark', choices=('.', ','))
     infeed: str = parameter('', 'column of the infeed eye; empty if there is an edges file')
@@ -79,9 +80,12 @@ class ImportParameters(Parameters):
     serial_number: str = parameter('', 'of the load cell')
     samples_per_block: int = parameter(10, 'samples in one block', minimum=1, maximum=10_000)
     start_time: int = parameter(
-        1_700_000_000, 'stamp of the first sample, since 1970', unit='s', minimum=0,
+        1_700_000_000,
+        'stamp of the first sample, since 1970',
+        unit='s',
+        minimum=0,
         maximum=2_000_000_000,
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,15 +113,15 @@ class ImportParameters(Parameters):
 def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = None) -> Recording:
     """Read a log, a CSV file with or without a header row.
 
-    `edges` is a file with the switching of the photo-eyes, see `edges_file.read_edges_file`. The
-    recording has a jump of ``first_index`` where the time column jumps.
+    `edges` is a file with the edges of the photo-eyes, see `edges_file.read_edges_file`. The
+    ``first_index`` of the blocks jumps where the time column jumps.
 
     Raises
     ------
     CsvError
-        If a file cannot be read or does not hold what the parameters say.
+        If a file cannot be read, or its content does not agree with the parameters.
     ParameterError
-        If parameters and files do not fit each other.
+        If parameters and files contradict each other.
     """
     if (edges is None) == (not parameters.infeed):
         raise ParameterError('import.infeed: give either columns of the eyes or an edges file')
@@ -142,14 +146,14 @@ def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = No
 
 @dataclass(frozen=True, slots=True)
 class _Clock:
-    """When the rows of a log were sampled."""
+    """Sampling times of the rows of a log."""
 
     sample_rate: float  # Hz
     index: NDArray[np.int64]  # of each row, in samples since the first one
     begin: int  # ns, stamp of the first row
 
     def stamp(self, row: float) -> int:
-        """Return the stamp of a row, also between two rows."""
+        """Return the stamp of a row in ns, interpolated between two rows."""
         below = min(int(row), len(self.index) - 1)
         above = min(below + 1, len(self.index) - 1)
         begin, end = int(self.index[below]), int(self.index[above])
@@ -159,30 +163,23 @@ class _Clock:
 
 
 def _clock(table: Table, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
-    """Place the rows on an even grid; a hole in the time column leaves a hole in the grid."""
-    rates = [parameters.sample_rate] if parameters.sample_rate else []
-    if content is not None and content.sample_rate is not None:
-        rates.append(content.sample_rate)
-    if len(rates) == 2 and not math.isclose(*rates, rel_tol=1e-6):
-        raise ParameterError(
-            f'import.sample_rate: {rates[0]:g} Hz, but the edges file says {rates[1]:g} Hz'
-        )
+    """Assign the rows to an even grid; a gap in the time column becomes a gap in the grid."""
+    rate, rows = _given_rate(parameters, content), len(table.columns['signal'])
     begin = parameters.start_time * NANOSECONDS
-    rows = len(table.columns['signal'])
     time = table.columns.get('time')
     if time is None:
-        if not rates:
+        if not rate:
             raise ParameterError('import.sample_rate: not known; give it, or a time column')
-        return _Clock(rates[0], np.arange(rows), begin)
+        return _Clock(rate, np.arange(rows), begin)
     if rows < 2:
         raise CsvError(f'{table.path}: a single row, no signal')
     step = np.diff(time)
     backward = np.flatnonzero(step <= 0)
     if len(backward):
         raise CsvError(f'{table.place(int(backward[0]) + 1)}: the time does not increase')
-    # From step to step, so that neither a rounded time column nor a rate that is a little wrong
-    # adds up to a hole.
-    samples = np.rint(step * rates[0] if rates else step / np.median(step)).astype(np.int64)
+    # Each step is rounded by itself, so that the errors of rounded times or of the rate do not add
+    # up to a gap.
+    samples = np.rint(step * rate if rate else step / np.median(step)).astype(np.int64)
     double = np.flatnonzero(samples == 0)
     if len(double):
         raise CsvError(
@@ -190,7 +187,17 @@ def _clock(table: Table, parameters: ImportParameters, content: EdgesFile | None
             'not evenly sampled'
         )
     index = np.concatenate(([0], np.cumsum(samples)))
-    return _Clock(rates[0] if rates else float(index[-1] / (time[-1] - time[0])), index, begin)
+    return _Clock(rate or float(index[-1] / (time[-1] - time[0])), index, begin)
+
+
+def _given_rate(parameters: ImportParameters, content: EdgesFile | None) -> float:
+    """Return the sample rate of the parameters or the edges file in Hz, 0 if it is not given."""
+    given, of_file = parameters.sample_rate, content.sample_rate if content else None
+    if given and of_file and not math.isclose(given, of_file, rel_tol=1e-6):
+        raise ParameterError(
+            f'import.sample_rate: {given:g} Hz, but the edges file says {of_file:g} Hz'
+        )
+    return given or of_file or 0.0
 
 
 def _blocks(table: Table, clock: _Clock, parameters: ImportParameters) -> Iterator[SampleBlock]:

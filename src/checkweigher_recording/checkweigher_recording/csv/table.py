@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of numbers from a CSV file, and the lines of errors in it."""
+"""Reading of columns of numbers from a CSV file."""
 
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,34 +15,32 @@ from checkweigher_core.input_files import read_input
 
 
 class CsvError(ValueError):
-    """A file that cannot be imported; one line that names the file, the place and the error."""
+    """A file that cannot be imported. The message names the file, the place and the error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Columns of a CSV file by their use, (n,) float64 each; all values are finite."""
+    """Columns of a CSV file by their use, (n,) each, with finite values."""
 
     path: Path
     columns: dict[str, NDArray[np.float64]]
     _line_numbers: 'array[int]'  # from 0
 
     def place(self, row: int) -> str:
-        """Return file and line number of a row from 0, for error messages."""
+        """Return file and line number of a row, counted from 0, for error messages."""
         return f'{self.path}:{self._line_numbers[row] + 1}'
 
 
 def read_table(
     path: Path, columns: Mapping[str, str], delimiter: str | None, decimal: str
 ) -> Table:
-    """Read some columns of a CSV file, whose first row is its header if it is not numbers.
+    """Read columns of a CSV file. The first row is the header unless it has numbers only.
 
-    `columns` gives for each use the column's name or number from 0; empty for the only column. A
-    `delimiter` None is any white space; `decimal` is the decimal mark.
+    `columns` has name or number from 0 of the column for each use, empty for the only column. The
+    `delimiter` None means white space, and `decimal` is the decimal mark.
 
-    Raises
-    ------
-    CsvError
-        If the file cannot be read, lacks a column or holds something that is not a number.
+    Raises `CsvError` if the file cannot be read, lacks a column or holds something that is not a
+    number.
     """
     lines = read_text(path, 'utf-8-sig').splitlines()
     numbers = array('q', (number for number, line in enumerate(lines) if line.strip()))
@@ -62,7 +60,7 @@ def read_table(
 
 
 def read_text(path: Path, encoding: str) -> str:
-    """Read a text file; CsvError if that is not possible."""
+    """Read a text file; `CsvError` if it cannot be read."""
     try:
         return read_input(path).decode(encoding)
     except OSError as error:
@@ -77,7 +75,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
     except csv.Error:
-        return [line]  # a cell without an end, which is no number
+        return [line]  # a quoted cell without an end
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -89,7 +87,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _column(path: Path, use: str, name: str, header: list[str], width: int) -> int:
-    """Return the place of a column."""
+    """Return the number of a column."""
     listed = ', '.join(header) if header else f'0 to {width - 1}, without names'
     if not name:
         if width != 1:
@@ -105,10 +103,14 @@ def _column(path: Path, use: str, name: str, header: list[str], width: int) -> i
 
 
 def _parse(
-    path: Path, lines: Sequence[str], numbers: 'array[int]', places: list[int],
-    delimiter: str | None, decimal: str,
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return the columns at some places of the lines with these numbers: (n, m) float64."""
+    path: Path,
+    lines: Sequence[str],
+    numbers: 'array[int]',
+    places: list[int],
+    delimiter: str | None,
+    decimal: str,
+) -> NDArray[np.float64]:
+    """Return the columns at some places of the lines with some numbers, (n, m)."""
     if not numbers:
         raise CsvError(f'{path}: no rows below the header')
 
@@ -120,7 +122,7 @@ def _parse(
             rows(), delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
-        # The error counts rows, not lines, and from another one on.
+        # The error of numpy has the number of a row instead of the line.
         for number, row in zip(numbers, rows(), strict=True):
             if problem := _problem(_cells(row, delimiter), places):
                 raise CsvError(f'{path}:{number + 1}: {problem}') from None
@@ -128,7 +130,7 @@ def _parse(
 
 
 def _problem(cells: list[str], places: list[int]) -> str:
-    """Return what is wrong with a row, empty if nothing is."""
+    """Return the fault of a row, empty if there is none."""
     for place in places:
         if place >= len(cells):
             return f'{len(cells)} columns, needs {place + 1}'

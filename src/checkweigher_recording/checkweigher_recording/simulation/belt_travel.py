@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Positions of the products of a simulated line: entries and exits of the weigh belt."""
+"""Positions of the products on the belt of a simulated line."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -10,8 +10,8 @@ from itertools import cycle
 import numpy as np
 from numpy.typing import NDArray
 
-# A product that is half on the belt also moves half with it. Its share is taken as constant over
-# 1/16 of the crossing: the platform's mass is then wrong by at most 1/32 of the product's.
+# Half of the mass of a product that is half on the belt moves with the platform. The share is
+# kept constant over 1/16 of the crossing. The error is at most 1/32 of the product.
 _STAIRS = 16
 
 
@@ -20,7 +20,7 @@ class Line:
     """Products on a belt."""
 
     speed: float  # m/s, mean
-    speed_jitter: float  # relative standard deviation; a new speed holds from each entry on
+    speed_jitter: float  # relative standard deviation; the speed changes at each entry
     spacing: float  # m, as the two lengths
     product_length: float
     weigh_length: float
@@ -33,7 +33,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """One product crossing the weigh belt."""
+    """Passage of one product over the weigh belt."""
 
     mass: float  # kg
     t1: float  # s, begins to enter
@@ -41,28 +41,33 @@ class Pass:
     t3: float  # s, begins to leave
     t4: float  # s, is gone
     travel: float  # m, of the belt at t1
-    impact: float  # standard normal number: sign and size of its impact at entry
+    impact: float  # standard normal number, sign and size of the impact at entry
     length: float  # m, of the product
     number: int  # from 0
 
 
 class BeltTravel:
-    """Travel of the belt over time and the passes on it.
+    """Travel of the belt over time, and the passes on it.
 
-    Time only moves on: what is over is forgotten, so an endless line needs no more memory than a
-    short one. `passes` are those that are planned and not over, in order of entry; `last_exit` is
-    t4 of the last product, s, once it is planned. What an operator sets holds for what is planned
-    after that: `speed` in m/s, `feed`, which tells whether products come, their `mass` in kg, 0 for
-    those of the line. `resting` is the mass that stands on the belt, kg.
+    Time only advances, and passes that are over are removed, so that an endless line needs no more
+    memory than a short one. `passes` are the planned passes that are not over, in order of entry;
+    `last_exit` is t4 of the last product in s, once it is planned.
+
+    An operator may set `speed` in m/s, `feed` (whether products come), their `mass` in kg (0 for
+    those of the line), and `resting`, the mass that stands on the belt in kg. They hold for what is
+    planned afterwards.
     """
 
     def __init__(
-        self, line: Line, random: np.random.Generator, products: np.random.Generator | None = None,
+        self,
+        line: Line,
+        random: np.random.Generator,
+        products: np.random.Generator | None = None,
         next_mass: Callable[[], float] | None = None,
-    ) -> None:  # fmt: skip
-        """Begin a line whose speeds follow from `random`, lengths and gaps from `products`.
+    ) -> None:
+        """Begin a line with random speeds from `random`, and lengths and gaps from `products`.
 
-        `next_mass` gives the mass of each product, kg; without it they are those of the line.
+        `next_mass` returns the mass of each product in kg, by default that of the line.
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
@@ -77,13 +82,12 @@ class BeltTravel:
         self._next = 0.0  # m, travel at which the next product enters
         self._knots = 0
         self._impacts: deque[float] = deque()
-        # Time and travel where the belt changes its speed: at each entry, and one knot before
-        # everything, from where the belt runs up to the first.
+        # Times and travels of changes of the speed: 1 s before the begin, and at each entry.
         self._times = [-1.0, line.first_entry]
         self._travels = [-(line.first_entry + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Forget what is over at `begin`, return the entries planned up to `end`; both in s."""
+        """Remove passes that are over at `begin`, and return new ones up to `end`, both in s."""
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:
             del self._times[0], self._travels[0]
@@ -102,24 +106,24 @@ class BeltTravel:
         return np.interp(time, self._times, self._travels)
 
     def load(self, time: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the mass in kg that rests on the belt at times (n,) and their travels."""
+        """Return the mass on the belt in kg at times and their travels, (n,) each."""
         load = np.full(len(time), self.resting)
         for entry, touched in self.touched(time):
             load[touched] += entry.mass * self.share(entry, travel[touched])
         return load
 
     def touched(self, time: NDArray[np.float64]) -> Iterator[tuple[Pass, slice]]:
-        """Yield each pass with the times, of (n,) within the plan, at which it is on the belt."""
+        """Yield each pass with the slice of the times, (n,), at which it is on the belt."""
         for entry in self.passes:
             yield entry, slice(*np.searchsorted(time, (entry.t1, entry.t4)))
 
     def load_steps(
         self, time: NDArray[np.float64], travel: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """Return where the mass that moves with the platform changes, in stairs.
+        """Return the mass that moves with the platform as a staircase.
 
-        These are the steps at which it changes, (m + 1,) from 0 to n, and the mass on the platform
-        from each of them to the next, (m,) in kg.
+        Returns the steps at which it changes, (m + 1,) from 0 to n, and the mass between them,
+        (m,) in kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:
@@ -135,7 +139,7 @@ class BeltTravel:
         return bounds, mass
 
     def share(self, entry: Pass, travel: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return which part of a product rests on the belt at travels (n,) in m, in 0..1."""
+        """Return the fraction of a product on the belt, in 0..1, at travels (n,) in m."""
         way = travel - entry.travel
         leaving = way - self._line.weigh_length
         return np.clip(way / entry.length, 0, 1) - np.clip(leaving / entry.length, 0, 1)
@@ -157,12 +161,13 @@ class BeltTravel:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
-        mass = self._next_mass()
-        mass = self.mass or mass
+        mass = self._next_mass()  # also if the operator has set another one
         self._planned += 1
         if self._complete():
             self.last_exit = t4
-        return Pass(mass, t1, t2, t3, t4, entry, self._impacts.popleft(), length, number)
+        return Pass(
+            self.mass or mass, t1, t2, t3, t4, entry, self._impacts.popleft(), length, number
+        )
 
     def _extend(self) -> None:
         jitter, impact = self._random.standard_normal(2)

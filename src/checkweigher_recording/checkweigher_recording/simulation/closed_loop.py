@@ -15,17 +15,8 @@ from checkweigher_recording.simulation.simulator import Simulation
 def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
     """Yield the events of a line whose filler takes each correction as soon as it is known.
 
-    Parameters
-    ----------
-    simulation : Simulation
-        Line with the filler.
-    product : Product
-        Recipe with the feedback; the line weighs by it.
-
-    Raises
-    ------
-    ValueError
-        If the recipe has no feedback.
+    The line weighs by the recipe of `product`, which must have feedback to the filler. Raises
+    `ValueError` if it has none.
     """
     if product.filler is None:
         raise ValueError(f'{product.name}: its recipe has no filler')

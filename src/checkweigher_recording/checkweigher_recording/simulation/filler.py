@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated filler: it drifts, scatters, and takes a correction that the scale sees later."""
+"""A simulated filler with drift, spread, and a delay between filler and scale."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -10,31 +10,21 @@ import numpy as np
 
 
 class Filler:
-    """The masses of the products of a line, in order.
+    """Filler that determines the masses of the products of a line.
 
-    Parameters
-    ----------
-    masses : sequence of float
-        kg, set points, taken in turn.
-    drift : float
-        kg, from one product to the next.
-    spread : float
-        kg, standard deviation from product to product.
-    delay : int
-        Products that are filled and not yet on the scale.
-    random : numpy.random.Generator
-        Of the spread.
-
-    Attributes
-    ----------
-    correction : float
-        kg, added to the set point of what is filled from now on.
+    `masses` are the set points in kg, taken in turn. `drift` from one product to the next and
+    `spread` (standard deviation) are in kg, and `delay` is the number of products between filler
+    and scale. `correction`, in kg, is added to the set points of the products that are filled next.
     """
 
     def __init__(
-        self, masses: Sequence[float], drift: float, spread: float, delay: int,
+        self,
+        masses: Sequence[float],
+        drift: float,
+        spread: float,
+        delay: int,
         random: np.random.Generator,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.correction = 0.0
         self._set_points = cycle(masses)
         self._drift, self._spread, self._delay, self._random = drift, spread, delay, random
@@ -42,7 +32,7 @@ class Filler:
         self._on_the_way: deque[float] = deque()
 
     def next_mass(self) -> float:
-        """Return the mass of the product that reaches the scale next, kg, never below 0."""
+        """Return the mass of the next product on the scale in kg, not below 0."""
         while len(self._on_the_way) <= self._delay:
             self._on_the_way.append(self._fill())
         return self._on_the_way.popleft()

@@ -2,31 +2,75 @@
 # SPDX-License-Identifier: Apache-2.0
 """A family of belt scales: profile ``machine:SEED`` draws one of them at random.
 
-A drawn machine has what a tidy model leaves out, each cause a field of `Machine` that `without`
-takes away. The ranges are those of belt scales for products up to some kilograms, chosen by the
-physics and not fitted to any one machine. Masses are kg, lengths m, forces kg (divided by g).
+A drawn machine has disturbances that a simple model leaves out. Each cause is a field of `Machine`,
+and `without` removes causes. The ranges are those of belt scales for products up to some kilograms,
+chosen by physics and not fitted to one machine. Masses are in kg, lengths in m, forces in kg
+(divided by g).
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 PREFIX = 'machine:'
+_Cause = TypeVar('_Cause')
+
+
+class _Draw:
+    """Draws from ranges."""
+
+    def __init__(self, seed: np.random.SeedSequence) -> None:
+        self._random = generator(seed)
+
+    def even(self, low: float, high: float) -> float:
+        """Return a number from a range, all equally likely."""
+        return float(self._random.uniform(low, high))
+
+    def ratio(self, low: float, high: float) -> float:
+        """Return a number from a range, all orders of magnitude equally likely."""
+        return float(low * (high / low) ** self._random.uniform())
+
+    def sign(self, low: float, high: float) -> float:
+        """Return a number as `ratio` with a random sign."""
+        return self.ratio(low, high) * self.one_of(-1, 1)
+
+    def one_of(self, *values: Any) -> Any:
+        """Return one of some values."""
+        return values[int(self._random.integers(len(values)))]
+
+    def all_of(self, kind: Callable[..., _Cause]) -> _Cause:
+        """Return an object of a class whose fields have ranges."""
+        return kind(*(each.metadata['draw'](self) for each in fields(kind)))  # type: ignore[arg-type]
+
+
+def generator(seed: np.random.SeedSequence) -> np.random.Generator:
+    """Return the generator of all random numbers of a simulation."""
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def _range(draw: Callable[[_Draw, float, float], float], low: float, high: float) -> Any:
+    """Declare a field with the range from which it is drawn."""
+    return field(metadata={'draw': lambda source: draw(source, low, high)})
+
+
+_even, _ratio, _sign = (partial(_range, draw) for draw in (_Draw.even, _Draw.ratio, _Draw.sign))
 
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """A way in which the platform vibrates: a mass on a spring and a damper."""
+    """Vibration of the platform: a mass on a spring and a damper."""
 
-    natural_frequency: float  # Hz, of the empty platform
-    damping_ratio: float
-    moving_mass: float  # kg
+    natural_frequency: float = _ratio(18.0, 50.0)  # Hz, of the empty platform
+    damping_ratio: float = _ratio(0.025, 0.1)
+    moving_mass: float = _even(1.5, 4.0)  # kg
 
 
 @dataclass(frozen=True, slots=True)
 class Rocking:
-    """Rocking of the platform about its middle, which the cell reads as a part of the load."""
+    """Rocking of the platform about its middle, which adds to the reading."""
 
     mode: Mode
     coupling: float  # reading of a load at the end of the belt, as a share of the load
@@ -36,39 +80,39 @@ class Rocking:
 class Corner:
     """Corner error: relative error of a load at p, from -1 at the infeed to 1 at the outfeed."""
 
-    linear: float
-    square: float
+    linear: float = _sign(2e-4, 2e-3)
+    square: float = _sign(2e-4, 2e-3)
 
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """What a product does as it crosses an end of the belt, in proportion to mass**power.
+    """Forces of a product that crosses an end of the belt, in proportion to mass**power.
 
-    Its edges strike the belt, and it tips: what rests on the belt is not the part that is past its
-    end. Of both there is a part that is the same in each pass and one that is not.
+    Its edges strike the belt, and it tips: the load on the belt is not proportional to the length
+    on the belt. Both have a part that is the same in each pass and a part that varies.
     """
 
-    strike: float  # s/m, peak force per kg and belt speed, mean over passes
-    strike_spread: float  # s/m, standard deviation from edge to edge
-    duration: float  # s, of the strike
-    tipping: float  # share of the mass half way over the infeed end, mean over passes
-    tipping_spread: float
-    power: float  # 1 is proportional to the mass
+    strike: float = _sign(0.002, 0.03)  # s/m, peak force per kg and belt speed, mean over passes
+    strike_spread: float = _ratio(0.002, 0.02)  # s/m, standard deviation from edge to edge
+    duration: float = _ratio(0.003, 0.012)  # s, of the strike
+    tipping: float = _sign(0.01, 0.06)  # share of the mass half way over the infeed end, mean
+    tipping_spread: float = _ratio(0.003, 0.03)
+    power: float = _even(0.8, 1.4)  # 1 is proportional to the mass
 
 
 @dataclass(frozen=True, slots=True)
 class Bounce:
-    """A product that bounces after it is on the belt: a damped swing, in each pass another."""
+    """Bounce of a product after its entry: a damped swing that differs from pass to pass."""
 
-    size: float  # s/m, amplitude per kg and belt speed, standard deviation
-    frequency: float  # Hz, varies by a tenth
-    decay: float  # s
-    power: float  # as that of `Transfer`
+    size: float = _ratio(0.002, 0.015)  # s/m, amplitude per kg and belt speed, standard deviation
+    frequency: float = _ratio(8.0, 40.0)  # Hz, varies by a tenth
+    decay: float = _ratio(0.02, 0.08)  # s
+    power: float = _even(0.8, 1.4)  # as that of `Transfer`
 
 
 @dataclass(frozen=True, slots=True)
 class Roller:
-    """A roller whose unbalance shakes the belt at its turning and harmonics."""
+    """Roller whose unbalance shakes the belt at its frequency and harmonics."""
 
     diameter: float  # m
     amplitudes: tuple[float, ...]  # kg s/m, per belt speed, by order from 1
@@ -79,7 +123,7 @@ class Roller:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """The joint of the belt, which strikes the rollers at both ends once in a turn of it."""
+    """Joint of the belt, which strikes the rollers at both ends once per revolution."""
 
     belt_length: float  # m
     width: float  # m
@@ -105,49 +149,50 @@ class Amplifier:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Zero that drifts."""
+    """Drift of the zero."""
 
-    rate: float  # kg/s
-    wander: float  # kg, standard deviation about the straight line, over minutes
+    rate: float = _sign(3e-6, 5e-5)  # kg/s
+    wander: float = _ratio(2e-5, 2e-4)  # kg, standard deviation about a line, over minutes
 
 
 @dataclass(frozen=True, slots=True)
 class Creep:
-    """Creep of the load cell: the reading goes on to rise under a load, and comes back after it."""
+    """Creep of the load cell: the reading continues to rise under a load, and recovers later."""
 
-    share: float
-    time: float  # s
+    share: float = _sign(1e-4, 1e-3)
+    time: float = _ratio(3.0, 60.0)  # s
 
 
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """Photo-eyes that stand off their places and jitter."""
+    """Offset of the photo-eyes from their places, and jitter of their edges."""
 
-    infeed: float  # m, along the belt
-    outfeed: float
-    jitter: float  # s, standard deviation of an edge
+    infeed: float = _even(-0.003, 0.003)  # m, along the belt
+    outfeed: float = _even(-0.003, 0.003)
+    jitter: float = _ratio(2e-5, 3e-4)  # s, standard deviation of an edge
 
 
 @dataclass(frozen=True, slots=True)
 class Variation:
     """Standard deviations from product to product."""
 
-    speed: float  # relative; as in a profile a new speed holds from each entry on
-    length: float  # relative, of the product
-    spacing: float  # m
+    speed: float = _ratio(1e-3, 5e-3)  # relative; as in a profile, a new speed at each entry
+    length: float = _ratio(2e-3, 8e-3)  # relative, of the product
+    spacing: float = _even(0.02, 0.07)  # m
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
     """Noise of belt and electronics."""
 
-    broadband: float  # kg s/m / sqrt(Hz), square root of the one-sided density per belt speed
-    electronic: float  # kg, standard deviation of each sample
+    # kg s/m / sqrt(Hz), square root of the one-sided density per belt speed.
+    broadband: float = _ratio(1e-5, 1e-4)
+    electronic: float = _ratio(3e-6, 4e-5)  # kg, standard deviation of each sample
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Values that `SimulationParameters` has, too: those of this machine where none are given."""
+    """Defaults of this machine for fields of `SimulationParameters`."""
 
     sample_rate: float  # Hz
     counts_per_kg: float
@@ -158,7 +203,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """One machine of the family; a cause that is None is not there."""
+    """One machine of the family. A cause that is None is absent."""
 
     setup: Setup
     platform: Mode
@@ -177,7 +222,7 @@ class Machine:
     noise: Noise | None
 
     def without(self, *causes: str) -> Self:
-        """Return the same machine without causes, which are named as their fields."""
+        """Return the same machine without some causes, by the names of their fields."""
         absent: dict[str, Any] = dict.fromkeys(causes)
         return replace(self, **absent)
 
@@ -186,12 +231,9 @@ CAUSES = tuple(field.name for field in fields(Machine))[2:]
 
 
 def machine_of(profile: str) -> Machine | None:
-    """Return the machine of ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``, None of all others.
+    """Return the machine of ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``, None of others.
 
-    Raises
-    ------
-    ValueError
-        If the seed is no number from 0 on, or there is no such cause.
+    Raises `ValueError` if the seed is not a whole number, or there is no such cause.
     """
     if not profile.startswith(PREFIX):
         return None
@@ -207,59 +249,29 @@ def machine_of(profile: str) -> Machine | None:
 def draw(seed: int) -> Machine:
     """Draw a machine; equal seeds give equal machines.
 
-    Each field draws from a stream of its own, so that a range that is changed changes no other.
+    Each field has its own stream of random numbers, so that its ranges do not affect other fields.
     """
-    streams = {
-        field.name: _Draw(np.random.Generator(np.random.PCG64(child)))
-        for field, child in zip(
-            fields(Machine), np.random.SeedSequence(seed).spawn(len(fields(Machine))), strict=True
-        )
-    }
-    setup = _setup(streams['setup'])
-    platform = Mode(
-        streams['platform'].ratio(18.0, 50.0), streams['platform'].ratio(0.025, 0.1),
-        streams['platform'].even(1.5, 4.0),
-    )  # fmt: skip
+    names = [each.name for each in fields(Machine)]
+    seeds = np.random.SeedSequence(seed).spawn(len(names))
+    streams = {name: _Draw(each) for name, each in zip(names, seeds, strict=True)}
+    setup, platform = _setup(streams['setup']), streams['platform'].all_of(Mode)
     return Machine(
         setup=setup,
         platform=platform,
         rocking=_rocking(streams['rocking'], platform),
-        corner=Corner(streams['corner'].sign(2e-4, 2e-3), streams['corner'].sign(2e-4, 2e-3)),
-        transfer=_transfer(streams['transfer']),
-        bounce=_bounce(streams['bounce']),
-        rollers=_rollers(streams['rollers']),
+        corner=streams['corner'].all_of(Corner),
+        transfer=streams['transfer'].all_of(Transfer),
+        bounce=streams['bounce'].all_of(Bounce),
+        rollers=tuple(map(_roller, [streams['rollers']] * streams['rollers'].one_of(1, 2, 3))),
         joint=_joint(streams['joint'], setup),
         floor=_floor(streams['floor']),
         amplifier=_amplifier(streams['amplifier']),
-        drift=Drift(streams['drift'].sign(3e-6, 5e-5), streams['drift'].ratio(2e-5, 2e-4)),
-        creep=Creep(streams['creep'].sign(1e-4, 1e-3), streams['creep'].ratio(3.0, 60.0)),
-        eyes=_eyes(streams['eyes']),
-        variation=_variation(streams['variation']),
-        noise=Noise(streams['noise'].ratio(1e-5, 1e-4), streams['noise'].ratio(3e-6, 4e-5)),
+        drift=streams['drift'].all_of(Drift),
+        creep=streams['creep'].all_of(Creep),
+        eyes=streams['eyes'].all_of(Eyes),
+        variation=streams['variation'].all_of(Variation),
+        noise=streams['noise'].all_of(Noise),
     )
-
-
-class _Draw:
-    """Draws from ranges."""
-
-    def __init__(self, random: np.random.Generator) -> None:
-        self._random = random
-
-    def even(self, low: float, high: float) -> float:
-        """Return a number from a range, all equally likely."""
-        return float(self._random.uniform(low, high))
-
-    def ratio(self, low: float, high: float) -> float:
-        """Return a number from a range, all orders of magnitude equally likely."""
-        return float(low * (high / low) ** self._random.uniform())
-
-    def sign(self, low: float, high: float) -> float:
-        """Return as `ratio` does, with a random sign."""
-        return self.ratio(low, high) * self.one_of(-1, 1)
-
-    def one_of(self, *values: Any) -> Any:
-        """Return one of some values."""
-        return values[int(self._random.integers(len(values)))]
 
 
 def _setup(draw: _Draw) -> Setup:
@@ -279,37 +291,20 @@ def _rocking(draw: _Draw, platform: Mode) -> Rocking:
     return Rocking(mode, draw.sign(5e-4, 5e-3))
 
 
-def _transfer(draw: _Draw) -> Transfer:
-    return Transfer(
-        strike=draw.sign(0.002, 0.03), strike_spread=draw.ratio(0.002, 0.02),
-        duration=draw.ratio(0.003, 0.012), tipping=draw.sign(0.01, 0.06),
-        tipping_spread=draw.ratio(0.003, 0.03), power=draw.even(0.8, 1.4),
-    )  # fmt: skip
-
-
-def _bounce(draw: _Draw) -> Bounce:
-    return Bounce(
-        draw.ratio(0.002, 0.015), draw.ratio(8.0, 40.0), draw.ratio(0.02, 0.08),
-        draw.even(0.8, 1.4),
-    )  # fmt: skip
-
-
-def _rollers(draw: _Draw) -> tuple[Roller, ...]:
-    rollers = []
-    for _ in range(draw.one_of(1, 2, 3)):
-        first = draw.ratio(1e-4, 1e-3)
-        falling = tuple(first * draw.even(0.2, 1.0) / order for order in range(2, 5))
-        rollers.append(
-            Roller(
-                diameter=draw.even(0.02, 0.06), amplitudes=(first, *falling),
-                wander=draw.ratio(0.05, 1.0), growth=draw.even(0.5, 4.0), place=draw.even(-1, 1),
-            )
-        )  # fmt: skip
-    return tuple(rollers)
+def _roller(draw: _Draw) -> Roller:
+    first = draw.ratio(1e-4, 1e-3)
+    falling = tuple(first * draw.even(0.2, 1.0) / order for order in range(2, 5))
+    return Roller(
+        diameter=draw.even(0.02, 0.06),
+        amplitudes=(first, *falling),
+        wander=draw.ratio(0.05, 1.0),
+        growth=draw.even(0.5, 4.0),
+        place=draw.even(-1, 1),
+    )
 
 
 def _joint(draw: _Draw, setup: Setup) -> Joint:
-    # Around both rollers, which are as far apart as the eyes.
+    # The belt runs around both rollers, whose distance is that of the eyes.
     belt = 2 * setup.weigh_length * draw.even(1.1, 1.5)
     return Joint(belt, draw.even(0.004, 0.015), draw.sign(5e-4, 5e-3))
 
@@ -324,11 +319,3 @@ def _floor(draw: _Draw) -> Floor:
 def _amplifier(draw: _Draw) -> Amplifier | None:
     order, cutoff = draw.one_of(1, 2, 3, 4), draw.ratio(15.0, 100.0)
     return draw.one_of(None, Amplifier(order, cutoff), Amplifier(order, cutoff))
-
-
-def _eyes(draw: _Draw) -> Eyes:
-    return Eyes(draw.even(-0.003, 0.003), draw.even(-0.003, 0.003), draw.ratio(2e-5, 3e-4))
-
-
-def _variation(draw: _Draw) -> Variation:
-    return Variation(draw.ratio(1e-3, 5e-3), draw.ratio(2e-3, 8e-3), draw.even(0.02, 0.07))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the load cell of a drawn machine reads: its causes, each a force or a filter."""
+"""Reading of the load cell of a drawn machine: the sum of its causes, each a force or a filter."""
 
 from dataclasses import replace
 import math
@@ -16,19 +16,20 @@ from checkweigher_recording.simulation.machine import (
     Mode,
     Roller,
     Transfer,
+    generator,
 )
-from checkweigher_recording.simulation.noise import FloorNoise, Wander
+from checkweigher_recording.simulation.noise import FloorNoise, Wander, white
 from checkweigher_recording.simulation.platform_dynamics import Platform
 
 Array = NDArray[np.float64]
 
-_TYPICAL_MASS = 0.165  # kg, at which disturbances are what their numbers say at any power
+_TYPICAL_MASS = 0.165  # kg, reference mass of the disturbance parameters
 
 
 def positions(entry: Pass, travel: Array, weigh_length: float) -> Array:
-    """Return the middle of what rests on the belt, (n,) from -1 at its begin to 1 at its end.
+    """Return the middle of the load on the belt, (n,) from -1 at its begin to 1 at its end.
 
-    `travel`, (n,) in m, is that of the belt while the product is on it.
+    `travel`, (n,) in m, is the travel of the belt while the product is on it.
     """
     way = travel - entry.travel
     return (np.minimum(way, weigh_length) + np.maximum(way - entry.length, 0.0)) / weigh_length - 1
@@ -37,15 +38,13 @@ def positions(entry: Pass, travel: Array, weigh_length: float) -> Array:
 def transfer_force(
     transfer: Transfer, entry: Pass, share: Array, numbers: Array, time: Array
 ) -> Array:
-    """Return the force of a product that crosses the ends of the belt, (n,) kg.
+    """Return the force of a product that crosses the ends of the belt, (n,) in kg.
 
-    Which part of it is on the belt is `share`, (n,), at `time`, (n,) in s; `numbers`, (5,), are
-    standard normal ones of this pass.
+    `share`, (n,), is the fraction of the product on the belt at `time`, (n,) in s; `numbers`, (5,),
+    are standard normal numbers of this pass.
     """
-    entering = time < (entry.t2 + entry.t3) / 2
-    tipping = transfer.tipping + transfer.tipping_spread * np.where(
-        entering, numbers[0], numbers[1]
-    )
+    of_end = np.where(time < (entry.t2 + entry.t3) / 2, numbers[0], numbers[1])
+    tipping = transfer.tipping + transfer.tipping_spread * of_end
     force = tipping * np.sin(math.pi * share)
     for begin, number in zip((entry.t1, entry.t2, entry.t3), numbers[2:], strict=True):
         size = (transfer.strike + transfer.strike_spread * number) * _speed(entry)
@@ -54,9 +53,9 @@ def transfer_force(
 
 
 def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Array:
-    """Return the force of a product that bounces from the middle of its entry on, (n,).
+    """Return the force of a product that bounces from the middle of its entry on, (n,) in kg.
 
-    `numbers` are (3,) standard normal ones of this pass.
+    `numbers`, (3,), are standard normal numbers of this pass.
     """
     since = time - (entry.t1 + entry.t2) / 2
     angle = 2 * math.pi * bounce.frequency * (1 + 0.1 * float(np.clip(numbers[2], -2, 2)))
@@ -69,18 +68,17 @@ def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Ar
 def roller_force(
     roller: Roller, phases: Array, wander: Wander, travel: Array, load: Array, speed: float
 ) -> Array:
-    """Return the force of a roller, (n,); `phases`, (orders,), are those of its lines."""
+    """Return the force of a roller, (n,) in kg; `phases`, (orders,), are those of its lines."""
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
-    for order, (amplitude, phase) in enumerate(
-        zip(roller.amplitudes, phases, strict=True), start=1
-    ):
+    lines = zip(roller.amplitudes, phases, strict=True)
+    for order, (amplitude, phase) in enumerate(lines, start=1):
         force += speed * amplitude * np.sin(order * angle + phase)
     return force * (1 + roller.growth * load)
 
 
 def joint_force(joint: Joint, travel: Array, speed: float, first: float) -> Array:
-    """Return the force of the joint over one roller, (n,), which is at it at travel `first`, m."""
+    """Return the force of the joint at a roller, (n,) in kg; `first` is its travel there in m."""
     return joint.size * speed * _half_sine(((travel - first) % joint.belt_length) / joint.width)
 
 
@@ -93,23 +91,27 @@ def _speed(entry: Pass) -> float:
 
 
 def _half_sine(phase: Array) -> Array:
-    """Return the positive half of a sine between the phases 0 and 1, and 0 beside it."""
+    """Return the positive half of a sine between the phases 0 and 1, and 0 elsewhere."""
     return np.where((phase >= 0) & (phase < 1), np.sin(math.pi * phase), 0.0)
 
 
 class MachineSignal:
-    """The reading of a drawn machine, computed in stretches that follow each other."""
+    """Reading of a drawn machine, computed in consecutive stretches."""
 
     def __init__(
-        self, machine: Machine, belt: BeltTravel, line: Line, step: float,
+        self,
+        machine: Machine,
+        belt: BeltTravel,
+        line: Line,
+        step: float,
         seed: np.random.SeedSequence,
-    ) -> None:  # fmt: skip
-        """Begin with the empty platform at rest; a step of the integration in s."""
+    ) -> None:
+        """Begin with the empty platform at rest; `step` is that of the integration in s."""
         self._machine, self._belt, self._line, self._step = machine, belt, line, step
         drawn, broadband, floor, electronic, passes = seed.spawn(5)
-        self._broadband, self._electronic = _generator(broadband), _generator(electronic)
+        self._broadband, self._electronic = generator(broadband), generator(electronic)
         self._passes = int(passes.generate_state(1)[0])
-        random = _generator(drawn)
+        random = generator(drawn)
         self._rollers = [
             (roller, 2 * math.pi * random.random(len(roller.amplitudes)), Wander(random, 0.05, 5.0))
             for roller in machine.rollers or ()
@@ -120,14 +122,14 @@ class MachineSignal:
             for line in (machine.floor.lines if machine.floor else ())
         ]
         self._zero = Wander(random, 1 / 600, 1 / 30)
-        self._floor = FloorNoise(1 / step, _generator(floor))
+        self._floor = FloorNoise(1 / step, generator(floor))
         self._platform = _platform(machine.platform, step)
         self._rocking = _platform(machine.rocking.mode, step) if machine.rocking else None
         self._low_pass, self._low_pass_state = _low_pass(machine, step)
         self._crept = np.zeros(1)
 
     def seen(self, entry: Pass) -> Pass:
-        """Return a pass with the times that the photo-eyes tell of it."""
+        """Return a pass with the times that the photo-eyes report."""
         eyes = self._machine.eyes
         if eyes is None:
             return entry
@@ -138,8 +140,8 @@ class MachineSignal:
         return replace(entry, t1=t1, t2=t2, t3=t3, t4=t4)
 
     def reading(self, time: Array, travel: Array) -> Array:
-        """Return the reading in the next steps, (n,) kg, of which time and travel are given."""
-        from scipy.signal import lfilter, sosfilt  # half a second, that no node should take
+        """Return the reading in the next steps, (n,) in kg, from their times and travels."""
+        from scipy.signal import lfilter, sosfilt  # the import takes half a second
 
         force, moment = self._products(time, travel)
         self._add_belt(force, moment, time, travel)
@@ -159,7 +161,7 @@ class MachineSignal:
         return reading
 
     def electronics(self, reading: Array, time: Array) -> Array:
-        """Return samples, (n,) kg, with what the electronics add to them."""
+        """Return samples, (n,) in kg, with drift and noise of the electronics."""
         samples = reading.copy()
         if drift := self._machine.drift:
             samples += drift.rate * time + drift.wander * self._zero(time)
@@ -168,7 +170,7 @@ class MachineSignal:
         return samples
 
     def _products(self, time: Array, travel: Array) -> tuple[Array, Array]:
-        """Return force and moment, (n,), of the products; a moment in kg at the end of the belt."""
+        """Return force and moment of the products, (n,); the moment in kg at the belt's end."""
         force, moment = np.full(len(time), self._belt.resting), np.zeros(len(time))
         machine = self._machine
         for entry, touched in self._belt.touched(time):
@@ -187,7 +189,7 @@ class MachineSignal:
         return force, moment
 
     def _add_belt(self, force: Array, moment: Array, time: Array, travel: Array) -> None:
-        """Add what turns with the belt."""
+        """Add the vibration of the parts that turn with the belt."""
         load, speed = self._belt.load(time, travel), self._belt.speed
         for roller, phases, wander in self._rollers:
             shaking = roller_force(roller, phases, wander, travel, load, speed)
@@ -200,9 +202,7 @@ class MachineSignal:
                 force += struck
                 moment += place * struck
         if noise := self._machine.noise:
-            # The power density times the bandwidth, which is half the step rate.
-            deviation = noise.broadband * speed * math.sqrt(1 / self._step / 2)
-            force += deviation * self._broadband.standard_normal(len(force))
+            force += white(noise.broadband * speed, self._step, len(force), self._broadband)
 
     def _add_floor(self, force: Array, time: Array) -> None:
         """Add the vibration of the floor."""
@@ -217,16 +217,12 @@ class MachineSignal:
         return np.random.default_rng((self._passes, entry.number)).standard_normal(12)
 
 
-def _generator(seed: np.random.SeedSequence) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(seed))
-
-
 def _platform(mode: Mode, step: float) -> Platform:
     return Platform(mode.natural_frequency, mode.damping_ratio, mode.moving_mass, step)
 
 
 def _low_pass(machine: Machine, step: float) -> tuple[Array, Array]:
-    """Return the sections of the amplifier's filter, none without one, and their states at rest."""
+    """Return the sections of the amplifier's filter, if there is one, and their states at rest."""
     from scipy.signal import butter
 
     sections = np.zeros((0, 6))

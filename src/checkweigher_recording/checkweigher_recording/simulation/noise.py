@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Random courses: the floor's vibration, and the slow wander of a phase or a zero."""
+"""Random functions: white noise, vibration of the floor, slow wander of a phase or a zero."""
 
 import math
 
@@ -12,12 +12,20 @@ FLOOR_BAND = (4.0, 12.0)  # Hz
 _WAVES = 12
 
 
+def white(
+    density: float, step: float, steps: int, random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return white noise at steps of `step` s from the square root of its one-sided density."""
+    # The power density times the bandwidth, which is half the step rate.
+    return density * math.sqrt(1 / step / 2) * random.standard_normal(steps)
+
+
 class FloorNoise:
     """Vibration of a floor: noise of standard deviation 1 within `FLOOR_BAND`."""
 
     def __init__(self, rate: float, random: np.random.Generator) -> None:
         """Begin at rest, at `rate` steps a second."""
-        from scipy.signal import butter  # half a second, that no node should take to start
+        from scipy.signal import butter  # the import takes half a second
 
         self._random = random
         self._band = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
@@ -38,20 +46,20 @@ class FloorNoise:
 class Wander:
     """A random function of time or travel with mean 0 and standard deviation 1, about normal.
 
-    It is a sum of sines with random phases, their rates spread over a band, each octave with the
-    same power: flicker noise. A function needs no state, so any stretch of it can be computed.
+    It is flicker noise: a sum of sines with random phases and the same power in each octave of a
+    band of rates. It has no state, so that any stretch of it can be computed.
     """
 
     def __init__(self, random: np.random.Generator, slowest: float, fastest: float) -> None:
-        """Draw a course with rates between two, in cycles per unit of its argument."""
+        """Draw a function with rates in a band, in cycles per unit of its argument."""
         steps = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
         self._rates = 2 * math.pi * slowest * (fastest / slowest) ** steps
         self._phases = 2 * math.pi * random.random(_WAVES)
         self._fastest = fastest
 
     def __call__(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the course at (n,) ascending arguments."""
-        # Between knots that are close for the fastest sine the straight line is near enough.
+        """Return the function at (n,) ascending arguments."""
+        # Interpolate linearly between knots that are close for the fastest sine.
         knots = np.arange(math.floor(at[0] * 20 * self._fastest), at[-1] * 20 * self._fastest + 2)
         knots /= 20 * self._fastest
         waves = np.sin(np.multiply.outer(knots, self._rates) + self._phases)

@@ -19,7 +19,7 @@ class Platform:
         y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k)
         v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
 
-    is exact; y and its derivative v pass over unchanged when the mass changes. As a filter
+    is exact; y and its derivative v do not change when the mass changes. As a filter
 
         y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2),
 
@@ -39,8 +39,8 @@ class Platform:
     ) -> NDArray[np.float64]:
         """Return the reading at the begin of each step under a force, both (n,) in kg.
 
-        The mass that rests on the platform is `loads` (m,), kg, from each of the steps `bounds` (m
-        + 1,), from 0 to n, to the next one.
+        `loads`, (m,) in kg, is the mass on the platform between the steps `bounds`, (m + 1,) from
+        0 to n.
         """
         reading = np.empty(len(force))
         for begin, end, load in zip(bounds[:-1], bounds[1:], loads, strict=True):
@@ -48,7 +48,7 @@ class Platform:
         return reading
 
     def _run_at(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
-        from scipy.signal import lfilter  # half a second, that no node should take to start
+        from scipy.signal import lfilter  # the import takes half a second
 
         a11, a12, a21, a22 = self.transition(load)
         b1, b2 = 1 - a11, -a12 * a21 - a22 * (1 - a11)
@@ -62,7 +62,7 @@ class Platform:
 
     def transition(self, load: float) -> tuple[float, float, float, float]:
         """Return a11, a12, a21 and a22 of one step, the matrix exponential, at a load in kg."""
-        # Stiffness and damper stay, the mass grows.
+        # The load adds to the mass; stiffness and damper do not change.
         share = self.moving_mass / (self.moving_mass + load)
         omega = 2 * math.pi * self.natural_frequency
         squared = omega**2 * share

@@ -10,15 +10,14 @@ where m0 is the moving mass of the empty platform, m the load that rests on it a
 all forces divided by g: the load and disturbances. A product that rests on the belt
 therefore reads its mass exactly, and it lowers the natural frequency while it is on.
 
-The equation is integrated exactly for forces that are constant over 1/8 of a sample and taken at
-its middle, so no numerical damping or delay is added. The converter averages 8 such steps; the
-stamp of a sample is the middle of the interval that it averages, so this filter delays nothing.
+The equation is integrated exactly for forces that are constant over 1/8 of a sample, with their
+values in the middle of that time. This adds no numerical damping or delay. The converter averages 8
+such steps. The stamp of a sample is the middle of its interval, so that the average has no delay.
 
-Forces, all through the platform: the load, which grows and falls linearly while a product crosses
-an end of the belt; an impact of random sign when it enters; the roller's turning and its
-harmonics, the motor and broadband noise, proportional to the belt speed; vibration of the floor.
-The converter adds white noise, drift, quantisation and its limits. At the first sample the
-platform is at rest; its noise is fully there after a fraction of a second.
+The forces on the platform are the load, which changes linearly while a product crosses an end of
+the belt; an impact of random sign at the entry; rollers with harmonics, motor and broadband noise,
+proportional to the belt speed; and the vibration of the floor. The converter adds white noise,
+drift, quantisation and its limits. The platform is at rest at the first sample.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,9 +33,9 @@ from checkweigher_core.recording import Event, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
 from checkweigher_recording.simulation.filler import Filler
-from checkweigher_recording.simulation.machine import PREFIX, machine_of
+from checkweigher_recording.simulation.machine import PREFIX, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
-from checkweigher_recording.simulation.noise import FloorNoise
+from checkweigher_recording.simulation.noise import FloorNoise, white
 from checkweigher_recording.simulation.platform_dynamics import Platform
 
 OVERSAMPLING = 8  # steps of the integration in one sample
@@ -47,14 +46,12 @@ MOVING_MASS = 2.5  # kg, the platform without a product
 DAMPING_RATIO = 0.06  # of the empty platform
 IMPACT_DURATION = 0.0035  # s
 
-# Signal that is computed at once; long enough to make the overhead small, short enough to let an
-# endless line start at once.
-_CHUNK_DURATION = 1.0  # s
+_CHUNK_DURATION = 1.0  # s, signal that is computed at once
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Platform and disturbances of a machine. Forces are in kg, that is divided by g."""
+    """Platform and disturbances of a machine. Forces are in kg, that is, divided by g."""
 
     natural_frequency: float = 38.0  # Hz, of the empty platform
     speed_jitter: float = 0.001  # relative standard deviation from product to product
@@ -70,8 +67,8 @@ class Profile:
     electronic: float = 0.05e-3  # kg, standard deviation of the white noise on each sample
 
 
-# The levels make `paper` a machine like the one whose accuracy was published: with a good
-# estimator a standard deviation of 0.03 g to 0.05 g at 30 m/min and 0.15 g to 0.3 g at 90 m/min.
+# `paper` is like the machine whose accuracy was published: with a good estimator, the standard
+# deviation is 0.03 g to 0.05 g at 30 m/min and 0.15 g to 0.3 g at 90 m/min.
 PROFILES = {
     'paper': Profile(),
     # Worn rollers: their lines dominate.
@@ -90,7 +87,7 @@ PROFILES = {
 
 
 def check_profile(profile: str) -> None:
-    """Raise a ParameterError that names the profiles if there is none of that name."""
+    """Raise `ParameterError` if there is no profile of this name."""
     try:
         if machine_of(profile) is None and profile not in PROFILES:
             names = f'{", ".join(PROFILES)} or {PREFIX}SEED'
@@ -103,28 +100,33 @@ def check_profile(profile: str) -> None:
 class SimulationParameters(Parameters):
     """Machine, belt and products of a simulated line.
 
-    Raises
-    ------
-    ParameterError
-        If a value is out of its range or the products cannot be placed on the belt.
+    Raises `ParameterError` if a value is out of its range or the products cannot be placed on the
+    belt.
     """
 
     node: ClassVar[str] = 'simulator'
 
     profile: str = parameter(
-        'paper', f'machine and its disturbances: {", ".join(PROFILES)}, or machine:SEED, '
+        'paper',
+        f'machine and its disturbances: {", ".join(PROFILES)}, or machine:SEED, '
         'which draws one of a family; machine:SEED-CAUSE-CAUSE is the same without causes',
-    )  # fmt: skip
+    )
     speed: float = parameter(1.0, 'belt speed', unit='m/s', minimum=0.01, maximum=5.0)
     masses: tuple[float, ...] = parameter(
-        (0.0745, 0.1345, 0.1645, 0.1945, 0.2545), 'masses of the products, taken in turn',
-        unit='kg', minimum=0.0, maximum=CAPACITY,
-    )  # fmt: skip
+        (0.0745, 0.1345, 0.1645, 0.1945, 0.2545),
+        'masses of the products, taken in turn',
+        unit='kg',
+        minimum=0.0,
+        maximum=CAPACITY,
+    )
     count: int = parameter(25, 'number of products; 0 is an endless line', minimum=0)
     spacing: float = parameter(
-        0.66, 'distance between the leading edges of successive products', unit='m',
-        minimum=0.01, maximum=100.0,
-    )  # fmt: skip
+        0.66,
+        'distance between the leading edges of successive products',
+        unit='m',
+        minimum=0.01,
+        maximum=100.0,
+    )
     product_length: float = parameter(
         0.1, 'length of a product along the belt', unit='m', minimum=0.001, maximum=10.0
     )
@@ -135,13 +137,19 @@ class SimulationParameters(Parameters):
         0.0, 'drift of the empty belt', unit='kg/s', minimum=-0.01, maximum=0.01
     )
     filler_drift: float = parameter(
-        0.0, 'drift of the filler from one product to the next', unit='kg',
-        minimum=-0.01, maximum=0.01,
-    )  # fmt: skip
+        0.0,
+        'drift of the filler from one product to the next',
+        unit='kg',
+        minimum=-0.01,
+        maximum=0.01,
+    )
     filler_spread: float = parameter(
-        0.0, 'standard deviation of the filler from product to product', unit='kg',
-        minimum=0.0, maximum=1.0,
-    )  # fmt: skip
+        0.0,
+        'standard deviation of the filler from product to product',
+        unit='kg',
+        minimum=0.0,
+        maximum=1.0,
+    )
     filler_delay: int = parameter(
         0, 'products that are filled and not yet on the belt', minimum=0, maximum=10_000
     )
@@ -153,9 +161,12 @@ class SimulationParameters(Parameters):
     )
     seed: int = parameter(1, 'seed of all that is random', minimum=0)
     start_time: int = parameter(
-        1_700_000_000, 'stamp of the first sample, since 1970', unit='s', minimum=0,
+        1_700_000_000,
+        'stamp of the first sample, since 1970',
+        unit='s',
+        minimum=0,
         maximum=2_000_000_000,
-    )  # fmt: skip
+    )
     sample_rate: float = parameter(
         960.0, 'samples a second', unit='Hz', minimum=100.0, maximum=20_000.0
     )
@@ -183,7 +194,7 @@ class SimulationParameters(Parameters):
 
 @dataclass(frozen=True)
 class OperationParameters(Parameters):
-    """What an operator sets at a simulated machine while it runs; it holds a second later."""
+    """Settings of a simulated machine that an operator may change while it runs."""
 
     node: ClassVar[str] = 'simulator.now'
 
@@ -200,32 +211,35 @@ class OperationParameters(Parameters):
 
 
 def own_values(profile: str) -> dict[str, float]:
-    """Return the parameters that a drawn machine has of its own, none of another profile.
+    """Return sample rate, sensitivity and lengths of a drawn machine, none of another profile.
 
-    They are its sample rate, sensitivity and lengths; `SimulationParameters` by themselves keep
-    their defaults, so what makes one from a profile gives it these.
+    `SimulationParameters` do not take them from the profile; the caller must add them.
     """
     machine = machine_of(profile)
     return asdict(machine.setup) if machine else {}
 
 
 class Simulation:
-    """A line that runs: iterate it for its events in canonical order.
+    """A running line. Iterate it for its events in canonical order.
 
-    Every iteration starts the same line again. What has been yielded is not kept, so a line may be
-    of any length; with ``count`` 0 it does not end. The first products do not depend on how many
-    follow. `filler` is that of the iteration that was begun last; a correction that it is given
-    holds for the products that are planned after that, up to a second ahead. `operation` is what
-    the operator has set; it may change at any time.
+    Every iteration starts the same line again. Events are not kept, so that a line may have any
+    length; with ``count`` 0 it does not end. The first products do not depend on the number of
+    products that follow. `filler` is that of the last iteration; its correction holds for products
+    that are planned afterwards, up to a second ahead. `operation` has the settings of the operator,
+    which may change at any time and hold a second later.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.operation = OperationParameters()
         self._parameters = parameters
         self.load_cell = LoadCell.of(
-            parameters, min_counts=MIN_COUNTS, max_counts=MAX_COUNTS, capacity=CAPACITY,
-            model='simulated', serial_number=f'{parameters.profile}-{parameters.seed}',
-        )  # fmt: skip
+            parameters,
+            min_counts=MIN_COUNTS,
+            max_counts=MAX_COUNTS,
+            capacity=CAPACITY,
+            model='simulated',
+            serial_number=f'{parameters.profile}-{parameters.seed}',
+        )
         self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
@@ -253,7 +267,7 @@ class Simulation:
             del waiting[:ready]
 
     def _switches(self, entry: Pass) -> Iterator[Event]:
-        """Yield the edges of the photo-eyes that a product causes, and its true mass."""
+        """Yield the edges of the photo-eyes for a product, and its true mass."""
         yield EyeEdge(self._stamp(entry.t1), Eye.INFEED, True)
         yield EyeEdge(self._stamp(entry.t2), Eye.INFEED, False)
         yield EyeEdge(self._stamp(entry.t3), Eye.OUTFEED, True)
@@ -261,21 +275,18 @@ class Simulation:
         yield Reference(self._stamp(entry.t1), entry.mass)
 
     def _stamp(self, time: float) -> int:
-        # Whole seconds apart: a float of the whole stamp would resolve no more than 200 ns.
+        # Whole seconds are added as integers, because a float resolves a stamp only to 200 ns.
         whole = math.floor(time)
         nanoseconds = round((time - whole) * NANOSECONDS)
         return (self._parameters.start_time + whole) * NANOSECONDS + nanoseconds
 
 
 def simulate(parameters: SimulationParameters) -> Recording:
-    """Run a simulated line to its end; equal parameters give equal recordings.
+    """Return the recording of a simulated line; equal parameters give equal recordings.
 
-    Return its samples, its eye edges and one reference mass for each product.
+    It has samples, edges and one reference mass for each product.
 
-    Raises
-    ------
-    ParameterError
-        If the line is endless.
+    Raises `ParameterError` if the line is endless.
     """
     if parameters.count == 0:
         raise ParameterError('simulator.count: 0 is an endless line, which has no recording')
@@ -284,34 +295,41 @@ def simulate(parameters: SimulationParameters) -> Recording:
 
 
 class _Machine:
-    """The state of one run: belt, signal and converter."""
+    """State of one run: belt, signal and converter."""
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.total: int | None = None
         self._parameters = parameters
         self._rate = OVERSAMPLING * parameters.sample_rate
-        # A stream of its own for each source, so that none depends on how much another has used.
+        # Each source has its own stream of random numbers, so that they are independent.
         passes, *sources, products, drawn, filled = np.random.SeedSequence(parameters.seed).spawn(8)
         profile, machine = PROFILES.get(parameters.profile), machine_of(parameters.profile)
         line = Line(
-            parameters.speed, profile.speed_jitter if profile else 0.0, parameters.spacing,
-            parameters.product_length, parameters.weigh_length, parameters.masses,
-            parameters.count, first_entry=parameters.lead_in,
-        )  # fmt: skip
+            speed=parameters.speed,
+            speed_jitter=profile.speed_jitter if profile else 0.0,
+            spacing=parameters.spacing,
+            product_length=parameters.product_length,
+            weigh_length=parameters.weigh_length,
+            masses=parameters.masses,
+            count=parameters.count,
+            first_entry=parameters.lead_in,
+        )
         if machine and (variation := machine.variation):
             line = replace(
-                line, speed_jitter=variation.speed,
+                line,
+                speed_jitter=variation.speed,
                 length_jitter=variation.length * line.product_length,
                 # Products stay apart.
                 spacing_jitter=min(variation.spacing, (line.spacing - line.product_length) / 5),
-            )  # fmt: skip
+            )
         self.filler = Filler(
-            line.masses, parameters.filler_drift, parameters.filler_spread,
-            parameters.filler_delay, _generator(filled),
-        )  # fmt: skip
-        self._belt = BeltTravel(
-            line, _generator(passes), _generator(products), self.filler.next_mass
+            line.masses,
+            parameters.filler_drift,
+            parameters.filler_spread,
+            parameters.filler_delay,
+            generator(filled),
         )
+        self._belt = BeltTravel(line, generator(passes), generator(products), self.filler.next_mass)
         self._signal: _ProfileSignal | MachineSignal
         if profile:
             self._signal = _ProfileSignal(profile, self._belt, line, 1 / self._rate, sources)
@@ -319,15 +337,15 @@ class _Machine:
             self._signal = MachineSignal(machine, self._belt, line, 1 / self._rate, drawn)
 
     def operate(self, operation: OperationParameters) -> None:
-        """Set belt and feed for what comes next."""
-        belt, known = self._belt, operation
-        belt.speed, belt.feed = known.speed or self._parameters.speed, known.feed
-        belt.mass, belt.resting = known.mass, known.load
+        """Set belt and feed for the next products."""
+        belt = self._belt
+        belt.speed, belt.feed = operation.speed or self._parameters.speed, operation.feed
+        belt.mass, belt.resting = operation.mass, operation.load
 
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the readings from `first` up to `end` or the end of the line, and new passes.
 
-        The passes are as the photo-eyes see them. `first` must be the end of the call before.
+        The times of the passes are those of the photo-eyes. `first` must be the previous `end`.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:
@@ -341,15 +359,14 @@ class _Machine:
         return self._convert(samples, first), [self._signal.seen(entry) for entry in new]
 
     def _middle(self, index: int) -> float:
-        """Return the middle of the first step of a sample, in s.
+        """Return the middle of the first step of a sample in s.
 
-        The readings that the sample averages are those at the begin of its steps. They lie
-        evenly about the sample's own time.
+        The readings at the begin of the steps of a sample are symmetric about its stamp.
         """
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
 
     def _convert(self, reading: NDArray[np.float64], first: int) -> NDArray[np.int32]:
-        """Return kg as counts: noise and drift of the electronics, steps, limits."""
+        """Return readings in kg as counts, with noise and drift of the electronics and limits."""
         parameters = self._parameters
         time = (first + np.arange(len(reading))) / parameters.sample_rate
         samples = self._signal.electronics(reading, time)
@@ -359,26 +376,30 @@ class _Machine:
 
 
 class _ProfileSignal:
-    """The reading of the machine of a profile, computed in stretches that follow each other."""
+    """Reading of the machine of a profile, computed in consecutive stretches."""
 
     def __init__(
-        self, profile: Profile, belt: BeltTravel, line: Line, step: float,
+        self,
+        profile: Profile,
+        belt: BeltTravel,
+        line: Line,
+        step: float,
         seeds: Sequence[np.random.SeedSequence],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._profile, self._belt, self._step = profile, belt, step
-        phases, self._broadband, floor, self._electronic = map(_generator, seeds)
+        phases, self._broadband, floor, self._electronic = map(generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
         self._platform = Platform(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, step)
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:
-        """Return a pass as the photo-eyes tell of it, which are exact."""
+        """Return a pass with the times of the photo-eyes, which are exact."""
         return entry
 
     def reading(
         self, time: NDArray[np.float64], travel: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the reading in the next steps, (n,) kg, of which time and travel are given."""
+        """Return the reading in the next steps, (n,) in kg, from their times and travels."""
         force = self._belt.load(time, travel)
         self._add_lines(force, travel)
         self._add_noise(force)
@@ -389,7 +410,7 @@ class _ProfileSignal:
     def electronics(
         self, reading: NDArray[np.float64], time: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return samples, (n,) kg, with the noise of the electronics."""
+        """Return samples, (n,) in kg, with the noise of the electronics."""
         return reading + self._profile.electronic * self._electronic.standard_normal(len(reading))
 
     def _add_lines(self, force: NDArray[np.float64], travel: NDArray[np.float64]) -> None:
@@ -407,21 +428,16 @@ class _ProfileSignal:
     def _add_noise(self, force: NDArray[np.float64]) -> None:
         """Add broadband noise and the floor's vibration."""
         if self._profile.broadband:
-            # The power density times the bandwidth, which is half the step rate.
-            deviation = self._profile.broadband * self._belt.speed * math.sqrt(1 / self._step / 2)
-            force += deviation * self._broadband.standard_normal(len(force))
+            density = self._profile.broadband * self._belt.speed
+            force += white(density, self._step, len(force), self._broadband)
         if self._profile.floor:
             force += self._profile.floor * self._floor(len(force))
 
     def _add_impact(
         self, force: NDArray[np.float64], time: NDArray[np.float64], entry: Pass
     ) -> None:
-        """Add the half sine of a product that hits the belt."""
+        """Add the impact of a product on the belt, half a sine."""
         size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
         begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
         phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
         force[begin:end] += size * np.sin(math.pi * phase)
-
-
-def _generator(seed: np.random.SeedSequence) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(seed))

@@ -94,29 +94,22 @@ def test_what_is_not_there_is_one_line(urls, protocol):
 
 @pytest.mark.parametrize(
     ('url', 'text'),
-    [('nowhere://store/bag', 'nowhere'), ('http://127.0.0.1:1/bag', 'annot connect')],
+    [
+        ('nowhere://store/bag', 'nowhere'),
+        ('http://127.0.0.1:1/bag', 'annot connect'),
+        ('http://127.0.0.1:1/may/line.mcap', r'line\.mcap: .*: .*annot connect'),
+        ('{server}/may/line.mcap', 'there is no such file or folder'),
+    ],
 )
-def test_a_store_that_cannot_be_reached_is_one_line(url, text):
+def test_a_store_that_cannot_be_reached_is_one_line(server, url, text):
+    url = url.format(server=server)
     with pytest.raises(BagError, match=text) as caught, local_bag(url):
         pass
     assert str(caught.value).startswith(url)
     assert '\n' not in str(caught.value)
 
 
-def test_a_web_server_that_is_not_there_is_not_a_file_that_is_missing(server):
-    url = 'http://127.0.0.1:1/may/line.mcap'
-    with pytest.raises(BagError, match=r'line\.mcap: .*: .*annot connect'), local_bag(url):
-        pass
-    url = f'{server}/may/line.mcap'
-    with pytest.raises(BagError, match='there is no such file or folder'), local_bag(url):
-        pass
-
-
-def test_a_folder_of_a_store_without_a_bag_is_not_copied(urls, archive, monkeypatch):
-    def copied(*_: object) -> None:
-        raise AssertionError('copied')
-
-    monkeypatch.setattr('checkweigher_recording.archive.copying._copy_file', copied)
+def test_a_folder_of_a_store_without_a_bag_is_refused(urls, archive):
     (archive / 'notes').mkdir()
     (archive / 'notes/today.txt').touch()
     bag = f'{urls["http"]}/notes'

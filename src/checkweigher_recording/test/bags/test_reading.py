@@ -106,46 +106,26 @@ def test_a_latched_message_may_come_twice(messages, recording, write_foreign, sa
     assert same(read_bag(write_foreign([*messages, again])), recording)
 
 
-def test_a_bag_without_definitions_is_matched_by_name(
-    messages, recording, tmp_path, write_mcap, same
-):
-    path = tmp_path / 'bare.mcap'
-    write_mcap(path, [(message, message.stamp) for message in messages], definitions=False)
-
-    assert same(read_bag(path), recording)
-
-
-def test_big_endian_messages_are_read(messages, recording, tmp_path, write_mcap, same):
-    path = tmp_path / 'big.mcap'
-    write_mcap(path, [(message, message.stamp) for message in messages], little_endian=False)
-
-    assert same(read_bag(path), recording)
-    assert read_bag(path).edges[0].eye is Eye.INFEED
-
-
 CHUNK_SIZE = 2000  # bytes, some twenty messages
 
 
-@pytest.mark.parametrize('compression', list(CompressionType))
-def test_chunks_of_which_the_log_times_overlap_are_read(
-    messages, recording, tmp_path, write_mcap, same, compression
-):
-    chance = random.Random(1)
-    late = [(message, message.stamp + chance.randrange(10**9)) for message in messages]
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'definitions': False},
+        {'little_endian': False},
+        {'chunk_size': CHUNK_SIZE, 'index_types': IndexType.NONE},
+        *({'chunk_size': CHUNK_SIZE, 'compression': each} for each in CompressionType),
+    ],
+)
+def test_every_kind_of_mcap_is_read(messages, recording, tmp_path, write_mcap, same, options):
+    chance, latest = random.Random(1), 10**9 if 'compression' in options else 1
+    late = [(message, message.stamp + chance.randrange(latest)) for message in messages]
     path = tmp_path / 'line.mcap'
-    write_mcap(path, late, chunk_size=CHUNK_SIZE, compression=compression)
+    write_mcap(path, late, **options)
 
     assert same(read_bag(path), recording)
-
-
-def test_a_file_without_an_index_of_its_chunks_is_read(
-    messages, recording, tmp_path, write_mcap, same
-):
-    path = tmp_path / 'line.mcap'
-    timed = [(message, message.stamp) for message in messages]
-    write_mcap(path, timed, chunk_size=CHUNK_SIZE, index_types=IndexType.NONE)
-
-    assert same(read_bag(path), recording)
+    assert read_bag(path).edges[0].eye is Eye.INFEED
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
@@ -191,11 +171,8 @@ def test_a_bag_of_several_files_is_read(messages, recording, write_foreign, writ
 # --- What is refused ---------------------------------------------------------------------------
 
 
-def test_a_missing_path(tmp_path):
-    _refused(tmp_path / 'none', 'there is no such file')
-
-
 def test_what_is_not_a_bag(tmp_path):
+    _refused(tmp_path / 'none', 'there is no such file')
     (tmp_path / 'folder').mkdir()
     _refused(tmp_path / 'folder', 'not a bag', 'metadata.yaml')
     (tmp_path / 'log.csv').write_text('1\n')
@@ -248,23 +225,21 @@ def test_another_definition_of_a_known_type(messages, write_foreign):
     )
 
 
-def test_no_load_cell(messages, write_foreign):
-    _refused(write_foreign(messages[1:]), 'no load_cell/info')
+def _with_cell(messages, **content):
+    return replace(messages[0], content=messages[0].content | content)
 
 
-def test_different_load_cells(messages, write_foreign):
-    other = replace(messages[0], content=messages[0].content | {'zero_counts': 1.0})
-    _refused(write_foreign([*messages, other]), 'load_cell/info changes')
-
-
-def test_an_invalid_load_cell(messages, write_foreign):
-    messages[0].content |= {'counts_per_kg': 0.0}
-    _refused(write_foreign(messages), 'counts_per_kg is 0, must be within')
-
-
-def test_no_samples(messages, write_foreign):
-    rest = [message for message in messages if message.message_type != SAMPLES.message_type]
-    _refused(write_foreign(rest), 'no samples')
+@pytest.mark.parametrize(
+    ('spoil', 'text'),
+    [
+        (lambda all_: all_[1:], 'no load_cell/info'),
+        (lambda all_: [*all_, _with_cell(all_, zero_counts=1.0)], 'load_cell/info changes'),
+        (lambda all_: [_with_cell(all_, counts_per_kg=0.0)], 'counts_per_kg is 0, must be within'),
+        (lambda all_: [m for m in all_ if m.message_type != SAMPLES.message_type], 'no samples'),
+    ],
+)
+def test_a_recording_without_one_load_cell_or_samples(messages, write_foreign, spoil, text):
+    _refused(write_foreign(spoil(messages)), text)
 
 
 @pytest.mark.parametrize(

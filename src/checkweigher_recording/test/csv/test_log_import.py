@@ -34,6 +34,10 @@ def _edges_file(tmp_path, **changes):
     return path
 
 
+def _no_edges(tmp_path, **changes):
+    return _edges_file(tmp_path, ftc1=[[0, 0]], ftc2=[[0, 0]], **changes)
+
+
 def _log(tmp_path, text=None):
     path = tmp_path / 'log.csv'
     path.write_text(text or 'bridge\n' + ''.join(f'{100 * row}\n' for row in range(12)))
@@ -103,7 +107,7 @@ def test_a_calibration_in_grams(tmp_path):
     # g = 5000 * (mV/V) - 1000: empty at 0.2 mV/V, 1 kg more is 0.2 mV/V more.
     text = '0.2\n0.3\n0.400001\n'
     parameters = ImportParameters(slope=5000.0, offset=-1000.0, scale=1e6, sample_rate=1000.0)
-    edges = _edges_file(tmp_path, ftc1=[[0, 0]], ftc2=[[0, 0]])
+    edges = _no_edges(tmp_path)
     recording = import_csv(_log(tmp_path, text), parameters, edges)
 
     assert _counts(recording).tolist() == [200_000, 300_000, 400_001]
@@ -119,7 +123,7 @@ def test_decimal_commas_quotes_blank_lines_and_a_byte_order_mark(tmp_path):
     parameters = ImportParameters(
         signal='Kraft, N', time='Zeit', delimiter=';', decimal=',', scale=10.0, counts_per_kg=1.0
     )
-    edges = _edges_file(tmp_path, ftc1=[[0, 0]], ftc2=[[0, 0]])
+    edges = _no_edges(tmp_path)
     recording = import_csv(path, parameters, edges)
 
     assert _counts(recording).tolist() == [15, 25, 35]
@@ -133,7 +137,7 @@ def test_white_space_between_columns(tmp_path, delimiter):
     parameters = ImportParameters(
         signal='1', delimiter=delimiter, sample_rate=1000.0, counts_per_kg=1.0
     )
-    edges = _edges_file(tmp_path, ftc1=[[0, 0]], ftc2=[[0, 0]])
+    edges = _no_edges(tmp_path)
 
     assert _counts(import_csv(_log(tmp_path, text), parameters, edges)).tolist() == list(range(9))
 
@@ -199,9 +203,7 @@ def test_a_log_that_cannot_be_used_is_named_with_its_line(tmp_path, text, values
     path = tmp_path / 'log.csv'
     path.write_text(text)
     values = {'counts_per_kg': 1.0, 'sample_rate': 0.0} | values
-    edges = _edges_file(
-        tmp_path, ftc1=[[0, 0]], ftc2=[[0, 0]], sample_rate_hz=... if 'time' in values else 1000
-    )
+    edges = _no_edges(tmp_path, sample_rate_hz=... if 'time' in values else 1000)
     with pytest.raises(CsvError, match=message) as caught:
         import_csv(path, ImportParameters(**values), edges)
     assert '\n' not in str(caught.value)
@@ -230,23 +232,16 @@ def test_an_edges_file_that_cannot_be_used(tmp_path, changes, message):
     assert str(caught.value).startswith(str(edges))
 
 
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [('{', 'not JSON: .*: line 1 column 2'), ('[]', 'not an edges file')],
-)
-def test_an_edges_file_that_is_none(tmp_path, text, message):
-    edges = tmp_path / 'log.edges.json'
-    edges.write_text(text)
-    with pytest.raises(CsvError, match=message):
-        import_csv(_log(tmp_path), ImportParameters(counts_per_kg=1.0), edges)
-
-
 def test_files_that_are_missing_or_no_text(tmp_path):
     parameters = ImportParameters(counts_per_kg=1.0)
     with pytest.raises(CsvError, match=r'none\.csv: cannot be read: No such file'):
         import_csv(tmp_path / 'none.csv', parameters, _edges_file(tmp_path))
     with pytest.raises(CsvError, match=r'^[^:]*none\.json: cannot be read: No such file'):
         import_csv(_log(tmp_path), parameters, tmp_path / 'none.json')
+    for text, message in (('{', 'not JSON: .*: line 1 column 2'), ('[]', 'not an edges file')):
+        (tmp_path / 'bad.json').write_text(text)
+        with pytest.raises(CsvError, match=message):
+            import_csv(_log(tmp_path), parameters, tmp_path / 'bad.json')
     (tmp_path / 'log.csv').write_bytes(b'1\n2\xff\n')
     with pytest.raises(CsvError, match='not a text file: byte 3'):
         import_csv(tmp_path / 'log.csv', parameters, _edges_file(tmp_path))
@@ -273,16 +268,12 @@ def test_parameters_that_do_not_fit_the_files(tmp_path):
         import_csv(log, ImportParameters(counts_per_kg=1.0))
     with pytest.raises(ParameterError, match='960 Hz, but the edges file says 1000 Hz'):
         import_csv(log, ImportParameters(counts_per_kg=1.0, sample_rate=960.0), edges)
-    with pytest.raises(ParameterError, match='not known'):
-        import_csv(
-            log, ImportParameters(counts_per_kg=1.0), _edges_file(tmp_path, sample_rate_hz=...)
-        )
+    limits = ImportParameters(counts_per_kg=1.0, min_counts=5, max_counts=5)
     with pytest.raises(ParameterError, match='min_counts 5 is not below'):
-        import_csv(
-            log,
-            ImportParameters(counts_per_kg=1.0, min_counts=5, max_counts=5),
-            _edges_file(tmp_path),
-        )
+        import_csv(log, limits, edges)
+    edges = _edges_file(tmp_path, sample_rate_hz=...)
+    with pytest.raises(ParameterError, match='not known'):
+        import_csv(log, ImportParameters(counts_per_kg=1.0), edges)
 
 
 # Recordings of a real belt scale that are not part of the project.

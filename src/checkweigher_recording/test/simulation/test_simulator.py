@@ -26,6 +26,10 @@ START = 1_700_000_000_000_000_000
 RATE = 960.0
 
 
+def _line(**values):
+    return simulate(SimulationParameters(**values))
+
+
 def _counts(recording):
     return np.concatenate([block.counts for block in recording.blocks])
 
@@ -42,11 +46,7 @@ def _seconds(recording):
 @pytest.mark.parametrize('mass', [0.0745, 0.2545, 7.0])
 def test_a_product_at_rest_reads_its_mass(mass):
     # A belt of 10 m at 1 m/s: the product is fully on for 9.9 s.
-    recording = simulate(
-        SimulationParameters(
-            profile='quiet', masses=(mass,), count=1, weigh_length=10.0, spacing=20.0
-        )
-    )
+    recording = _line(profile='quiet', masses=(mass,), count=1, weigh_length=10.0, spacing=20.0)
     _, t2, t3, _ = _seconds(recording) * RATE
     # After 5 s of ring-down, e^(-xi w t) < 1e-8 even under 7 kg.
     plateau = _grams(recording)[math.ceil(t2) + 4800 : math.ceil(t3)]
@@ -60,7 +60,7 @@ def test_a_product_at_rest_reads_its_mass(mass):
 
 def test_edges_and_references_follow_from_the_geometry():
     # The quiet belt has no jitter.
-    recording = simulate(SimulationParameters(profile='quiet', speed=1.5, count=3, lead_in=1.25))
+    recording = _line(profile='quiet', speed=1.5, count=3, lead_in=1.25)
     times = [1.25 + 0.66 / 1.5 * item for item in range(3)]
 
     assert [(edge.eye, edge.blocked) for edge in recording.edges] == 3 * [
@@ -77,7 +77,7 @@ def test_edges_and_references_follow_from_the_geometry():
 def test_samples_and_edges_have_the_same_clock():
     # In the mean over a pass a linear platform neither changes the area under the load, mass L / v,
     # nor its centre, except for the delay of its step response, 2 xi / w = 0.5 ms.
-    recording = simulate(SimulationParameters(profile='quiet', speed=0.5, masses=(0.2,), count=1))
+    recording = _line(profile='quiet', speed=0.5, masses=(0.2,), count=1)
     t1, _, _, t4 = _seconds(recording) * RATE
     begin, end = math.floor(t1) - 100, math.ceil(t4) + 400
     grams = _grams(recording)[begin:end]
@@ -92,7 +92,7 @@ def test_samples_and_edges_have_the_same_clock():
 
 
 def test_samples_are_evenly_stamped_and_numbered():
-    recording = simulate(SimulationParameters(count=2, samples_per_block=7))
+    recording = _line(count=2, samples_per_block=7)
 
     assert all(len(block.counts) == 7 for block in recording.blocks[:-1])
     assert _counts(recording).dtype == np.int32
@@ -102,13 +102,13 @@ def test_samples_are_evenly_stamped_and_numbered():
 
 
 def test_samples_reach_from_lead_in_to_run_out():
-    recording = simulate(SimulationParameters(profile='quiet', count=1, lead_in=0.5, run_out=0.25))
+    recording = _line(profile='quiet', count=1, lead_in=0.5, run_out=0.25)
     # t4 = 0.5 s + 0.3 m / 1 m/s
     assert len(_counts(recording)) == math.ceil((0.5 + 0.3 + 0.25) * RATE) + 1
 
 
 def test_equal_parameters_give_equal_counts_and_other_seeds_others():
-    first, again, other = (simulate(SimulationParameters(count=3, seed=seed)) for seed in (5, 5, 6))
+    first, again, other = (_line(count=3, seed=seed) for seed in (5, 5, 6))
 
     np.testing.assert_array_equal(_counts(first), _counts(again))
     assert first.edges == again.edges
@@ -117,22 +117,16 @@ def test_equal_parameters_give_equal_counts_and_other_seeds_others():
 
 
 def test_first_products_do_not_depend_on_how_many_follow():
-    short = simulate(SimulationParameters(count=2))
-    long = simulate(SimulationParameters(count=9))
+    short = _line(count=2)
+    long = _line(count=9)
+    endless = list(islice(Simulation(SimulationParameters(count=0)), 150))
     # The long line's third product enters 0.66 m after the second.
     common = math.floor((long.edges[8].stamp - START) / 1e9 * RATE) - 1
 
     assert short.edges == long.edges[:8]
+    edges = [event for event in endless if isinstance(event, EyeEdge)]
+    assert edges == [edge for edge in long.edges if edge.stamp <= endless[-1].stamp]
     np.testing.assert_array_equal(_counts(short)[:common], _counts(long)[:common])
-
-
-def test_an_endless_line_begins_like_a_short_one():
-    short = simulate(SimulationParameters(count=3))
-    endless = list(islice(Simulation(SimulationParameters(count=0)), 250))
-
-    assert [event for event in endless if isinstance(event, EyeEdge)] == [
-        edge for edge in short.edges if edge.stamp <= endless[-1].stamp
-    ]
 
 
 @pytest.mark.parametrize('spacing', [0.11, 0.25, 0.3, 0.66])
@@ -148,20 +142,14 @@ def test_events_come_in_canonical_order(spacing):
 def test_two_products_on_the_belt_add_up():
     # Every 0.2 m a product on a belt of 1.1 m between the eyes: always 5.5 of them, on average
     # over a spacing.
-    recording = simulate(
-        SimulationParameters(
-            profile='quiet', masses=(0.1,), count=60, spacing=0.2, weigh_length=1.1
-        )
-    )
+    recording = _line(profile='quiet', masses=(0.1,), count=60, spacing=0.2, weigh_length=1.1)
     middle = _grams(recording)[round(6 * RATE) : round(10 * RATE)]
 
     assert middle.mean() == pytest.approx(550.0, abs=0.1)
 
 
 def test_the_zero_drifts_as_told():
-    recording = simulate(
-        SimulationParameters(profile='quiet', masses=(0.0,), count=1, lead_in=9.0, zero_drift=0.001)
-    )
+    recording = _line(profile='quiet', masses=(0.0,), count=1, lead_in=9.0, zero_drift=0.001)
     grams = _grams(recording)
     slope, intercept = np.polyfit(np.arange(len(grams)) / RATE, grams, 1)
 
@@ -171,9 +159,7 @@ def test_the_zero_drifts_as_told():
 
 @pytest.mark.parametrize('speed', [0.5, 1.0])
 def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
-    recording = simulate(
-        SimulationParameters(profile='roller', speed=speed, masses=(0.0,), count=1, lead_in=40.0)
-    )
+    recording = _line(profile='roller', speed=speed, masses=(0.0,), count=1, lead_in=40.0)
     grams = _grams(recording)[round(2 * RATE) : round(40 * RATE)]
     time = np.arange(len(grams)) / RATE
     turning = speed / (math.pi * 0.032)
@@ -189,9 +175,7 @@ def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
 
 
 def test_the_floor_shakes_between_4_and_12_hz():
-    recording = simulate(
-        SimulationParameters(profile='floor', speed=0.01, masses=(0.0,), count=1, lead_in=60.0)
-    )
+    recording = _line(profile='floor', speed=0.01, masses=(0.0,), count=1, lead_in=60.0)
     grams = _grams(recording)[960 : 60 * 960]
     power = abs(np.fft.rfft(grams) / len(grams)) ** 2 * 2
     frequency = np.fft.rfftfreq(len(grams), 1 / RATE)
@@ -203,16 +187,12 @@ def test_the_floor_shakes_between_4_and_12_hz():
 
 
 def test_readings_stop_at_the_converters_limits():
-    recording = simulate(
-        SimulationParameters(count=1, masses=(3.0,), counts_per_kg=1e6, zero_counts=6e6)
-    )
+    recording = _line(count=1, masses=(3.0,), counts_per_kg=1e6, zero_counts=6e6)
     assert _counts(recording).max() == MAX_COUNTS == recording.load_cell.max_counts == 2**23 - 1
 
 
 def test_an_inverted_cell_counts_downwards():
-    recording = simulate(
-        SimulationParameters(profile='quiet', count=1, masses=(0.2,), counts_per_kg=-5e5)
-    )
+    recording = _line(profile='quiet', count=1, masses=(0.2,), counts_per_kg=-5e5)
     assert _counts(recording).min() < 1_250_000 - 99_000
     assert _grams(recording).max() == pytest.approx(200, rel=0.2)
 
@@ -256,7 +236,7 @@ def test_what_cannot_be_simulated_is_refused(values, message):
 
 def test_an_endless_line_has_no_recording():
     with pytest.raises(ParameterError, match=r'simulator\.count'):
-        simulate(SimulationParameters(count=0))
+        _line(count=0)
 
 
 def operated(seconds, **values):
