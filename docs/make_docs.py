@@ -35,7 +35,6 @@ from checkweigher_driver.line_io.modbus import ModbusInputParameters, ModbusOutp
 from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
-from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.estimation.learning.learner import LearningParameters
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.nodes.product import ProductParameters
@@ -74,11 +73,6 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     'driver, inputs gpio': ('gpio_inputs.', GpioInputParameters),
     'identifier, learning': ('learning.', LearningParameters),
     'identifier, every estimator': ('NAME.', EstimatorParameters),
-    **{
-        f'identifier, estimator {name}': (f'{name}.', type(getattr(IdentifierParameters(), name)))
-        for name in ESTIMATORS
-        if name not in ('mean', 'hann')  # which have nothing of their own
-    },
 }
 
 
@@ -172,6 +166,15 @@ def parameter_table(prefix: str, parameters: type[Parameters]) -> str:
     )  # fmt: skip
 
 
+def estimators() -> str:
+    """Return a section for each estimator that has parameters of its own."""
+    return '\n'.join(
+        f'## identifier, estimator {name}\n\n{parameter_table(f"{name}.", type(each.parameters))}'
+        for name, each in ESTIMATORS.items()
+        if own_entries(type(each.parameters))
+    )
+
+
 def kind(value: object) -> str:
     """Return the type of a parameter as ROS names it."""
     if isinstance(value, tuple):
@@ -202,6 +205,7 @@ TABLES: dict[str, Callable[[], str]] = {
     'messages': messages,
     'reasons': lambda: reasons(Reason),
     'stop reasons': lambda: reasons(StopReason),
+    'estimators': estimators,
     **{
         f'parameters of {title}': lambda each=each: parameter_table(*each)
         for title, each in SETS.items()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Denoising of weigh windows: shrinkage on a signal that goes far beyond them to both sides."""
+"""Denoising of weigh windows by shrinkage of a signal that extends far beyond them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,14 +31,14 @@ from checkweigher_dsp.denoising.window_batch import (
 )
 from checkweigher_dsp.signal.averages import hann_mean
 
-# How a window can be padded, see `Denoiser` and `pad`.
+# Ways to pad a window, see `Denoiser` and `pad`.
 PADDINGS = ('continuation', 'level', 'mirror', 'signal')
 METHODS = ('shrinkage', 'soft', 'hard')
 
 
 @dataclass(frozen=True)
 class DenoiseParameters(Parameters):
-    """The shrinkage table of the machine and what stands around a window."""
+    """The shrinkage table of the machine, and the padding around a window."""
 
     node: ClassVar[str] = 'denoise'
 
@@ -49,9 +49,12 @@ class DenoiseParameters(Parameters):
         False, 'noise of soft and hard from each level itself, not from the finest one'
     )
     speeds: tuple[float, ...] = parameter(
-        UNTRAINED.speeds, 'belt speeds of the table, ascending', unit='m/s', minimum=1e-3,
+        UNTRAINED.speeds,
+        'belt speeds of the table, ascending',
+        unit='m/s',
+        minimum=1e-3,
         maximum=100,
-    )  # fmt: skip
+    )
     gamma5: tuple[float, ...] = parameter(
         UNTRAINED.gains[0], 'gain of band 5 at each speed', minimum=0, maximum=10
     )
@@ -62,51 +65,72 @@ class DenoiseParameters(Parameters):
         UNTRAINED.gains[2], 'gain of band 7 at each speed', minimum=0, maximum=10
     )
     lambda5: tuple[float, ...] = parameter(
-        UNTRAINED.thresholds[0], 'threshold of band 5 at each speed', unit='threshold_unit',
+        UNTRAINED.thresholds[0],
+        'threshold of band 5 at each speed',
+        unit='threshold_unit',
         minimum=0,
-    )  # fmt: skip
+    )
     lambda6: tuple[float, ...] = parameter(
-        UNTRAINED.thresholds[1], 'threshold of band 6 at each speed', unit='threshold_unit',
+        UNTRAINED.thresholds[1],
+        'threshold of band 6 at each speed',
+        unit='threshold_unit',
         minimum=0,
-    )  # fmt: skip
+    )
     lambda7: tuple[float, ...] = parameter(
-        UNTRAINED.thresholds[2], 'threshold of band 7 at each speed', unit='threshold_unit',
+        UNTRAINED.thresholds[2],
+        'threshold of band 7 at each speed',
+        unit='threshold_unit',
         minimum=0,
-    )  # fmt: skip
+    )
     threshold_unit: float = parameter(
-        1e-7, 'one unit of the thresholds on this load cell', unit='kg',
-        minimum=0, maximum=1e3,
-    )  # fmt: skip
+        1e-7, 'one unit of the thresholds on this load cell', unit='kg', minimum=0, maximum=1e3
+    )
     surround: str = parameter(
         'continuation', 'padding around the window, up to the length of stretch', choices=PADDINGS
     )
     stretch: int = parameter(
-        1024, 'shortest length of the padded signal that is denoised', unit='samples',
-        minimum=2**LEVELS, maximum=2**20,
-    )  # fmt: skip
+        1024,
+        'shortest length of the padded signal that is denoised',
+        unit='samples',
+        minimum=2**LEVELS,
+        maximum=2**20,
+    )
     natural_frequency: tuple[float, ...] = parameter(
-        (38.0,), 'of the empty platform, for continuation: one value or one at each speed',
-        unit='Hz', minimum=0.1, maximum=1e4,
-    )  # fmt: skip
+        (38.0,),
+        'of the empty platform, for continuation: one value or one at each speed',
+        unit='Hz',
+        minimum=0.1,
+        maximum=1e4,
+    )
     damping_ratio: tuple[float, ...] = parameter(
-        (0.06,), 'of the empty platform, for continuation: one value or one at each speed',
-        minimum=0, maximum=0.99,
-    )  # fmt: skip
+        (0.06,),
+        'of the empty platform, for continuation: one value or one at each speed',
+        minimum=0,
+        maximum=0.99,
+    )
     moving_mass: float = parameter(
-        2.5, 'moving mass of the empty platform, for continuation; a product adds to it', unit='kg',
-        minimum=1e-3, maximum=1e4,
-    )  # fmt: skip
+        2.5,
+        'moving mass of the empty platform, for continuation; a product adds to it',
+        unit='kg',
+        minimum=1e-3,
+        maximum=1e4,
+    )
     prediction_order: int = parameter(
         40, 'order of the model that continues the disturbance', minimum=0, maximum=1000
     )
     iterations: int = parameter(
-        1, 'number of times that the level taken out for continuation is refined', minimum=0,
+        1,
+        'number of times that the level taken out for continuation is refined',
+        minimum=0,
         maximum=100,
-    )  # fmt: skip
+    )
     edge_uncertainty: float = parameter(
-        0.0, 'largest error of t1 and t2, for continuation; 0: they are exact', unit='s',
-        minimum=0, maximum=0.1,
-    )  # fmt: skip
+        0.0,
+        'largest error of t1 and t2, for continuation; 0: they are exact',
+        unit='s',
+        minimum=0,
+        maximum=0.1,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -120,11 +144,8 @@ class DenoiseParameters(Parameters):
         for name in ('natural_frequency', 'damping_ratio'):
             count = len(getattr(self, name))
             if count not in (1, len(self.speeds)):
-                raise ParameterError(
-                    f'denoise.{name}: {count} values, must be 1 or {len(self.speeds)}, one for '
-                    'each of speeds'
-                )
-
+                allowed = f'1 or {len(self.speeds)}, one for each of speeds'
+                raise ParameterError(f'denoise.{name}: {count} values, must be {allowed}')
         check_cost(self, _cost, 'stretch', 'prediction_order', 'iterations')
 
     @cached_property
@@ -139,7 +160,7 @@ class DenoiseParameters(Parameters):
     def platform(self, speed: NDArray[np.float64]) -> tuple[Any, Any]:
         """Return natural frequency in Hz and damping ratio of the empty platform.
 
-        They are floats, or (windows, 1) as the belt speeds in m/s are, where they depend on these.
+        Both are floats, or (windows, 1) like the belt speeds in m/s if they depend on the speed.
         """
         frequency, damping = (
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
@@ -149,53 +170,52 @@ class DenoiseParameters(Parameters):
 
 
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
-    """Return how long a window takes at most if no longer than half the stretch, s.
+    """Return the largest time in s that a window takes, if no longer than half the stretch.
 
-    Where a block of the prediction is one sample; measured on one core of 2024.
+    It is that of blocks of one sample, as measured on one core of 2024.
     """
     return (iterations + 1) * (2e-4 + 3e-7 * stretch + 1e-5 * prediction_order)
 
 
 class Denoiser:
-    """Denoise weigh windows with the shrinkage of their belt speed.
+    """Stage that denoises weigh windows with the shrinkage of their belt speed.
 
-    The wavelet of level 7 is far longer than any window, so the padding around the window decides
-    the result: docs/method.md compares the ways to do it; the paper leaves it open. With
-    ``continuation``, an own derivation, the level of the window as the platform shows it from t1
-    on is taken out of the signal, so that the disturbance alone is left: before t1, while the load
-    rises, and in the window. It is extrapolated to both sides by linear prediction, put on the
-    level and denoised. A level that is wrong leaves a step, so the level is then found again in
-    the denoised signal; so are t1 and t2 in the signal if they are uncertain. In the end the rise
-    is put back as the bare share of the product on the belt, by t1 and t2 of the photo-eyes.
+    The wavelet of level 7 is much longer than any window, so the padding around the window decides
+    the result. The paper leaves it open; docs/method.md compares several ways. With
+    ``continuation``, an own derivation, the response of the platform to the level of the window is
+    subtracted from the signal, which leaves the disturbance from the empty belt before t1 up to t3.
+    The disturbance is extrapolated to both sides by linear prediction, the level is added, and the
+    result is denoised. A wrong level would leave a step, so the level is estimated again from the
+    denoised signal, and t1 and t2 from the signal if they are uncertain. Finally the rise is
+    restored as the share of the product on the belt, by t1 and t2 of the photo-eyes.
     """
 
     def __init__(self, parameters: DenoiseParameters) -> None:
         self._parameters = parameters
 
     def denoise(self, window: WeighWindow) -> WeighWindow:
-        """Return the window with `denoised` filled in; a fault passes unchanged.
+        """Return the window with its `denoised` signal; a fault is returned unchanged.
 
-        Filled in is t1..t3 with ``continuation``, t2..t3 with the other ways; elsewhere is NaN.
+        The signal is that of t1..t3 with ``continuation``, of t2..t3 otherwise, and NaN elsewhere.
         """
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
         """Denoise many windows in less time, each to the same bits as alone.
 
-        Windows of equal shape are denoised at once, so memory grows with their number: some
-        hundred at a time are fast.
+        Windows of equal shape are denoised at once, so memory grows with their number. A hundred at
+        a time are fast.
         """
+        bad = (Reason.BAD_WINDOW.value,)
         result = [
-            window if window.reasons or is_consistent(window)
-            else replace(window, reasons=(Reason.BAD_WINDOW.value,))
+            window if window.reasons or is_consistent(window) else replace(window, reasons=bad)
             for window in windows
-        ]  # fmt: skip
+        ]
         usable = [number for number, window in enumerate(result) if not window.reasons]
-        chosen = [windows[number] for number in usable]
-        for batch in batches_of(chosen, self._parameters.stretch):
+        for batch in batches_of([windows[number] for number in usable], self._parameters.stretch):
             rows = denoise_batch(batch, self._parameters)
             for position, row in zip(batch.positions, rows, strict=True):
-                window = chosen[position]
+                window = windows[usable[position]]
                 denoised = np.full(len(window.counts), math.nan)
                 denoised[window.window_end - len(row) : window.window_end] = row
                 result[usable[position]] = replace(window, denoised=denoised)
@@ -222,7 +242,7 @@ def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[
 
 
 def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
-    """Denoise windows on their extrapolated disturbance."""
+    """Denoise windows with their disturbance extrapolated to both sides."""
     force, begin = batch.force, batch.begin
     count = force.shape[-1] - begin
     length = padded_length(parameters.stretch, count)
@@ -233,8 +253,7 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
     first, time, rise_time = batch.entry, batch.time[:, batch.entry :], batch.rise_time
     entry_fit, taps = None, None
     response = np.zeros(force.shape)
-    level = found = _level(force[:, begin:])
-    denoised = force
+    found = np.mean(force[:, begin:], axis=-1, keepdims=True)
     for _ in range(parameters.iterations + 1):
         level = found
         # Both fall with the square root of the moving mass.
@@ -247,19 +266,13 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
             first = 0
             time, rise_time = entry_fit.times(taps)
         response[:, first:] = load_response(time, rise_time, *platform)
-        padded, taps = extrapolate(
-            force - level * response, before, length - measured.stop,
-            parameters.prediction_order, batch.block,
-        )  # fmt: skip
+        disturbance, after = force - level * response, length - measured.stop
+        order = parameters.prediction_order
+        padded, taps = extrapolate(disturbance, before, after, order, batch.block)
         padded += level
         denoised = remove_noise(padded)[:, measured]
-        found = _level(denoised[:, begin:])
+        found = np.mean(denoised[:, begin:], axis=-1, keepdims=True)
     return denoised - level * (1 - batch.share)
-
-
-def _level(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of each window, (windows, 1)."""
-    return np.add.reduce(samples, axis=-1, keepdims=True) / samples.shape[-1]
 
 
 def _noise_remover(
@@ -270,23 +283,27 @@ def _noise_remover(
         details = parameters.table.at(batch.belt_speed, parameters.threshold_unit)
         return partial(denoise_periodic, details=details)
     return partial(
-        threshold_universally, hard=parameters.method == 'hard', measured=measured,
+        threshold_universally,
+        hard=parameters.method == 'hard',
+        measured=measured,
         each_level=parameters.each_level,
-    )  # fmt: skip
+    )
 
 
 def pad(
-    samples: NDArray[np.float64], min_length: int, method: str = 'level',
+    samples: NDArray[np.float64],
+    min_length: int,
+    method: str = 'level',
     before: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], int]:  # fmt: skip
+) -> tuple[NDArray[np.float64], int]:
     """Pad windows (..., n) on both sides, up to a length that the transform can take.
 
-    Returned are the windows in the middle of their padding, (..., m), and the position of their
-    first sample there; m is the next multiple of 128 from `min_length` and from ``2 n``. At t3
-    nothing later has been measured, so the padding after the window is made up in any case. With
-    the method ``level`` both sides are the Hann-weighted mean of the window; with ``mirror`` the
-    window is reflected at its ends, again and again; with ``signal`` the signal `before`, (..., k),
-    stands before it and its level after it. Where `before` is too short it begins at its level.
+    Returns the windows in the middle of their padding, (..., m), and the position of their first
+    sample; m is the next multiple of 128 from `min_length` and from ``2 n``. At t3 no later sample
+    exists yet, so the padding after the window is synthetic with every method. With ``level`` both
+    sides are the Hann-weighted mean of the window; with ``mirror`` the window is reflected at its
+    ends repeatedly; with ``signal`` the signal `before`, (..., k), precedes it and its level
+    follows. If `before` is too short, its first sample is repeated.
 
     Examples
     --------

@@ -28,21 +28,25 @@ from checkweigher_dsp.denoising.window_batch import WindowBatch
 _LEAST_SAMPLES = 8
 # The variance of n is at first that of the whole signal, then that of the residual of the fit.
 _ROUNDS = 2
-# No edge is taken to be further off than this multiple of the uncertainty.
+# Largest shift of an edge, as a multiple of the uncertainty.
 _FURTHEST = 2.0
 
 
 class EntryFit:
-    """Fit the times at which the products of a batch enter.
+    """Fit of the times at which the products of a batch enter.
 
     Each of t1 and t2 may be off by `uncertainty` u in s, above 0. `level` is M in kg; frequency in
     Hz and damping ratio are those of the platform with that load; these three are (windows, 1).
     """
 
     def __init__(
-        self, batch: WindowBatch, uncertainty: float, level: NDArray[np.float64],
-        natural_frequency: NDArray[np.float64], damping_ratio: NDArray[np.float64],
-    ) -> None:  # fmt: skip
+        self,
+        batch: WindowBatch,
+        uncertainty: float,
+        level: NDArray[np.float64],
+        natural_frequency: NDArray[np.float64],
+        damping_ratio: NDArray[np.float64],
+    ) -> None:
         self._batch = batch
         self._uncertainty = uncertainty
         blocks = block_means(batch.force, batch.block)
@@ -77,11 +81,10 @@ class EntryFit:
         return batch.time - t1, batch.rise_time + t2 - t1
 
     def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
-        """Return by how much t1 and t2 are later than the photo-eyes say: (windows, 2), s.
+        """Return the delays of t1 and t2 relative to the photo-eyes: (windows, 2), s.
 
         `taps`, (windows, p + 1), are the prediction-error filters of the disturbance, on means of
-        the same blocks. While nothing is known of it, at None or order 0, they are those of a
-        platform which white forces shake.
+        the same blocks. With None or order 0 those of a platform under white forces are used.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
@@ -98,7 +101,7 @@ def platform_taps(
     natural_frequency: NDArray[np.float64],
     damping_ratio: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the filters that make the motion of platforms white which white forces shake.
+    """Return the filters that whiten the motion of platforms under white forces.
 
     They are (windows, 3); interval of the samples in s, frequency in Hz and damping ratio are
     (windows, 1).
@@ -118,7 +121,7 @@ def platform_taps(
 
 
 def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
-    """Return the shifts of the two times that a signal in white noise shows, s; 0 if none.
+    """Estimate the shifts of the two times in s from a signal in white noise; 0 if none.
 
     The rows of `white` (4, n) are response, signal, and the slopes of the signal with the times.
     """
@@ -127,7 +130,7 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = products
     if not size > 0:
         return 0.0, 0.0
-    # The size of the response is free: only the part at right angles to it tells of the times.
+    # The size of the response is free: only the part orthogonal to it depends on the times.
     signal, one, two = (share / size for share in shares)
     power -= signal * shares[0]
     b1, b2 = seen[0] - signal * shares[1], seen[1] - signal * shares[2]
@@ -140,9 +143,13 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
             return 0.0, 0.0
         shift1 = ((a22 + ridge) * b1 - a12 * b2) / determinant
         shift2 = ((a11 + ridge) * b2 - a12 * b1) / determinant
+        linear = 2 * (shift1 * b1 + shift2 * b2)
         left = (
-            power - 2 * (shift1 * b1 + shift2 * b2)
-            + a11 * shift1 * shift1 + 2 * a12 * shift1 * shift2 + a22 * shift2 * shift2
-        )  # fmt: skip
+            power
+            - linear
+            + a11 * shift1 * shift1
+            + 2 * a12 * shift1 * shift2
+            + a22 * shift2 * shift2
+        )
     limit = _FURTHEST * uncertainty
     return min(max(shift1, -limit), limit), min(max(shift2, -limit), limit)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Extrapolation of a disturbance beyond the ends of the signal, by linear prediction.
 
-Most of the disturbance of a belt is lines: the rollers, the motor, the platform's own oscillation.
-They go on before and after the samples at hand, and an autoregressive model of these samples tells
-how. Only the lowest bands of the signal are of interest, so the model is made of block means at
-`PREDICTION_RATE`, and an order of few tens spans the period of a slow line.
+Most of the disturbance of a belt is lines: the rollers, the motor, the oscillation of the platform.
+They continue before and after the known samples, and an autoregressive model of these predicts
+them. Only the lowest bands of the signal matter, so the model is one of block means at
+`PREDICTION_RATE`, and an order of some tens spans the period of a slow line.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # Hz
-# Samples that a model of a given order is made from, at least, as a multiple of the order.
+# Fewest samples that a model is fitted to, as a multiple of its order.
 _LEAST_RATIO = 3
 _PREDICTED_AT_ONCE = 4  # samples, see `predict`
 
@@ -72,7 +72,7 @@ def extrapolate(
 def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     """Return the means (..., n // block) of successive blocks of signals (..., n).
 
-    What is left over at the beginning is not used.
+    Samples before the first full block are ignored.
 
     Examples
     --------

@@ -90,7 +90,7 @@ def band_responses(
 
 
 def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.complex128]:
-    """Transform taps that are wrapped around a circle, which may be shorter than they are."""
+    """Return the transform of taps wrapped around a circle, which may be shorter than the taps."""
     wrapped = np.zeros(length)
     np.add.at(wrapped, np.arange(len(taps)) % length, taps)
     return np.fft.fft(wrapped)
@@ -146,30 +146,30 @@ def denoise_periodic(
     responses = band_responses(length, wavelet, levels)
     syntheses, powers = _syntheses(length, wavelet, levels)
     spectrum = np.fft.rfft(stretch)
+    kept = [(band, each) for band, each in enumerate(details) if each is not None]
     gain: Any = powers[levels]
-    shrunk: list[tuple[int, Shrinkage]] = []
-    for band, shrinkage in enumerate(details):
-        if shrinkage is None:
-            continue
+    for band, shrinkage in kept:
         if shrinkage.is_linear:
             gain = gain + shrinkage.gain * powers[band]
-        else:
-            shrunk.append((band, shrinkage))
     result = spectrum * gain
+    shrunk = {band: each for band, each in kept if not each.is_linear}
     if shrunk:
         # One more axis, that of the bands, before that of time.
-        numbers = [band for band, _ in shrunk]
+        numbers = list(shrunk)
         bands = np.fft.irfft(spectrum[..., np.newaxis, :] * responses[numbers], length)
-        for k, (_, shrinkage) in enumerate(shrunk):
+        for k, shrinkage in enumerate(shrunk.values()):
             bands[..., k, :] = shrink(bands[..., k, :], shrinkage)
         result += (np.fft.rfft(bands) * syntheses[numbers]).sum(axis=-2)
     return np.fft.irfft(result, length)
 
 
 def threshold_universally(
-    stretch: NDArray[np.float64], *, hard: bool, measured: slice = slice(None),
+    stretch: NDArray[np.float64],
+    *,
+    hard: bool,
+    measured: slice = slice(None),
     each_level: bool = False,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     r"""Denoise by hard (HTF) or soft (STF) thresholding of all details, for comparison.
 
     The threshold is the universal one, :math:`\lambda = \sigma \sqrt{2 \ln n}` with

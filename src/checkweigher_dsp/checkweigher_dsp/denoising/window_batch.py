@@ -19,7 +19,7 @@ from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
 
 _PERIOD = 2**LEVELS
-# The signal before t2 is taken in steps of this, so that there are few shapes.
+# Samples before t2 are used in multiples of this, so that there are few shapes.
 _LEAD_STEP = 16
 _SAMPLES_AT_ONCE = 2**20  # of padded windows in a batch
 
@@ -47,8 +47,7 @@ class WindowBatch:
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
     """Sort consistent windows by shape into batches, in the order of their first windows.
 
-    A padded window has at least `min_length` samples: half of them, at most, are taken from before
-    t2.
+    A padded window has at least `min_length` samples, at most half of them from before t2.
     """
     times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}
@@ -66,19 +65,15 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
         since_entry = np.array([times[position][1] for position in positions])
         rise_times = np.array([[rise_time(each)] for each in chosen])
         speeds = np.array([[each.belt_speed] for each in chosen])
-        batches.append(
-            WindowBatch(
-                tuple(positions), np.array(forces), since_entry, rise_times, speeds, entry, begin,
-                block,
-            )
-        )  # fmt: skip
+        signals = np.array(forces), since_entry, rise_times, speeds
+        batches.append(WindowBatch(tuple(positions), *signals, entry, begin, block))
     return batches
 
 
 def _in_parts(
     shapes: Mapping[tuple[int, ...], list[int]], min_length: int
 ) -> Iterator[tuple[tuple[int, ...], list[int]]]:
-    """Yield the positions of each shape, no more at once than memory is to be taken for."""
+    """Yield the positions of each shape, in parts that limit the memory of a batch."""
     for shape, positions in shapes.items():
         _, begin, _, count = shape
         most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))
@@ -92,7 +87,7 @@ def padded_length(min_length: int, count: int) -> int:
 
 
 def _used_time(window: WeighWindow, min_length: int) -> tuple[int, NDArray[np.float64]]:
-    """Return how many samples before t2 are used, and the time of these and the window's, s."""
+    """Return the number of samples used before t2, and the time of all used samples in s."""
     begin, count = window.window_begin, window.window_end - window.window_begin
     room = (padded_length(min_length, count) - count) // 2
     known = begin - min(max(window.empty_begin, 0), begin)
@@ -119,7 +114,7 @@ def time_since_entry(
 ) -> NDArray[np.float64]:
     """Return the time since t1 in s of the samples from position `begin` up to `end`.
 
-    The first sample of the window lies within one sample after t2, even where its stamp is wrong.
+    The first sample of the window lies within one sample after t2, even if its stamp is wrong.
     """
     first, interval = window.window_begin, 1 / window.sample_rate
     after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
@@ -129,9 +124,9 @@ def time_since_entry(
 
 
 def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the denoised signal of a window and the load that was on the belt, (n,) each.
+    """Return the denoised signal of a window in kg and the load on the belt, (n,) each.
 
-    They are in kg, from t1 or t2 on up to t3, and the share of the product, 1 from t2 on.
+    Both are from t1 or t2 up to t3. The load is the share of the product, which is 1 from t2 on.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))
@@ -143,7 +138,7 @@ def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def is_consistent(window: WeighWindow) -> bool:
-    """Tell whether the fields of a window that claims to be whole fit together."""
+    """Return whether the fields of a window without reasons are consistent."""
     zeros = window.zero, window.zero_counts, window.zero_std_dev
     return (
         0 <= window.window_begin < window.window_end <= len(window.counts) <= MAX_WINDOW

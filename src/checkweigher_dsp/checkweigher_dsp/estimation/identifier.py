@@ -1,33 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of the mass in denoised weigh windows, by the estimator that was chosen."""
+"""Identification of the mass in denoised weigh windows by the chosen estimator."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, make_dataclass, replace
 import hashlib
 import json
 import math
-from typing import ClassVar
+from typing import Any, ClassVar, Self, cast
 
 from checkweigher_core.parameters import Parameters, parameter
 from checkweigher_core.records import MassEstimate, WeighWindow
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.denoising.window_batch import is_consistent
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
-from checkweigher_dsp.estimation.estimators.aeksi import AeksiParameters
-from checkweigher_dsp.estimation.estimators.aid import AidParameters
-from checkweigher_dsp.estimation.estimators.averages import HannParameters, MeanParameters
 from checkweigher_dsp.estimation.estimators.base import (
     EstimatorParameters,
     LoadEstimate,
     is_in_window,
 )
-from checkweigher_dsp.estimation.estimators.fir_model import FirModelParameters
-from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
-from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
-from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaperParameters
-from checkweigher_dsp.estimation.estimators.learned import LearnedParameters
-from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.estimation.learning.learner import (
     LearnedKinds,
     LearningParameters,
@@ -38,59 +29,67 @@ from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 
 
 @dataclass(frozen=True)
-class IdentifierParameters(Parameters):
-    """The estimator that makes the mass, and the parameters of all."""
-
+class _OwnParameters(Parameters):
     node: ClassVar[str] = 'identifier'
 
     estimator: str = parameter('iswd_eksi', 'method that weighs', choices=tuple(ESTIMATORS))
     max_relative_std_dev: float = parameter(
-        0.25, 'largest standard deviation relative to the mass, above it NoConvergence',
-        minimum=0, maximum=1e9,
-    )  # fmt: skip
+        0.25,
+        'largest standard deviation relative to the mass, above it NoConvergence',
+        minimum=0,
+        maximum=1e9,
+    )
     speed_tolerance: float = parameter(
-        0.03, 'largest relative distance from the trained speeds, beyond it SpeedNotTrained',
-        minimum=0, maximum=1e9,
-    )  # fmt: skip
+        0.03,
+        'largest relative distance from the trained speeds, beyond it SpeedNotTrained',
+        minimum=0,
+        maximum=1e9,
+    )
     learn: bool = parameter(
         False, 'learn from products of unknown mass, and weigh by that where it is the better'
     )
     learning: LearningParameters = LearningParameters()
-    mean: MeanParameters = MeanParameters()
-    hann: HannParameters = HannParameters()
-    tvlpf: TvlpfParameters = TvlpfParameters()
-    aid: AidParameters = AidParameters()
-    aeksi: AeksiParameters = AeksiParameters()
-    iswd_eksi: IswdEksiParameters = IswdEksiParameters()
-    iswd_eksi_paper: IswdEksiPaperParameters = IswdEksiPaperParameters()
-    fir_model: FirModelParameters = FirModelParameters()
-    gauss_markov: GaussMarkovParameters = GaussMarkovParameters()
-    learned: LearnedParameters = LearnedParameters()
+
+
+_SETS = [
+    (name, type(each.parameters), field(default=each.parameters))
+    for name, each in ESTIMATORS.items()
+]
+# A type checker does not see these fields.
+_AllParameters: Any = make_dataclass('_AllParameters', _SETS, bases=(_OwnParameters,), frozen=True)
+
+
+@dataclass(frozen=True)
+class IdentifierParameters(_AllParameters, _OwnParameters):
+    """The estimator that makes the mass, and a set of parameters for each of `ESTIMATORS`."""
 
     @property
     def chosen(self) -> EstimatorParameters:
         """The parameters of the estimator that makes the mass."""
-        chosen = getattr(self, self.estimator)
-        assert isinstance(chosen, EstimatorParameters)
-        return chosen
+        return cast(EstimatorParameters, getattr(self, self.estimator))
+
+    def with_set(self, estimator: str, parameters: EstimatorParameters) -> Self:
+        """Return the same with other parameters of one estimator."""
+        changes: dict[str, Any] = {estimator: parameters}
+        return replace(self, **changes)
 
     @property
     def basis(self) -> str:
-        """What loads rest on that are learned from: the estimator, and a hash of its parameters."""
+        """The estimator and a hash of its parameters: what was learned holds for these alone."""
         values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
         return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
 
 
 class Identifier:
-    """Make a mass estimate of each denoised window.
+    """Stage that makes a mass estimate of each denoised window.
 
-    With `IdentifierParameters.learn` it learns from each of them for those that follow. `known` is
-    what was learned before; without the same estimator and parameters it is worth nothing.
+    With `IdentifierParameters.learn` it learns from each window for those that follow. `known` is
+    the state that was learned before; it is ignored unless estimator and parameters are the same.
 
     Attributes
     ----------
     learned : LearnedKinds
-        What is known by now. It depends on the windows and their order alone.
+        State that was learned so far. It depends on the windows and their order alone.
 
     Examples
     --------
@@ -127,17 +126,17 @@ class Identifier:
         ]
 
     def learn(self) -> None:
-        """Learn from the last window now, which the next one would have to wait for."""
+        """Learn from the last window now; otherwise the next window does it, and takes longer."""
         if self._lesson is not None:
             self.learned = learn(self.learned, *self._lesson, self._parameters.learning)
             self._lesson = None
 
     def forget(self) -> None:
-        """Forget all that was learned."""
+        """Reset everything that was learned."""
         self.learned, self._lesson = LearnedKinds(self.learned.basis), None
 
     def _weigh(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
-        """Return the mass of a window, by what was learned from those before it if it may be."""
+        """Return the mass of a window, by the learned weights if they are trusted."""
         estimate = self._estimate(window, load)
         if not self._parameters.learn or estimate.reasons:
             return estimate
@@ -153,11 +152,11 @@ class Identifier:
         return estimate if learned.reasons else learned
 
     def _refuse(self, window: WeighWindow) -> MassEstimate | None:
-        """Return the estimate of a window that the estimator must not see, with its reasons."""
+        """Return the reasons of a window that cannot be weighed as an estimate, None for others."""
         if window.reasons:
             return self._record(window, window.reasons)
         count = len(window.denoised)
-        # Without denoise before it an estimator still has all that it reads.
+        # An estimator of the raw signal does not need denoise before it.
         complete = count == len(window.counts) or (count == 0 and not self.needs_denoised)
         if not is_consistent(window) or not complete:
             return self._record(window, (Reason.BAD_WINDOW.value,))
@@ -169,10 +168,17 @@ class Identifier:
 
     def _record(self, window: WeighWindow, reasons: tuple[str, ...], **more: float) -> MassEstimate:
         return MassEstimate(
-            window.item_id, window.t1, window.t2, window.t3, reasons,
-            belt_speed=window.belt_speed, product_length=window.product_length,
-            line_speed=window.line_speed, estimator=self._parameters.estimator, **more,
-        )  # fmt: skip
+            window.item_id,
+            window.t1,
+            window.t2,
+            window.t3,
+            reasons,
+            belt_speed=window.belt_speed,
+            product_length=window.product_length,
+            line_speed=window.line_speed,
+            estimator=self._parameters.estimator,
+            **more,
+        )
 
     def _estimate(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
         """Return the mass of a window from the load that the estimator found in it."""
@@ -186,16 +192,23 @@ class Identifier:
             return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
         natural_frequency, damping_ratio = platform_poles(load.a1, load.a2, window.sample_rate)
         return self._record(
-            window, (), zero=zero, mass=mass, std_dev=math.sqrt(variance), a1=load.a1,
-            a2=load.a2, b1=load.b1, natural_frequency=natural_frequency,
+            window,
+            (),
+            zero=zero,
+            mass=mass,
+            std_dev=math.sqrt(variance),
+            a1=load.a1,
+            a2=load.a2,
+            b1=load.b1,
+            natural_frequency=natural_frequency,
             damping_ratio=damping_ratio,
-        )  # fmt: skip
+        )
 
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass, kg^2.
 
-        That of the training passes if there were any; it holds the noise of the zero as it was
-        there, so only the excess of the zero's variance over that one is added.
+        After training it is that of the training passes, which includes the noise of their zero;
+        only the excess of the zero's variance over theirs is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg
@@ -211,8 +224,7 @@ class Identifier:
         return trained * trained + relative * relative + max(worse, 0.0)
 
     def _has_converged(self, load: LoadEstimate, mass: float, variance: float) -> bool:
-        if not (math.isfinite(mass) and math.isfinite(variance) and variance >= 0):
-            return False
-        if not math.isnan(load.a1) and not is_stable(load.a1, load.a2):
-            return False
-        return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(mass)
+        stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
+        limit = self._parameters.max_relative_std_dev * abs(mass)
+        # NaN is not: neither as mass nor as variance.
+        return bool(stable and variance >= 0 and math.sqrt(variance) <= limit < math.inf)

@@ -95,7 +95,7 @@ def akaike_order(powers: NDArray[np.float64], count: int) -> int:
     """Choose the order of an AR model by Akaike's information criterion, n ln(power) + 2 m.
 
     `powers` (p + 1,) is the prediction error power of each order m = 0 to p, not negative, of
-    models that were fitted to n = `count` samples. It is the lowest of the best orders.
+    models that were fitted to n = `count` samples. Of equally good orders the lowest is chosen.
 
     References
     ----------

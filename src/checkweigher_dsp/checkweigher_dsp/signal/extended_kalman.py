@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Variances that the filter reckons with, without a unit; the signal is normalised to 1."""
+    """Variances of the filter, without a unit; the signal is normalised to 1."""
 
     measurement: float  # R of a sample, as a multiple of a variance that the signal shows itself
     process: float  # Q[0, 0], that of x per step, as a multiple of R; coefficients are constant
@@ -86,7 +86,7 @@ def identify(
     Returns
     -------
     Identification
-        What is found in a window does not depend on the others, to the last bit.
+        The result of a window does not depend on the others, to the last bit.
 
     References
     ----------

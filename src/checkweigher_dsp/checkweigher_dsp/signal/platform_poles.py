@@ -28,5 +28,5 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
 
 
 def is_stable(a1: Any, a2: Any) -> Any:
-    """Tell whether both poles lie inside the unit circle (the stability triangle); not for NaN."""
+    """Return whether both poles lie inside the unit circle (stability triangle); False for NaN."""
     return (abs(a2) < 1) & (abs(a1) < 1 + a2)

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Of the crossing of an end of the belt. With 8 of them the mass is off by 1/16 of the product's at
-# most and right on average.
+# Number of stairs at each end of the belt. With 8 stairs the error of the moving mass is at most
+# 1/16 of the product's, and 0 on average.
 _STAIRS = 8
 
 
@@ -36,7 +36,7 @@ class Platform:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """When the load of a product comes on and goes off, s; `off_begin` may be infinite."""
+    """Times at which the load of a product rises and falls, in s; `off_begin` may be infinite."""
 
     on_begin: float
     on_end: float

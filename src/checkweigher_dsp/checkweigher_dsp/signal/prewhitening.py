@@ -82,7 +82,7 @@ def pooled_reflections(
 
     Forward and backward prediction errors of all segments (n_i,), without mean, together make each
     reflection coefficient, so that short segments serve as well as long ones and no taper is
-    needed; those no longer than `order` are left out. Returned are the coefficients (order,), each
+    needed; those no longer than `order` are left out. Returns the coefficients (order,), each
     between -1 and 1, and the standard deviation of the innovations.
 
     Raises

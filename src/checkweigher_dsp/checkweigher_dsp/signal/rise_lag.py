@@ -43,9 +43,9 @@ _SYSTEMATIC_BEND = 8e-4
 
 @dataclass(frozen=True, slots=True)
 class RiseLag:
-    """How much later than the eyes say the load rises, s; NaN where the signal does not show it.
+    """Delay of the rise of the load relative to the photo-eyes in s; NaN if it is not known.
 
-    `bend` is the part of it that comes of a load which does not come on evenly.
+    `bend` is the part of the lag that is due to a load which does not rise evenly.
     """
 
     lag: float = math.nan
@@ -55,7 +55,7 @@ class RiseLag:
 
     @property
     def is_known(self) -> bool:
-        """Whether the signal shows it."""
+        """Whether the lag is known."""
         return not math.isnan(self.lag)
 
 
@@ -77,8 +77,8 @@ def rise_lag(
     Returns
     -------
     RiseLag
-        A standard deviation is what the empty belt before the item, and a part of what the level
-        after it, would make of the same functional.
+        A standard deviation is that of the same functional of the empty belt before the item and,
+        in part, of the level after it.
 
     Examples
     --------
@@ -132,9 +132,9 @@ def lag_of(window: WeighWindow) -> RiseLag:
 def _weights(
     time: NDArray[np.float64], rise_time: float, transit: float, lag: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the weights of the samples in z, in M and in M times what the lag is off, (n,) each.
+    """Return the weights of the samples in z, in M and in M times the error of the lag, (n,) each.
 
-    None where empty belt or level are too short.
+    Returns None if the empty belt or the level is too short.
     """
     begin, stop = max(float(time[0]), lag - _EMPTY), transit + min(lag, 0.0)
     zero, level = _bell(time, begin, lag), _bell(time, rise_time + lag, stop)
@@ -160,7 +160,7 @@ def _bell(time: NDArray[np.float64], begin: float, end: float) -> NDArray[np.flo
 
 
 def _noise(force: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Return the root mean square of what a weighted sum would see in such noise.
+    """Return the root mean square of a weighted sum of such noise.
 
     The noise (n,) is tapered, so that it may be shorter than the weights (m,).
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Mean and standard deviation of values that are not kept."""
+"""Mean and standard deviation of a stream of values."""
 
 import math
 
@@ -13,7 +13,7 @@ class RunningMoments:
         self._mean = self._squares = 0.0  # the latter of the deviations from the mean
 
     def add(self, value: float) -> None:
-        """Take a further value."""
+        """Add a value."""
         self.count += 1
         before = value - self._mean
         self._mean += before / self.count

@@ -115,20 +115,17 @@ def test_white_forces_on_a_platform_are_white_again_behind_its_filter():
 
 def test_a_model_of_order_0_is_none():
     batch = _batch(LEVEL * _response(_time(), LATE) + _noise(3))
-
     np.testing.assert_array_equal(_shift(batch, np.ones(1)), _shift(batch))
 
 
 def test_where_nothing_disturbs_both_times_are_found():
     # To first order: what is left goes with the square of the shift.
     (shift,) = _shift(_batch(LEVEL * _response(_time(), LATE)))
-
     np.testing.assert_allclose(shift, LATE, atol=0.1 * UNCERTAINTY)
 
 
 def test_a_disturbance_that_hides_the_hump_leaves_the_times_of_the_eyes():
     force = LEVEL * _response(_time(), LATE) + 1e4 * _noise(1)
-
     np.testing.assert_allclose(_shift(_batch(force)), 0.0, atol=0.01 * UNCERTAINTY)
 
 
@@ -136,16 +133,13 @@ def test_no_time_is_shifted_by_more_than_twice_the_uncertainty():
     # A hump as of 6 ms, and in opposite directions.
     step = 1e-5
     hump = (_response(_time(), (step, -step)) - _response(_time(), (-step, step))) / (2 * step)
-
     (shift,) = _shift(_batch(LEVEL * (_response(_time()) + 6e-3 * hump)))
-
     np.testing.assert_array_equal(shift, [2 * UNCERTAINTY, -2 * UNCERTAINTY])
 
 
 @pytest.mark.parametrize('gain', [-3.0, 1e-3, 1e6])
 def test_the_unit_of_the_signal_does_not_matter(gain):
     force = LEVEL * _response(_time(), LATE) + _noise(2)
-
     np.testing.assert_allclose(
         _shift(_batch(gain * force), level=gain * LEVEL), _shift(_batch(force)), rtol=1e-9
     )
@@ -172,7 +166,6 @@ def test_too_few_samples_leave_the_times(count):
     short = replace(
         batch, force=batch.force[:, -count:], time=batch.time[:, -count:], entry=0, begin=0
     )
-
     np.testing.assert_array_equal(_shift(short), 0.0)
 
 

@@ -45,7 +45,6 @@ def test_the_response_is_that_of_the_integrated_platform(rise, frequency, dampin
 
 def test_the_share_rises_linearly_from_t1_to_t2():
     time = np.array([-1.0, 0.0, 0.05, 0.1, 0.2, 5.0])
-
     np.testing.assert_allclose(load_share(time, 0.2), [0, 0, 0.25, 0.5, 1, 1], atol=1e-15)
 
 
@@ -53,23 +52,19 @@ def test_the_share_rises_linearly_from_t1_to_t2():
 def test_long_after_the_rise_the_platform_reads_the_whole_load(rise, frequency, damping):
     # 40 time constants of the oscillation.
     late = np.array([rise + 40 / (2 * math.pi * frequency * damping)])
-
     assert load_response(late, rise, frequency, damping) == pytest.approx([1.0], abs=1e-9)
 
 
 @pytest.mark.parametrize('rise', [0.0, -1.0])
 def test_without_a_rise_the_load_is_there_at_once(rise):
     time = np.array([-0.01, 0.01])
-
     np.testing.assert_array_equal(load_share(time, rise), [0.0, 1.0])
     assert np.isfinite(load_response(time, rise, 38.0, 0.06)).all()
 
 
 def test_each_pass_may_have_a_rise_and_a_platform_of_its_own():
     rises, frequencies = np.array([[0.1], [0.2]]), np.array([[38.0], [22.0]])
-
     both = load_response(np.stack([TIME, TIME]), rises, frequencies, 0.06)
-
     np.testing.assert_array_equal(both[0], load_response(TIME, 0.1, 38.0, 0.06))
     np.testing.assert_array_equal(both[1], load_response(TIME, 0.2, 22.0, 0.06))
 
@@ -99,5 +94,4 @@ def test_block_responses_are_means_of_the_response_and_differences_of_such(
 
 def test_a_rise_of_no_length_has_responses_as_well():
     blocks = block_responses(np.arange(-0.05, 0.3, 1 / 240), 0.0, 38.0, 0.06)
-
     assert np.isfinite(blocks).all()

@@ -10,7 +10,6 @@ import pytest
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.denoising.window_batch import (
     batches_of,
-    padded_length,
     rise_time,
     time_since_entry,
 )
@@ -31,7 +30,6 @@ def _window(make_window):
 
 def test_times_count_from_t1(window):
     time = time_since_entry(window)
-
     assert rise_time(window) == 0.0995
     assert time[[200, 300, 399]] == pytest.approx([0.0, 0.1, 0.199], abs=ROUNDING)
 
@@ -39,13 +37,11 @@ def test_times_count_from_t1(window):
 @pytest.mark.parametrize('stamp', [0, 2**60])
 def test_a_stamp_that_cannot_be_leaves_the_window_within_a_sample_after_t2(window, stamp):
     begin = time_since_entry(replace(window, stamp=stamp))[300]
-
     assert 0.0995 <= begin <= 0.1005 + ROUNDING
 
 
 def test_without_t1_the_load_is_there_at_once(window):
     (batch,) = batches_of([replace(window, t1=None)], 1024)
-
     assert rise_time(replace(window, t1=None)) == 0.0
     np.testing.assert_array_equal(batch.share[0, batch.begin :], 1.0)
 
@@ -66,7 +62,6 @@ def test_a_batch_goes_from_the_empty_belt_to_t3(window):
 
 def test_no_more_is_taken_than_the_padding_has_room_for(window):
     (batch,) = batches_of([window], 256)
-
     # (256 - 100) // 2 = 78, in steps of 16.
     assert batch.begin == 64
     assert batch.entry == 0
@@ -76,14 +71,5 @@ def test_windows_of_unlike_shape_come_into_unlike_batches(window):
     shorter = replace(window, window_end=399)
     faster = replace(window, sample_rate=2000.0)
     later = replace(window, t1=window.t1 + 20_000_000)
-
     batches = batches_of([window, shorter, window, faster, later], 1024)
-
     assert [batch.positions for batch in batches] == [(0, 2), (1,), (3,), (4,)]
-
-
-@pytest.mark.parametrize(
-    ('least', 'count', 'length'), [(128, 64, 128), (128, 65, 256), (1000, 100, 1024)]
-)
-def test_the_padded_length_is_the_next_multiple_of_128(least, count, length):
-    assert padded_length(least, count) == length

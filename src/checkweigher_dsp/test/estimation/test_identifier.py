@@ -43,7 +43,6 @@ def _oscillation(mass=0.2, count=96, seed=2):
 @pytest.mark.parametrize('mass', [0.0745, 0.2545, 7.0])
 def test_a_constant_load_gives_its_mass(make_window, mass, estimator):
     estimate = _identifier(estimator).estimate(_denoised(make_window([mass] * 64)))
-
     assert estimate.reasons == ()
     assert estimate.mass == pytest.approx(mass, rel=PRIOR)
     assert estimate.estimator == estimator
@@ -51,15 +50,12 @@ def test_a_constant_load_gives_its_mass(make_window, mass, estimator):
 
 def test_the_mass_is_the_steady_state_of_what_was_identified(make_window):
     estimate = _identifier('iswd_eksi').estimate(_denoised(make_window([0.2] * 64)))
-
     assert estimate.mass == pytest.approx(estimate.b1 / (1 + estimate.a1 + estimate.a2), rel=GAIN)
 
 
 def test_the_mass_is_the_load_above_the_zero_and_not_above_the_calibration(make_window):
     window = _denoised(make_window([0.2] * 64, zero_counts=4000.0))
-
     estimate = Identifier(IdentifierParameters()).estimate(window)
-
     assert estimate.mass == pytest.approx(0.2, rel=PRIOR)
     # The belt reads 1000 counts of 1e6 a kg more than at calibration.
     assert estimate.zero == pytest.approx(0.001, rel=PRIOR)
@@ -168,9 +164,7 @@ def test_the_window_of_a_fault_becomes_an_estimate_with_its_reasons():
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
 def test_what_identifies_no_stable_platform_is_no_convergence(make_window, denoised):
     window = make_window(np.nan_to_num(denoised, posinf=0.0), counts_per_kg=1e6)
-
     estimate = Identifier(IdentifierParameters()).estimate(replace(window, denoised=denoised))
-
     assert estimate.reasons == ('NoConvergence',)
     assert math.isnan(estimate.mass)
 
@@ -209,23 +203,19 @@ def test_a_mass_that_is_too_uncertain_is_no_convergence(make_window):
 )  # fmt: skip
 def test_a_window_that_contradicts_itself_is_a_bad_window(make_window, fields):
     window = replace(_denoised(make_window([0.2] * 64)), **fields)
-
     estimate = Identifier(IdentifierParameters()).estimate(window)
-
     assert estimate.reasons == ('BadWindow',)
 
 
 def test_an_unknown_estimator_is_refused_with_the_names_there_are():
     with pytest.raises(ParameterError, match=r"identifier\.estimator: 'eksi' is not one of") as e:
         IdentifierParameters(estimator='eksi')
-
     assert all(name in str(e.value) for name in ESTIMATORS)
 
 
 @pytest.mark.parametrize('mass', [-0.1, -1e-6])
 def test_a_product_that_weighs_less_than_nothing_is_no_mass(make_window, mass):
     estimate = Identifier(IdentifierParameters()).estimate(_denoised(make_window([mass] * 64)))
-
     assert estimate.reasons == ('NoLoad',)
     assert math.isnan(estimate.mass)
 
@@ -239,9 +229,7 @@ TRAINED = {
 
 def _constant(make_window, speed, zero_std_dev=0.0):
     """A window of 0.2 kg on which nothing moves; the zero in kg."""
-    return _denoised(
-        make_window([0.2] * 64, belt_speed=speed, zero_std_dev=1e6 * zero_std_dev)
-    )  # fmt: skip
+    return _denoised(make_window([0.2] * 64, belt_speed=speed, zero_std_dev=1e6 * zero_std_dev))
 
 
 # gain * 0.2 + offset, and std_dev^2 + (relative_std_dev * mass)^2, by hand.
@@ -309,18 +297,14 @@ def test_a_speed_beyond_training_is_not_trained_if_there_was_training(
 
 def test_what_another_estimator_was_taught_does_not_matter(make_window):
     other = IdentifierParameters(estimator='hann', mean=MeanParameters(**TRAINED))
-
     estimate = Identifier(other).estimate(_constant(make_window, 1.0))
-
     assert estimate.mass == pytest.approx(0.2, rel=PRIOR)
 
 
 def test_without_training_gain_and_offset_are_applied_and_the_variance_is_its_own(make_window):
     window = _denoised(make_window(_oscillation(), zero_std_dev=300.0))
     plain = _identifier('mean').estimate(window)
-
     taught = _identifier('mean', gain=[2.0], offset=[0.01], std_dev=[0.5]).estimate(window)
-
     assert taught.mass == pytest.approx(2 * plain.mass + 0.01, rel=GAIN)
     assert taught.std_dev == plain.std_dev
 

@@ -64,9 +64,7 @@ def test_every_model_of_burg_is_stable(seed, count, data):
 def test_the_model_of_one_order_is_that_of_the_plain_recursion(seed, count, data):
     order = data.draw(st.integers(0, count // 3))
     signal = np.random.default_rng(seed).standard_normal(count).cumsum()
-
     coefficients, _ = burg(signal, order)
-
     np.testing.assert_allclose(coefficients, plain_path.burg(signal, order), rtol=0, atol=1e-9)
 
 
@@ -85,20 +83,17 @@ def test_lines_with_next_to_no_noise_have_the_model_of_the_plain_recursion(seed)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 6))
 def test_the_taps_of_a_model_sum_to_the_product_of_one_plus_its_reflections(seed, order):
     coefficients, reflections = burg(np.random.default_rng(seed).standard_normal(40), order)
-
     assert coefficients.sum() == pytest.approx(np.prod(1 + reflections), rel=1e-6, abs=ROUNDING)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 6))
 def test_a_lower_order_has_the_first_reflections_of_a_higher_one(seed, order):
     signal = np.random.default_rng(seed).standard_normal(40)
-
     np.testing.assert_array_equal(burg(signal, order)[1], burg(signal, 6)[1][:order])
 
 
 def test_burg_leaves_a_signal_of_zeros_as_it_is():
     coefficients, reflections = burg(np.zeros(10), 3)
-
     assert coefficients == pytest.approx([1, 0, 0, 0])
     assert reflections == pytest.approx(np.zeros(3))
     assert akaike_order(np.zeros(4), 10) == 0
@@ -107,7 +102,6 @@ def test_burg_leaves_a_signal_of_zeros_as_it_is():
 def test_the_order_is_worth_two_for_each_coefficient():
     # n ln(power): a step from 1 to exp(-0.03) is worth 3 for 100 samples, 1.5 for 50.
     powers = np.array([4.0, 1.0, math.exp(-0.03), math.exp(-0.03)])
-
     assert akaike_order(powers, 100) == 2
     assert akaike_order(powers, 50) == 1
 

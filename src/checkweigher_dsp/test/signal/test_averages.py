@@ -15,22 +15,14 @@ ROUNDING = 1e-14
 def test_hann_mean_weights_by_the_raised_cosine_without_its_zeros():
     # sin^2(pi k / 4) for k = 1, 2, 3 is 1/2, 1, 1/2.
     assert hann_mean(np.array([2.0, 4.0, 10.0])) == pytest.approx((1 + 4 + 5) / 2, rel=ROUNDING)
-
-
-def test_hann_mean_of_one_sample_is_the_sample():
     assert hann_mean(np.array([3.0])) == pytest.approx(3.0, rel=ROUNDING)
-
-
-def test_the_mean_of_one_window_is_a_float():
     assert isinstance(hann_mean(np.array([1.0, 2.0])), float)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 200))
 def test_windows_are_averaged_one_by_one(seed, count):
     windows = np.random.default_rng(seed).standard_normal((3, 2, count))
-
     result = hann_mean(windows)
-
     assert result.shape == (3, 2)
     for index in np.ndindex(3, 2):
         assert result[index] == hann_mean(windows[index])

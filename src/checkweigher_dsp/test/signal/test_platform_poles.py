@@ -24,9 +24,7 @@ def _coefficients(frequency, damping):
 @given(st.floats(1.0, 400.0), st.floats(0.01, 0.9))
 def test_poles_are_those_of_the_closed_forms(frequency, damping):
     a1, a2 = _coefficients(frequency, damping)
-
     found = platform_poles(a1, a2, RATE)
-
     # The arc cosine loses half the digits where the angle is small.
     assert found == pytest.approx((frequency, damping), rel=1e-6)
 

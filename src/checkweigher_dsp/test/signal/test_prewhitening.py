@@ -67,18 +67,9 @@ def test_any_reflections_within_1_are_a_stable_model_that_becomes_white(reflecti
     np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(12), atol=1e-8)
 
 
-def test_white_noise_is_divided_by_its_standard_deviation():
-    signal = np.random.default_rng(1).standard_normal((2, 3, 20))
-
-    np.testing.assert_allclose(
-        Prewhitener([0.0, 0.0, 0.0], 4.0).whiten(signal), signal / 4, rtol=EXACT
-    )
-
-
 def test_an_autoregression_of_first_order_by_hand():
     # x(k) = 0.6 x(k-1) + w, std. dev. of w 2, so that of x is 2 / sqrt(1 - 0.36) = 2.5.
     whitened = Prewhitener([-0.6], 2.0).whiten(np.array([5.0, 4.0, -1.0, 0.0]))
-
     np.testing.assert_allclose(
         whitened, [5 / 2.5, (4 - 3.0) / 2, (-1 - 2.4) / 2, (0 + 0.6) / 2], rtol=EXACT
     )
@@ -87,18 +78,14 @@ def test_an_autoregression_of_first_order_by_hand():
 def test_many_signals_at_once_are_whitened_as_each_alone():
     signals = np.random.default_rng(2).standard_normal((4, 3, 25))
     whitener = Prewhitener(_reflections(MODEL), 0.5)
-
     together = whitener.whiten(signals)
-
     for place in np.ndindex(4, 3):
         np.testing.assert_allclose(together[place], whitener.whiten(signals[place]), rtol=EXACT)
 
 
 def test_one_segment_is_fitted_as_by_burg():
     segment = lfilter([1.0], MODEL, np.random.default_rng(3).standard_normal(200))
-
     reflections, std_dev = pooled_reflections([segment], 6)
-
     _, expected = burg(segment, 6)
     np.testing.assert_allclose(reflections, expected, rtol=EXACT)
     assert std_dev**2 == pytest.approx(np.mean(segment**2) * np.prod(1 - expected**2), rel=EXACT)
@@ -107,7 +94,6 @@ def test_one_segment_is_fitted_as_by_burg():
 def test_a_pooled_reflection_by_hand():
     # Order 1: -2 (1*2 + 2*3 + 4*(-1)) / (1+4 + 4+9 + 16+1) = -8/35; power 31/5 times 1 - k^2.
     reflections, std_dev = pooled_reflections([np.array([1.0, 2.0, 3.0]), np.array([4.0, -1.0])], 1)
-
     assert reflections == pytest.approx([-8 / 35], rel=EXACT)
     assert std_dev**2 == pytest.approx(31 / 5 * (1 - (8 / 35) ** 2), rel=EXACT)
 

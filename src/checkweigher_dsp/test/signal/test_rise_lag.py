@@ -30,12 +30,13 @@ def test_a_rise_that_is_late_or_early_lags_by_that(shift: int):
     force = MASS * (load_share(TIME - MS * shift, RISE) - fall)
 
     assert seen(force).lag == pytest.approx(MS * shift, abs=2e-5)
+    if abs(shift) < 15:
+        assert seen(force).bend == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.parametrize('frequency', [22.0, 38.0, 45.0])
 def test_a_platform_lags_by_its_delay_at_frequency_0(frequency: float):
     force = MASS * load_response(TIME, RISE, frequency, 0.06)
-
     assert seen(force).lag == pytest.approx(2 * 0.06 / (2 * math.pi * frequency), abs=1e-4)
 
 
@@ -54,18 +55,12 @@ def test_a_low_pass_lags_by_its_delay_at_frequency_0():
 def test_a_load_that_does_not_come_on_evenly_has_a_lag_that_is_all_bend(bend: float):
     share = load_share(TIME, RISE)
     found = seen(MASS * (share - bend * share * (1 - share)))
-
     assert found.lag == pytest.approx(bend * RISE / 6, rel=0.02)
     assert found.bend == pytest.approx(bend * RISE / 6, rel=0.2)  # exact for small ones
 
 
-def test_a_rise_that_is_only_late_has_no_bend():
-    assert seen(MASS * load_share(TIME - 5 * MS, RISE)).bend == pytest.approx(0.0, abs=1e-4)
-
-
 def test_the_unit_and_the_zero_do_not_matter():
     force = MASS * load_response(TIME, RISE, 38.0, 0.06)
-
     assert seen(5e5 * force + 1.25e6).lag == pytest.approx(seen(force).lag, abs=1e-9)
 
 

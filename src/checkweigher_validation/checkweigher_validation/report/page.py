@@ -71,7 +71,7 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
     shared = {
         'grams': content.grams,
         'levels': [f'{100 * level:.0f} %' for level in LEVELS],
-        'looks': list(looks_of(estimators).values()),
+        'looks': list(looks_of(tuple(estimators)).values()),
         'mass_label': content.mass_label,
         'number': content.number,
         'speed_label': content.speed_label,

@@ -16,9 +16,9 @@ from scipy.stats import t as student
 
 from checkweigher_validation.accuracy.errors import overall_index
 
-# Fewer passes of one mass make no standard deviation worth the name: they are taken together.
+# Masses with fewer passes are judged together, because their standard deviation is too uncertain.
 _FEWEST_OF_A_MASS = 5
-# An offset beside the gain takes passes of different masses, and some to spare.
+# Passes that are needed to fit an offset beside the gain.
 _FEWEST_FOR_OFFSET = 6
 _DISTINCT_MASSES = 1.2  # heaviest over lightest
 _FOLDS = 5
@@ -56,12 +56,12 @@ def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Ca
 
 
 def are_distinct(masses: NDArray[np.float64]) -> bool:
-    """Tell whether masses (n,) are far enough apart to show what depends on the mass."""
+    """Return whether masses (n,) differ enough to show an effect of the mass."""
     return bool(masses.max() > _DISTINCT_MASSES * masses.min())
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return A in kg, averaged over the masses; those with few passes count together as one."""
+    """Return A in kg, averaged over the masses; masses with few passes count as one."""
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
     rest = errors[np.isin(masses, values[counts < _FEWEST_OF_A_MASS])]
@@ -84,8 +84,8 @@ def calibrated_index(estimates: NDArray[np.float64], masses: NDArray[np.float64]
 def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
     """Return the fold, below `count`, of each pass: (n,) int.
 
-    Every mass that has enough passes is in all folds; those of one mass take turns in time.
-    Folds by position alone would each hold a single mass where products come in turn.
+    The passes of one mass are dealt to the folds in turn, so that a mass with enough passes is in
+    all folds. Otherwise a fold could hold a single mass.
     """
     result = np.empty(len(masses), np.intp)
     result[np.argsort(masses, kind='stable')] = np.arange(len(masses)) % min(count, len(masses))
@@ -95,7 +95,7 @@ def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 def held_out_errors(
     estimates: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the errors of passes that took no part in the calibration they are judged by, kg."""
+    """Return the errors of passes in kg, each by a calibration on other passes."""
     errors = np.empty(len(masses))
     fold = folds(masses, _FOLDS)
     for number in np.unique(fold):
@@ -105,22 +105,18 @@ def held_out_errors(
 
 
 def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Uncertainty:
-    """Return how errors spread, a part in proportion to the mass, by maximum likelihood.
+    """Estimate the spread of errors by maximum likelihood; a part is in proportion to the mass.
 
-    The errors, (n,) in kg, are of passes that were held out. Few passes know their own scatter
-    badly; it is widened so that 95 % intervals hold (Student).
+    The errors, (n,) in kg, are of passes that were held out. The spread of few passes is uncertain
+    itself; it is widened so that 95 % intervals hold (Student).
     """
-    best, chosen = math.inf, Uncertainty(math.inf, 0.0)
-    shape = masses / np.mean(masses)
-    for share in np.linspace(0.0, 1.0, 21):  # of the proportional part, at the mean mass
-        weights = (1 - share) + share * shape**2
-        variance = float(np.mean(errors**2 / weights))
-        badness = len(errors) * math.log(max(variance, 1e-300)) + float(np.sum(np.log(weights)))
-        if badness < best:
-            best = badness
-            chosen = Uncertainty(
-                math.sqrt(variance * (1 - share)),
-                math.sqrt(variance * share) / float(np.mean(masses)),
-            )
+    mean = float(np.mean(masses))
+    shares = np.linspace(0.0, 1.0, 21)  # of the proportional part, at the mean mass
+    weights = 1 - shares[:, np.newaxis] + np.outer(shares, (masses / mean) ** 2)
+    variances = np.mean(errors**2 / weights, axis=1)
+    badness = np.log(np.maximum(variances, 1e-300)) + np.mean(np.log(weights), axis=1)
+    best = int(np.argmin(badness))
+    variance, share = float(variances[best]), float(shares[best])
     widening = float(student.ppf(0.975, len(errors) - 1) / norm.ppf(0.975))
-    return Uncertainty(widening * chosen.std_dev, widening * chosen.relative)
+    std_dev, relative = math.sqrt(variance * (1 - share)), math.sqrt(variance * share) / mean
+    return Uncertainty(widening * std_dev, widening * relative)

@@ -10,14 +10,13 @@ training passes.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from checkweigher_dsp.estimation.estimators.gauss_markov import (
-    GaussMarkov,
     GaussMarkovParameters,
     PassSignal,
     pass_signal,
@@ -25,14 +24,13 @@ from checkweigher_dsp.estimation.estimators.gauss_markov import (
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.signal.platform_response import responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
-from checkweigher_validation.accuracy.passes import SpeedGroup, spread
-from checkweigher_validation.tuning.calibration import folds, held_out_errors, index
+from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, spread
+from checkweigher_validation.tuning.calibration import held_out_errors, index
 from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable, TuningError
 
 # Of the autoregression; a line of the rollers takes about twenty to be resolved.
 ORDERS = (20, 40, 80, 120, 160, 200)
-_FOLDS = 2
 _CHECKED_PASSES = 40  # of each speed, and with this order, on which model or none is decided
 _CHECKED_ORDER = 40
 _STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient: written out it is not 1
@@ -48,85 +46,61 @@ _HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
 
 
 class TunedGaussMarkov(Tunable):
-    """The Gauss-Markov estimator: the order of its noise model."""
-
-    name: ClassVar[str] = 'gauss_markov'
+    """The Gauss-Markov estimator: the order of its noise model is searched."""
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with the platform that the passes of all speeds fit, if it is of use."""
+        """Return `base` with a platform fitted to the passes of all speeds, if that is of use."""
         sample_rate = groups[0].passes[0].window.sample_rate
         known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)
-        lines = [
-            replace(base, identifier=replace(base.identifier, gauss_markov=model))
-            for model in (fit_platform(groups, known), replace(known, sample_rate=0.0))
-        ]
+        models = fit_platform(groups, known), replace(known, sample_rate=0.0)
+        sets = [base.identifier.with_set('gauss_markov', model) for model in models]
+        lines = [replace(base, identifier=each) for each in sets]
         return min(lines, key=lambda line: _held_out_index(groups, line))
 
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the order of the smallest badness, and that."""
-        known = self.base.identifier.gauss_markov
-        if not self._trained:
-            values = {'order': 1.0}
-            return values, badness(values)
-        longest = min(len(pass_signal(e.window, known).time) for e in self.group.passes) // 2
+        """Return the order of the smallest badness, and that badness."""
+        if not self.known.sample_rate:
+            return {}, badness({})
+        longest = min(len(pass_signal(window, self.known).time) for window in self.windows) // 2
         orders = [order for order in ORDERS[:budget] if order < longest or order == ORDERS[0]]
-        found = [badness({'order': float(order)}) for order in orders]
-        least = min(found)
-        return {'order': float(orders[found.index(least)])}, least
+        least, order = min((badness({'order': order}), order) for order in orders)
+        return {'order': float(order)}, least
 
-    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the mass of every pass in the noise that the others have taught."""
-        if not self._trained:
-            return super().estimates(values)
-        passes = np.array(self.group.passes, dtype=object)
-        fold = folds(self.group.masses, _FOLDS)
-        result = np.empty(len(passes))
-        for number in range(_FOLDS):
-            others = replace(self.group, passes=tuple(passes[fold != number]))
-            estimator = GaussMarkov(self._model(others, round(values['order'])))
-            windows = [each.window for each in passes[fold == number]]
-            result[fold == number] = [load.mass for load in estimator.estimate_all(windows)]
-        return result
+    def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the noise model of some of the passes, with its order."""
+        if not self.known.sample_rate:
+            model = GaussMarkovParameters()
+            names = ('order', 'reflection', 'noise', 'impact')
+            return {name: getattr(model, name) for name in names}
+        group = replace(self.group, passes=tuple(self.group.passes[row] for row in rows))
+        order = round(values['order'])
+        reflections, std_dev, impact = fit_noise(group, self.known, order)
+        reflection = tuple(np.clip(reflections, -_STABLE, _STABLE).tolist())
+        return {'order': order, 'reflection': reflection, 'noise': (std_dev,), 'impact': (impact,)}
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """Return the noise model of all passes, filled up with zeros to the largest order."""
-        model = GaussMarkovParameters()
-        reflection = model.reflection
-        if self._trained:
-            model = self._model(self.group, round(values['order']))
-            reflection = model.reflection + (0.0,) * (ORDERS[-1] - model.order)
-        lists = {'reflection': reflection, 'noise': model.noise, 'impact': model.impact}
-        return {f'identifier.gauss_markov.{name}': numbers for name, numbers in lists.items()}
-
-    @property
-    def _trained(self) -> bool:
-        return self.base.identifier.gauss_markov.sample_rate > 0
-
-    def _model(self, group: SpeedGroup, order: int) -> GaussMarkovParameters:
-        """Return the model of the machine with the noise of one speed."""
-        known = self.base.identifier.gauss_markov
-        reflections, std_dev, impact = fit_noise(group, known, order)
-        return replace(
-            known, speeds=(group.speed,), gain=(1.0,), offset=(0.0,), std_dev=(0.0,),
-            relative_std_dev=(0.0,), zero_std_dev=(0.0,), order=order,
-            reflection=tuple(np.clip(reflections, -_STABLE, _STABLE).tolist()),
-            noise=(std_dev,), impact=(impact,),
-        )  # fmt: skip
+        model = self.learn(np.arange(len(self.windows)), values)
+        order = model.pop('order')
+        if self.known.sample_rate:
+            model['reflection'] += (0.0,) * (ORDERS[-1] - order)
+        return {f'identifier.gauss_markov.{name}': numbers for name, numbers in model.items()}
 
 
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
-    """Return A in kg on some passes that took no part in the noise they are weighed in.
+    """Return A in kg on some passes, weighed with the noise of others.
 
-    A model of the machine may be worse than none: where there are few passes, or they show little
-    of the platform beside what shakes it.
+    A model of the machine may be worse than none if there are few passes, or if they show little of
+    the platform beside its disturbances.
     """
     indices = []
     for group in groups:
         some = replace(group, passes=tuple(spread(group, _CHECKED_PASSES)))
-        estimates = TunedGaussMarkov(some, base).estimates({'order': float(_CHECKED_ORDER)})
+        tunable = TunedGaussMarkov('gauss_markov', some, base)
+        estimates = tunable.estimates({'order': _CHECKED_ORDER})
         if not np.all(estimates > 0):  # NaN is not
             return math.inf
         indices.append(index(held_out_errors(estimates, some.masses), some.masses))
@@ -138,7 +112,7 @@ def fit_platform(
 ) -> GaussMarkovParameters:
     """Return `known` with the platform and the places of entry that fit the passes best.
 
-    TuningError says that the passes are too short or hold no noise.
+    Raises TuningError if the passes are too short or hold no noise.
     """
     whiteners = {group.speed: _first_whitener(group, known) for group in groups}
     heaviest = max(float(group.masses.max()) for group in groups)
@@ -146,48 +120,55 @@ def fit_platform(
     def parameters(values: NDArray[np.float64]) -> GaussMarkovParameters:
         frequency, damping, mass = np.exp(values[:3])
         return replace(
-            known, natural_frequency=float(frequency), damping_ratio=float(damping),
+            known,
+            natural_frequency=float(frequency),
+            damping_ratio=float(damping),
             moving_mass=float(mass) * heaviest,
-            entry_begin=float(values[3]) / 1000, entry_end=float(values[4]) / 1000,
-        )  # fmt: skip
+            entry_begin=float(values[3]) / 1000,
+            entry_end=float(values[4]) / 1000,
+        )
 
-    def misfit(count: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-        # Always the same samples, wherever the load may come on.
-        chosen = [
+    def chosen(count: int) -> list[tuple[Prewhitener, KnownPass, PassSignal]]:
+        # The samples stay the same where the entry is searched.
+        return [
             (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups
             for each in spread(group, count)
         ]
 
-        def of(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            model = parameters(values)
-            residuals = []
-            for white, each, used in chosen:
-                moved = replace(used, crossing=pass_signal(each.window, model).crossing)
-                residuals.append(_residual(moved, each.mass, model, white)[1])
-            return np.concatenate(residuals)
+    def misfit(values: NDArray[np.float64], passes: Any) -> NDArray[np.float64]:
+        model = parameters(values)
+        residuals = []
+        for white, each, used in passes:
+            moved = replace(used, crossing=pass_signal(each.window, model).crossing)
+            residuals.append(_residual(moved, each.mass, model, white)[1])
+        return np.concatenate(residuals)
 
-        return of
-
-    rough = misfit(_PASSES_FOR_START)
+    few = chosen(_PASSES_FOR_START)
     rest = (math.log(0.05), math.log(10.0), 0.0, 0.0)
     starts = [np.array([math.log(frequency), *rest]) for frequency in _FREQUENCIES]
-    start = min(starts, key=lambda values: float(np.sum(rough(values) ** 2)))
+    start = min(starts, key=lambda values: float(np.sum(misfit(values, few) ** 2)))
     found = least_squares(
-        misfit(_PASSES_FOR_PLATFORM), start, bounds=(_LOWEST, _HIGHEST),
-        x_scale=(0.05, 0.3, 1, 1, 1), xtol=1e-6, ftol=1e-8, max_nfev=30,
-    )  # fmt: skip
+        misfit,
+        start,
+        bounds=(_LOWEST, _HIGHEST),
+        x_scale=(0.05, 0.3, 1, 1, 1),
+        xtol=1e-6,
+        ftol=1e-8,
+        max_nfev=30,
+        args=(chosen(_PASSES_FOR_PLATFORM),),
+    )
     return parameters(found.x)
 
 
 def fit_noise(
     group: SpeedGroup, known: GaussMarkovParameters, order: int
 ) -> tuple[NDArray[np.float64], float, float]:
-    """Return the noise that a model leaves of the passes of one speed.
+    """Fit the noise of the passes of one speed beside a model.
 
-    It is the reflection coefficients of an autoregression, (order,), the standard deviation of its
-    innovations in kg, and the impact in s/m: the oscillation from the entry on, per mass and speed.
-    TuningError says that the passes are too short for the order or hold no noise.
+    Returns the reflection coefficients of an autoregression, (order,), the standard deviation of
+    its innovations in kg, and the impact in s/m: the oscillation from the entry on, per mass and
+    speed. Raises TuningError if the passes are too short for the order or hold no noise.
     """
     whitener = _first_whitener(group, known)
     residuals, kicks = [], []
@@ -221,8 +202,8 @@ def _residual(
 def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:
     """Return the filter that makes the noise of the empty belt white.
 
-    Where too little of the belt is ever empty, it is the noise of the full one about its mean:
-    vibration from the product itself is then taken for noise, too.
+    If the belt is never empty for long enough, the noise is that of the loaded belt about its mean,
+    which includes the vibration of the product itself.
     """
     empty, full = [], []
     for each in group.passes:
@@ -238,7 +219,7 @@ def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhite
 def _reflections(
     segments: Sequence[NDArray[np.float64]], order: int, group: SpeedGroup
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the autoregression of noise, or raise TuningError if there is none to be had."""
+    """Return the autoregression of noise, or raise TuningError if there is none."""
     try:
         # The rounding of a constant is no noise either.
         if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:

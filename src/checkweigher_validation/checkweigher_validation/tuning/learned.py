@@ -9,16 +9,15 @@ R are the residuals of the n passes of a speed from the mean curve, and :math:`\
 their variances. What they cannot tell yet, being few, is drawn from what is known beside them: the
 noise N of the empty belt, white noise, the residuals :math:`R_o` of the other speeds at the same
 places of the belt, the curve d by which a heavier product rings slower, and the error z of the
-zero, which passes that run soon after each other share and so hardly show. With few passes these
-decide, with many the passes. How much each counts, a to c, is averaged over a grid, each point of
-it by the likelihood of passes that were held out from it. [own derivation]
+zero, which hardly shows because successive passes share it. These terms dominate with few passes.
+The coefficients a to c are averaged over a grid, each point weighted by the likelihood of held-out
+passes. [own derivation]
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +37,6 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import are_distinct, calibrate, folds
-from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # as a multiple of t3 - t1
@@ -100,13 +98,9 @@ def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
         drawl = _SLOWER * float(known.masses.mean()) * prior.time * np.gradient(curve)
         scatter = scatter + count * np.outer(drawl, drawl)
     scatter = scatter + count * prior.zero
-    covariances = np.stack(
-        [
-            scatter + a * count * prior.noise
-            + variance * (b * np.eye(parts) + c * prior.elsewhere)
-            for a, b, c in _SHARES
-        ]
-    )  # fmt: skip
+    a, b, c = np.array(_SHARES).T[..., np.newaxis, np.newaxis]
+    covariances = scatter + a * count * prior.noise
+    covariances += variance * (b * np.eye(parts) + c * prior.elsewhere)
     weights = np.linalg.solve(covariances, curve[:, np.newaxis])[..., 0]
     return np.asarray(weights / (weights @ curve)[:, np.newaxis])
 
@@ -137,8 +131,6 @@ def fit(known: Evidence, prior: Prior) -> Fit:
 class TunedLearned(Tunable):
     """The learned estimator: nothing is searched, all follows by least squares."""
 
-    name: ClassVar[str] = 'learned'
-
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
         """Return `base` with the layout of the parts, which is the same at all speeds."""
@@ -149,17 +141,14 @@ class TunedLearned(Tunable):
         gap = max(_LESS * float(min(gaps)), 0.0)
         layout = Layout(int(PARTS * min(gap, _LONGEST_LEAD)), rise, PARTS - rise)
         known = LearnedParameters(
-            parts=layout.window, rise_parts=layout.rise, lead_parts=layout.lead,
+            parts=layout.window,
+            rise_parts=layout.rise,
+            lead_parts=layout.lead,
             gap=float(f'{min(gap, 2 * _LONGEST_LEAD):.4f}'),
-            weights=(0.0,) * layout.count, weights_alone=(0.0,) * layout.window,
-        )  # fmt: skip
-        return replace(base, identifier=replace(base.identifier, learned=known))
-
-    def search(
-        self, badness: Callable[[Mapping[str, float]], float], budget: int
-    ) -> tuple[Values, float]:
-        """Return that there is nothing to search, and the badness."""
-        return {}, badness({})
+            weights=(0.0,) * layout.count,
+            weights_alone=(0.0,) * layout.window,
+        )
+        return replace(base, identifier=base.identifier.with_set('learned', known))
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the load of every pass by weights that the others have taught."""
@@ -172,7 +161,7 @@ class TunedLearned(Tunable):
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """Return the weights that all passes teach."""
         alone, led = self._fits
-        layout = self.base.identifier.learned.layout
+        layout = self.known.layout
         before = np.zeros(layout.count - layout.window)
         weights = np.concatenate([before, alone.weights]) if led is None else led.weights
         lists = {'weights': weights, 'weights_alone': alone.weights}
@@ -180,13 +169,13 @@ class TunedLearned(Tunable):
 
     @cached_property
     def _led(self) -> NDArray[np.bool_]:
-        """Tell of which passes the signal before t2 is used, (n,) bool."""
-        return _is_led(self.group, self.base.identifier.learned)
+        """Passes of which the signal before t2 is used, (n,) bool."""
+        return _is_led(self.group, self.known)
 
     @cached_property
     def _fits(self) -> tuple[Fit, Fit | None]:
         """Return the fit of the parts from t2 on, and that of all parts."""
-        layout = self.base.identifier.learned.layout
+        layout = self.known.layout
         prior = self._prior(layout)
         window = Layout(0, 0, layout.window)
         alone = fit(_evidence(self.group, window), prior.last(layout.window))
@@ -197,7 +186,7 @@ class TunedLearned(Tunable):
     def _prior(self, layout: Layout) -> Prior:
         elsewhere = np.zeros((layout.count, layout.count))
         for group in self.others:
-            led = _is_led(group, self.base.identifier.learned)
+            led = _is_led(group, self.known)
             if np.count_nonzero(led) >= _FEWEST:
                 scatter = _evidence(group, layout, led).scatter
                 variance = np.trace(scatter) / layout.count / np.count_nonzero(led)

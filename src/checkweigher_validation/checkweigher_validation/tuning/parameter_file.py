@@ -17,13 +17,15 @@ _WIDTH = 100
 
 
 def parameter_file(
-    tuned: Mapping[str, Tuned], source: Sequence[str], made: datetime | None = None,
-    compared: Mapping[str, Tuned] | None = None, reason: str = '',
-) -> str:  # fmt: skip
+    tuned: Mapping[str, Tuned],
+    source: Sequence[str],
+    made: datetime | None = None,
+    compared: Mapping[str, Tuned] | None = None,
+    reason: str = '',
+) -> str:
     """Return the text of a parameter file with everything that was tuned.
 
-    The YAML has all parameters of what was tuned, and of the others, with which it was tuned, those
-    that are not at their default.
+    It has all parameters of the tuned estimators, and those others that are not at their default.
 
     Parameters
     ----------
@@ -32,11 +34,11 @@ def parameter_file(
     source : sequence of str
         Training passes, a line each.
     made : datetime, optional
-        When; by default now.
+        Time of tuning; by default now.
     compared : dict of str to Tuned, optional
         The rows of the table at the head; by default `tuned`.
     reason : str
-        Why the first one is selected, a line.
+        Reason for selecting the first one, a line.
     """
     made = made or datetime.now(UTC)
     first, *_ = tuned.values()
@@ -69,7 +71,7 @@ def parameter_file(
             for speed in each.speeds
         ),
         *((f'# chosen: {reason}',) if reason else ()),
-    ]  # fmt: skip
+    ]
     content = {
         f'/**/{node}': {'ros__parameters': values} for node, values in sections.items() if values
     }
@@ -90,7 +92,7 @@ def accuracy_lines(text: str) -> list[str]:
 
 
 def _plain(values: Mapping[str, object]) -> dict[str, object]:
-    """Return values of parameters as YAML takes them."""
+    """Return parameter values in types that YAML can represent."""
     return {
         name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
     }
@@ -104,5 +106,5 @@ def _changed(parameters: Parameters) -> dict[str, object]:
 
 
 def _printable(text: str) -> str:
-    """Return a text from a bag without the signs that would end the line of its comment."""
+    """Return a text from a bag without characters that would end the comment."""
     return ''.join(sign if sign.isprintable() else ' ' for sign in text)

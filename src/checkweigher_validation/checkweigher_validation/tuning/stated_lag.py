@@ -16,16 +16,17 @@ _DIGITS = 7  # decimal places of s and m
 
 
 def unchecked(segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters by which windows are those of the eyes alone, as training wants them."""
+    """Return parameters that cut windows by the photo-eyes alone, as training needs them."""
     return replace(segmenter, rise_lag_tolerance=0.0)
 
 
 def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> SegmenterParameters:
     """Return parameters that state the lag of passes which were cut by the eyes alone.
 
-    What an estimator learns of passes holds for their lag. It is a delay and a distance that goes
-    with 1 / belt speed, both by least squares on the medians of the speeds; what these two do not
-    explain widens the tolerance. Passes that do not show it change nothing.
+    The parameters that an estimator learns are valid for the lag of the training passes. It is
+    modelled as a delay, and a distance divided by the belt speed, fitted by least squares to the
+    medians of the speeds; the remaining differences widen the tolerance. Passes that do not show
+    their lag change nothing.
     """
     rows = []
     for group in group_by_speed(passes):
@@ -40,6 +41,9 @@ def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> S
     unexplained = float(np.max(np.abs(terms @ found - table[:, 2])))
     delay, distance = (round(float(value), _DIGITS) for value in (*found, 0.0)[:2])
     return replace(
-        segmenter, rise_lag=delay, rise_lag_distance=distance, rise_lag_known=True,
+        segmenter,
+        rise_lag=delay,
+        rise_lag_distance=distance,
+        rise_lag_known=True,
         rise_lag_tolerance=round(segmenter.rise_lag_tolerance + unexplained, _DIGITS),
-    )  # fmt: skip
+    )

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning: from passes of known mass to parameters, for each estimator by the same procedure."""
+"""Tuning of estimators on passes of known mass, by the same procedure for all of them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.jobs import run_jobs
-from checkweigher_validation.tuning import tunables
 from checkweigher_validation.tuning.calibration import (
     Calibration,
     Uncertainty,
@@ -27,34 +27,34 @@ from checkweigher_validation.tuning.calibration import (
     uncertainty,
 )
 from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
+from checkweigher_validation.tuning.iswd_eksi import TunedIswdEksi
 from checkweigher_validation.tuning.learned import TunedLearned
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tunables import Tunable, TuningError, estimates_of
 
-TUNABLES: dict[str, type[Tunable]] = {
-    tunable.name: tunable
-    for tunable in (
-        tunables.TunedMean, tunables.TunedHann, tunables.TunedTvlpf, tunables.TunedAid,
-        tunables.TunedAeksi, tunables.TunedIswdEksi, tunables.TunedFirModel, TunedGaussMarkov,
-        TunedLearned, tunables.TunedIswdEksiPaper,
-    )
-}  # fmt: skip
+# Estimators whose tuning does not follow from their class alone.
+_OWN: dict[str, type[Tunable]] = {
+    'iswd_eksi': TunedIswdEksi,
+    'gauss_markov': TunedGaussMarkov,
+    'learned': TunedLearned,
+}
+TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in ESTIMATORS}
 
-FEWEST_PASSES = 3  # of one speed; fewer tell nothing of their own scatter
-_FEWEST_FOR_HALVES = 60  # each half then holds enough to be tuned on
+FEWEST_PASSES = 3  # of one speed; fewer do not show their scatter
+_FEWEST_FOR_HALVES = 60  # so that each half has enough passes to tune on
 _FEWEST_FOR_FIFTHS = 20
-_DIGITS = 7  # significant, of what is written into a parameter file
+_DIGITS = 7  # significant digits of numbers in a parameter file
 
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
     """Parameters, calibration and accuracy from the passes of one belt speed.
 
-    `lists` has the values of the lists of parameters for this speed, by their name with that of the
-    node. `held_out_index` is A when each half of the passes (of fewer than 60 each fifth, of fewer
-    than 20 each single one) is weighed by what the others taught; much more than `index` means
-    overfitting. `uncertainty` is that of passes held out of the calibration; with fewer than 60
-    passes it is that of `held_out_errors`.
+    `lists` has the lists of parameters for this speed, by their full names. `held_out_index` is A
+    if each half of the passes is weighed with the parameters of the other half (each fifth of fewer
+    than 60 passes, each single one of fewer than 20); a value far above `index` means overfitting.
+    `uncertainty` is that of passes held out of the calibration; with fewer than 60 passes it is
+    that of `held_out_errors`.
     """
 
     speed: float  # m/s
@@ -72,7 +72,7 @@ class TunedSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """An estimator that is tuned at all speeds, and the parameters of the line that follow."""
+    """An estimator tuned at all speeds, and the resulting parameters of the line."""
 
     estimator: str
     speeds: tuple[TunedSpeed, ...]
@@ -88,22 +88,22 @@ def tune(
     n_jobs: int | None = None,
     skip_failing: bool = False,
 ) -> dict[str, Tuned]:
-    """Tune estimators, each belt speed for itself and the speeds side by side.
+    """Tune estimators at each belt speed separately, in parallel.
 
     Parameters
     ----------
     groups : sequence of SpeedGroup
         Passes of known mass by belt speed.
     estimators : sequence of str
-        Names.
+        Names of the estimators.
     base : LineParameters
-        Everything that is not tuned.
+        Parameters that are not tuned.
     budget : int
-        Evaluations of each estimator at each speed, at most.
+        Largest number of evaluations of each estimator at each speed.
     n_jobs : int, optional
-        Processes, as in `checkweigher_validation.jobs.run_jobs`.
+        Number of processes, as in `checkweigher_validation.jobs.run_jobs`.
     skip_failing : bool
-        Whether an estimator that fails is left out, as long as any is tuned.
+        Whether to omit estimators that fail, unless all of them fail.
 
     Returns
     -------
@@ -113,51 +113,28 @@ def tune(
     Raises
     ------
     TuningError
-        If there are too few passes at a speed, or an estimator fails on them with all values.
+        If there are too few passes at a speed, or an estimator fails with all values.
     """
-    for group in groups:
-        if len(group.passes) < FEWEST_PASSES:
-            raise TuningError(
-                f'{len(group.passes)} passes of known mass at {60 * group.speed:.1f} m/min, tuning '
-                f'takes at least {FEWEST_PASSES} at each speed'
-            )
-    if not groups:
-        raise TuningError('no whole pass of known mass')
-    others = [tuple(other for other in groups if other is not group) for group in groups]
-    calls = [partial(_attempt, TUNABLES[name].prepare, groups, base) for name in estimators]
-    prepared = run_jobs(calls, n_jobs, 'preparing')
-    tasks = [
-        _Task(name, group, line, budget, rest)
-        for name, line in zip(estimators, prepared, strict=True)
-        if not isinstance(line, TuningError)
-        for group, rest in zip(groups, others, strict=True)
-    ]
-    calls = [partial(_attempt, _tune_speed, task) for task in tasks]
-    calls += [partial(_attempt, _check_fold, task, n) for task in tasks for n in _folds(task.group)]
-    found = run_jobs(calls, n_jobs, 'tuning')
-    failed = [each for each in (*prepared, *found) if isinstance(each, TuningError)]
-    if failed and not skip_failing:
-        raise failed[0]
-    held_out = iter(found[len(tasks) :])
-    tuned: dict[str, list[TunedSpeed]] = {}
-    for task, learned in zip(tasks, found[: len(tasks)], strict=True):
-        checks = [next(held_out) for _ in _folds(task.group)]
-        if not any(isinstance(each, TuningError) for each in (learned, *checks)):
-            tuned.setdefault(task.estimator, []).append(_with_held_out(learned, checks))
-    whole = {task.estimator: task.base for task in tasks}
-    result = {
-        name: _assemble(name, speeds, whole[name])
-        for name, speeds in tuned.items()
-        if len(speeds) == len(groups)
-    }
-    if not result:
-        raise failed[0]
-    return result
+    _check_passes(groups)
+    prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
+    lines, failed = _run(prepare, n_jobs, 'preparing')
+    tasks = _tasks(groups, lines, budget)
+    found, broken = _run(_jobs(tasks), n_jobs, 'tuning')
+    for (task, _), error in broken.items():
+        failed.setdefault(task.estimator, error)
+    if failed and not (skip_failing and len(failed) < len(estimators)):
+        raise next(iter(failed.values()))
+    tuned: dict[str, list[TunedSpeed]] = {name: [] for name in estimators if name not in failed}
+    for task in tasks:
+        if task.estimator in tuned:
+            checks = [found[task, fold] for fold in _folds(task.group)]
+            tuned[task.estimator].append(_with_held_out(found[task, None], checks))
+    return {name: _assemble(name, speeds, lines[name]) for name, speeds in tuned.items()}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class _Task:
-    """What is tuned on what: an estimator on the passes of one speed."""
+    """An estimator to tune on the passes of one speed; `others` are those of the other speeds."""
 
     estimator: str
     group: SpeedGroup
@@ -166,10 +143,51 @@ class _Task:
     others: tuple[SpeedGroup, ...]
 
 
-def _attempt(call: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a call returns, or its TuningError: a job that raises would end the others."""
+def _check_passes(groups: Sequence[SpeedGroup]) -> None:
+    """Raise TuningError if there are too few passes at a speed."""
+    for group in groups:
+        if len(group.passes) < FEWEST_PASSES:
+            raise TuningError(
+                f'{len(group.passes)} passes of known mass at {60 * group.speed:.1f} m/min, tuning '
+                f'takes at least {FEWEST_PASSES} at each speed'
+            )
+    if not groups:
+        raise TuningError('no whole pass of known mass')
+
+
+def _tasks(
+    groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters], budget: int
+) -> list[_Task]:
+    return [
+        _Task(name, group, line, budget, tuple(other for other in groups if other is not group))
+        for name, line in lines.items()
+        for group in groups
+    ]
+
+
+def _jobs(tasks: Sequence[_Task]) -> dict[tuple[_Task, int | None], Callable[[], Any]]:
+    """Return the jobs by task and fold; None tunes on all passes, the others check a fold."""
+    jobs: dict[tuple[_Task, int | None], Callable[[], Any]] = {}
+    jobs |= {(task, None): partial(_tune_speed, task) for task in tasks}
+    for task in tasks:
+        jobs |= {(task, fold): partial(_check_fold, task, fold) for fold in _folds(task.group)}
+    return jobs
+
+
+def _run(
+    jobs: Mapping[Any, Callable[[], Any]], n_jobs: int | None, text: str
+) -> tuple[dict[Any, Any], dict[Any, TuningError]]:
+    """Run jobs, and return by key the results of those that succeed and the errors of the rest."""
+    calls = [partial(_attempt, job) for job in jobs.values()]
+    ended = list(zip(jobs, run_jobs(calls, n_jobs, text), strict=True))
+    errors = {key: each for key, each in ended if isinstance(each, TuningError)}
+    return {key: each for key, each in ended if key not in errors}, errors
+
+
+def _attempt(job: Callable[[], Any]) -> Any:
+    """Return the result of a job, or its TuningError: raising it would end the other jobs."""
     try:
-        return call(*arguments)
+        return job()
     except TuningError as error:
         return error
 
@@ -177,17 +195,19 @@ def _attempt(call: Callable[..., Any], *arguments: Any) -> Any:
 def _with_held_out(learned: TunedSpeed, checks: Sequence[NDArray[np.float64]]) -> TunedSpeed:
     errors, masses = np.concatenate(checks, axis=1)
     learned = replace(
-        learned, held_out_index=index(errors, masses), held_out_errors=tuple(errors.tolist()),
+        learned,
+        held_out_index=index(errors, masses),
+        held_out_errors=tuple(errors.tolist()),
         masses=tuple(masses.tolist()),
-    )  # fmt: skip
+    )
     if len(masses) < _FEWEST_FOR_HALVES:
-        # A search fits few passes far better than those to come.
+        # A search fits few training passes much better than later ones.
         learned = replace(learned, uncertainty=uncertainty(errors, masses))
     return learned
 
 
 def _folds(group: SpeedGroup) -> range:
-    """Return the numbers of the folds: halves, fifths, or every single pass where there are few."""
+    """Return the folds: halves, fifths or, if there are few passes, each single pass."""
     count = len(group.passes)
     if count >= _FEWEST_FOR_HALVES:
         return range(2)
@@ -195,16 +215,16 @@ def _folds(group: SpeedGroup) -> range:
 
 
 def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
-    """Tune on all passes of a speed but a fold, and return its errors and masses, (2, n), kg."""
+    """Tune on all passes of a speed except a fold; return its errors and masses, (2, n), kg."""
     group, budget = task.group, task.budget
     count = len(_folds(group))
-    # In turn, so that a drift and every mass are in both halves.
+    # The folds alternate in time, so that a drift and every mass are in all of them.
     held_out = folds(group.masses, count) == fold
     learn, check = (
         replace(group, passes=tuple(compress(group.passes, chosen)))
         for chosen in (~held_out, held_out)
     )
-    # Half the passes, half the evaluations: the check costs as much as what it checks.
+    # With half the evaluations on half the passes all checks together cost as much as the tuning.
     budget = max(budget // 2, 1) if count < len(group.passes) else budget
     learned = _tune_speed(replace(task, group=learn, budget=budget))
     parameters = _assemble(task.estimator, [learned], task.base).parameters
@@ -214,7 +234,7 @@ def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
 
 def _tune_speed(task: _Task) -> TunedSpeed:
     estimator, group, budget = task.estimator, task.group, task.budget
-    tunable = TUNABLES[estimator](group, task.base, task.others)
+    tunable = TUNABLES[estimator](estimator, group, task.base, task.others)
     masses = group.masses
     values, badness = tunable.search(
         lambda values: calibrated_index(tunable.estimates(values), masses), budget
@@ -238,7 +258,7 @@ def _tune_speed(task: _Task) -> TunedSpeed:
 
 
 def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:
-    """Put the values of all speeds into the parameters of the line."""
+    """Return the parameters of the line with the values of all speeds."""
     own = f'identifier.{estimator}'
     lists: dict[str, tuple[float, ...]] = {}
     for each in speeds:

@@ -128,6 +128,6 @@ def test_other_speeds_teach_where_there_are_few_passes():
     few = group_of(profile='soft', count=6, speed=1.0, seed=5)
     others = [group_of(profile='soft', count=40, speed=speed, seed=6) for speed in (0.75, 1.25)]
     base = TunedLearned.prepare([few, *others], LineParameters())
-    alone, helped = (TunedLearned(few, base, rest).lists({}) for rest in ((), others))
+    alone, helped = (TunedLearned('learned', few, base, rest).lists({}) for rest in ((), others))
     assert alone.keys() == helped.keys()
     assert alone != helped

@@ -45,12 +45,14 @@ def test_what_was_tuned_comes_back(groups, read, name):
 def test_so_does_everything_that_it_was_tuned_with(groups, read):
     base = LineParameters().with_values(
         {
-            'segmenter.settle_time': 0.3, 'reject.lower_limit': 0.1, 'denoise.surround': 'level',
-            'identifier.speed_tolerance': 0.01, 'identifier.hann.calibrated': True,
-            'identifier.hann.gain': (1.01,), 'identifier.fir_model.knots': 2,
+            'segmenter.settle_time': 0.3,
+            'reject.lower_limit': 0.1,
+            'denoise.surround': 'level',
+            'identifier.hann.gain': (1.01,),
+            'identifier.fir_model.knots': 2,
             'identifier.fir_model.weights': (1.0, 1.0),
         }
-    )  # fmt: skip
+    )
     tuned = tune(groups, ['fir_model', 'tvlpf'], base, budget=2, n_jobs=1)
     found = read(parameter_file(tuned, []))
     expected = tuned['fir_model'].parameters.with_values(

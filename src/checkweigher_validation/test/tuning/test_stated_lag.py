@@ -26,7 +26,6 @@ def passes_at(speed: float, late: float) -> list[KnownPass]:
 
 def test_the_lag_of_one_speed_is_a_delay():
     found = stated_lag(passes_at(1.0, 0.004), SegmenterParameters())
-
     assert found.rise_lag_known
     assert found.rise_lag == pytest.approx(PLATFORM + 0.004, abs=2e-4)
     assert found.rise_lag_distance == 0.0
@@ -46,12 +45,10 @@ def test_what_a_delay_and_a_distance_do_not_explain_widens_the_tolerance():
     lates = {0.5: 0.0, 0.75: 0.006, 1.0: 0.0}
     passes = [each for speed, late in lates.items() for each in passes_at(speed, late)]
     found = stated_lag(passes, SegmenterParameters())
-
     assert found.rise_lag_tolerance > SegmenterParameters().rise_lag_tolerance + 0.002
 
 
 def test_without_a_check_nothing_is_stated():
     segmenter = unchecked(SegmenterParameters())
-
     assert stated_lag(passes_at(1.0, 0.004), segmenter) == segmenter
     assert stated_lag([], SegmenterParameters()) == SegmenterParameters()

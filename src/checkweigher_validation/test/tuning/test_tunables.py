@@ -21,8 +21,7 @@ from checkweigher_validation.tuning.tunables import estimates_of
 from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
 SAME = 1e-9  # relative
-# What they give for a training pass, others have taught.
-HELD_OUT = ('fir_model', 'gauss_markov', 'learned')
+BASE = LineParameters()
 LINES = {
     'paper, slow': {'profile': 'paper', 'speed': 0.5},
     'soft, fast': {'profile': 'soft', 'speed': 1.5, 'sample_rate': 1612.9},
@@ -36,30 +35,32 @@ def group(request):
     return found
 
 
-def tuned_on(group, name, budget=6):
-    """Tune, and return what was searched with the parameters, and the tunable."""
-    tuned = tune([group], [name], LineParameters(), budget=budget, n_jobs=1)[name]
-    tunable = TUNABLES[name](group, TUNABLES[name].prepare([group], LineParameters()))
+def tunable_of(name, group, base=BASE):
+    return TUNABLES[name](name, group, base)
+
+
+def line_of(name, group, lists, base=BASE):
+    """Return parameters of the line from what a tunable would write."""
+    owners = {f'{key.rpartition(".")[0]}.speeds': (group.speed,) for key in lists}
+    values = {**lists, **owners, 'identifier.iswd_eksi.doubt': False}
+    return base.with_estimator(name).with_values(values)
+
+
+def test_what_is_written_weighs_as_the_tuner_did(group):
+    tuned = tune([group], ['iswd_eksi'], BASE, budget=6, n_jobs=1)['iswd_eksi']
     values = {key.rpartition('.')[2]: value[0] for key, value in tuned.speeds[0].lists.items()}
-    return tuned, tunable, values
-
-
-@pytest.mark.parametrize('name', [name for name in TUNABLES if name not in HELD_OUT])
-def test_the_batch_is_what_the_line_makes_of_each_window(group, name):
-    tuned, tunable, values = tuned_on(group, name)
-    batch = tunable.estimates(values)
+    batch = tunable_of('iswd_eksi', group).estimates(values)
     known = tuned.parameters.identifier.chosen
     expected = known.gain[0] * batch + known.offset[0]
     masses = [each.mass for each in weigh_passes(group.passes, tuned.parameters)]
     assert masses == pytest.approx(expected, rel=SAME)
-    assert estimates_of(group, tuned.parameters) == pytest.approx(batch, rel=SAME)
     # Written with 7 digits, gain and offset are still those of the calibration.
     assert tuned.speeds[0].calibration.apply(batch) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_weights_of_a_training_pass_are_those_that_the_other_folds_teach(group):
     ridge = 1e-2
-    batch = TUNABLES['fir_model'](group, LineParameters()).estimates({'ridge': ridge})
+    batch = tunable_of('fir_model', group).estimates({'ridge': ridge})
     windows = [raw_samples(each.window) for each in group.passes]
     fold = folds(group.masses, 5)
     for number, window in enumerate(windows):
@@ -71,33 +72,29 @@ def test_the_weights_of_a_training_pass_are_those_that_the_other_folds_teach(gro
 
 
 def test_the_noise_that_others_teach_is_about_as_good_as_that_of_all(group):
-    base = TUNABLES['gauss_markov'].prepare([group], LineParameters())
-    tunable = TUNABLES['gauss_markov'](group, base)
+    tunable = tunable_of('gauss_markov', group, TUNABLES['gauss_markov'].prepare([group], BASE))
     lists = tunable.lists({'order': 40.0})
-    line = base.with_estimator('gauss_markov').with_values(
-        {
-            **lists, 'identifier.gauss_markov.speeds': (group.speed,),
-            'identifier.gauss_markov.order': len(lists['identifier.gauss_markov.reflection']),
-        }
-    )  # fmt: skip
+    order = {'identifier.gauss_markov.order': len(lists['identifier.gauss_markov.reflection'])}
+    line = line_of('gauss_markov', group, lists | order, tunable.base)
     batch = tunable.estimates({'order': 40.0}) - group.masses
-    line = estimates_of(group, line) - group.masses
-    assert np.std(line) < 1.2 * np.std(batch)
-    assert np.std(batch) < 2 * np.std(line)
+    of_all = estimates_of(group, line) - group.masses
+    assert np.std(of_all) < 1.2 * np.std(batch)
+    assert np.std(batch) < 2 * np.std(of_all)
     assert np.max(abs(batch)) < 0.01 * np.min(group.masses)
 
 
-@pytest.mark.parametrize(('name', 'values'), [('fir_model', {'ridge': 1e-3}),
-                                              ('gauss_markov', {'order': 20.0})])  # fmt: skip
+@pytest.mark.parametrize(
+    ('name', 'values'), [('fir_model', {'ridge': 1e-3}), ('gauss_markov', {'order': 20.0})]
+)
 def test_the_own_mass_of_a_pass_has_no_part_in_its_estimate(group, name, values):
     # The heaviest mass of all stays that, so that the folds do not change.
     last = max(range(len(group.passes)), key=lambda n: (group.passes[n].mass, n))
     passes = list(group.passes)
     passes[last] = replace(passes[last], mass=1.5 * passes[last].mass)
     rate = group.passes[0].window.sample_rate
-    base = LineParameters().with_values({'identifier.gauss_markov.sample_rate': rate})
+    base = BASE.with_values({'identifier.gauss_markov.sample_rate': rate})
     one, other = (
-        TUNABLES[name](changed, base).estimates(values)
+        tunable_of(name, changed, base).estimates(values)
         for changed in (group, SpeedGroup(group.speed, tuple(passes)))
     )
     assert other[last] == one[last]
@@ -106,18 +103,12 @@ def test_the_own_mass_of_a_pass_has_no_part_in_its_estimate(group, name, values)
 
 def test_a_platform_that_the_identifier_refuses_has_no_mass(group):
     # A filter that believes its signal and nothing else identifies what it likes.
-    wild = LineParameters().with_values(
-        {'identifier.iswd_eksi.coefficient_variance': 100.0,
-         'identifier.iswd_eksi.process_noise': 1e-6}
-    )  # fmt: skip
-    values = {'gamma6': 1.0, 'gamma7': 1.0, 'natural_frequency': 38.0, 'damping_ratio': 0.06,
-              'rise_noise': 3.0}  # fmt: skip
-    tunable = TUNABLES['iswd_eksi'](group, wild)
-    line = wild.with_values(
-        {**tunable.lists(values), 'denoise.speeds': (group.speed,),
-         'identifier.iswd_eksi.speeds': (group.speed,),
-         'identifier.iswd_eksi.calibrated': True}
-    )  # fmt: skip
+    own = {'coefficient_variance': 100.0, 'process_noise': 1e-6}
+    wild = BASE.with_values({f'identifier.iswd_eksi.{name}': value for name, value in own.items()})
+    tunable = tunable_of('iswd_eksi', group, wild)
+    values = {axis.name: axis.start for axis in tunable.searched()}
+    values |= {'gamma6': 1.0, 'gamma7': 1.0}
+    line = line_of('iswd_eksi', group, tunable.lists(values), wild)
     weighed = [each.weighed for each in weigh_passes(group.passes, line)]
     estimates = tunable.estimates(values)
     assert list(np.isfinite(estimates) & (estimates > 0)) == weighed
@@ -125,29 +116,18 @@ def test_a_platform_that_the_identifier_refuses_has_no_mass(group):
         assert not all(weighed)
 
 
-@pytest.mark.parametrize('name', [name for name in TUNABLES if TUNABLES[name].axes])
+@pytest.mark.parametrize('name', [name for name, each in ESTIMATORS.items() if each.axes])
 @pytest.mark.parametrize('end', ['low', 'high', 'start'])
 def test_all_that_is_searched_can_be_written_and_gives_masses_or_none(group, name, end):
-    tunable = TUNABLES[name](group, LineParameters())
-    values = {axis.name: float(getattr(axis, end)) for axis in tunable.axes}
-    lists = tunable.lists(values)
-    owners = {f'{key.rpartition(".")[0]}.speeds': (group.speed,) for key in lists}
-    parameters = (
-        LineParameters()
-        .with_estimator(name)
-        .with_values({**lists, **owners, 'identifier.iswd_eksi.doubt': False})
-    )
+    tunable = tunable_of(name, group)
+    values = {axis.name: float(getattr(axis, end)) for axis in tunable.searched()}
+    lists, estimates = tunable.lists(values), tunable.estimates(values)
     assert all(key.startswith(('denoise.', f'identifier.{name}.')) for key in lists)
-    if name not in HELD_OUT:
-        assert estimates_of(group, parameters) == pytest.approx(
-            tunable.estimates(values), rel=SAME, nan_ok=True
-        )
+    if not ESTIMATORS[name].folds:
+        found = estimates_of(group, line_of(name, group, lists))
+        assert found == pytest.approx(estimates, rel=SAME, nan_ok=True)
     if end == 'start':
-        assert np.all(np.isfinite(tunable.estimates(values)))
-
-
-def test_every_estimator_of_the_line_can_be_tuned():
-    assert set(TUNABLES) == set(ESTIMATORS)
+        assert np.all(np.isfinite(estimates))
 
 
 @pytest.mark.parametrize(
@@ -158,14 +138,12 @@ def test_every_estimator_of_the_line_can_be_tuned():
 def test_thresholds_are_searched_where_the_table_has_them_and_stay_off_where_not(group, budget):
     table_1 = {f'denoise.gamma{level}': TABLE_1.gains[level - 5] for level in (5, 6, 7)}
     table_1 |= {f'denoise.lambda{level}': TABLE_1.thresholds[level - 5] for level in (5, 6, 7)}
-    base = LineParameters().with_values(table_1)
+    base = BASE.with_values(table_1)
     with_them, without = (
         tune([group], ['iswd_eksi'], known, budget=budget, n_jobs=1)['iswd_eksi'].parameters
-        for known in (base, LineParameters())
+        for known in (base, BASE)
     )
-    searched = ('gamma5', 'lambda5', 'lambda6', 'lambda7')
-    starts = [float(np.interp(group.speed, base.denoise.speeds, getattr(base.denoise, name)))
-              for name in searched]  # fmt: skip
-    found = [getattr(with_them.denoise, name)[0] for name in searched]
-    assert all(abs(one - start) > 1e-3 * start for one, start in zip(found, starts, strict=True))
-    assert [getattr(without.denoise, name)[0] for name in searched] == [0.0] * 4
+    for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
+        start = np.interp(group.speed, base.denoise.speeds, getattr(base.denoise, name))
+        assert getattr(with_them.denoise, name)[0] != pytest.approx(start, rel=1e-3)
+        assert getattr(without.denoise, name)[0] == 0.0

@@ -16,15 +16,16 @@ from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import Learned
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
-# A further estimator is one class, one line here and one field of IdentifierParameters.
+# The simplest first: the fewer numbers are learned, the earlier. `tune` prefers a simple one to
+# another that is as good.
 ESTIMATORS: dict[str, type[Estimator]] = {
     'mean': Mean,
     'hann': Hann,
+    'iswd_eksi_paper': IswdEksiPaper,
     'tvlpf': Tvlpf,
     'aid': Aid,
     'aeksi': Aeksi,
     'iswd_eksi': IswdEksi,
-    'iswd_eksi_paper': IswdEksiPaper,
     'fir_model': FirModel,
     'gauss_markov': GaussMarkov,
     'learned': Learned,

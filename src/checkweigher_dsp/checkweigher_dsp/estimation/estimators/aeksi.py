@@ -2,26 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """AEKSI: extended Kalman identification behind the adaptive prefilter of AID.
 
-The paper's comparison, whose algorithm it does not print: a reconstruction from AID and ISWD-EKSI.
+The paper compares with it and does not print its algorithm: a reconstruction from AID and
+ISWD-EKSI.
 """
 
 from dataclasses import dataclass
-import math
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
-from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.aid import (
-    LEAST_SAMPLES,
     AdaptiveIdentification,
     AdaptiveParameters,
     AdaptiveSettings,
+    Aid,
     prefilter_adaptively,
 )
-from checkweigher_dsp.estimation.estimators.base import Estimator, LoadEstimate, raw_samples
+from checkweigher_dsp.estimation.estimators.base import Axis, Look
 from checkweigher_dsp.signal.extended_kalman import Noise, identify
 from checkweigher_dsp.signal.platform_poles import is_stable
 
@@ -33,9 +32,11 @@ class AeksiParameters(AdaptiveParameters):
     node: ClassVar[str] = 'identifier.aeksi'
 
     measurement_noise: tuple[float, ...] = parameter(
-        (1.0,), 'R as a multiple of the variance of the least-squares residual',
-        minimum=1e-9, maximum=1e9,
-    )  # fmt: skip
+        (1.0,),
+        'R as a multiple of the variance of the least-squares residual',
+        minimum=1e-9,
+        maximum=1e9,
+    )
     process_noise: tuple[float, ...] = parameter(
         (0.1,), 'Q as a multiple of R', minimum=0, maximum=1e9
     )
@@ -49,8 +50,8 @@ class AeksiParameters(AdaptiveParameters):
         return Noise(*(self.at(name, speed) for name in names))
 
 
-class Aeksi(Estimator):
-    """Estimate by adaptively prefiltered extended Kalman identification (reconstruction).
+class Aeksi(Aid):
+    """Adaptively prefiltered extended Kalman identification (reconstruction).
 
     Examples
     --------
@@ -58,17 +59,27 @@ class Aeksi(Estimator):
     0.2
     """
 
-    parameters: AeksiParameters
+    parameters: AeksiParameters = AeksiParameters()
+    look = Look('AEKSI', 'P', '#009e73', '#2fc79a')
+    axes = (
+        *Aid.axes,
+        Axis('measurement_noise', 1e-2, 10.0, 1.0, logarithmic=True),
+        Axis('process_noise', 1e-3, 300.0, 0.1, logarithmic=True),
+        Axis('coefficient_variance', 1e-6, 10.0, 1.0, logarithmic=True),
+    )
 
-    def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform."""
-        samples, known, speed = raw_samples(window), self.parameters, window.belt_speed
-        if len(samples) < LEAST_SAMPLES:
-            return LoadEstimate(math.nan)
-        found = identify_adaptive_by_ekf(
-            samples[np.newaxis], known.settings(speed), known.noise(speed), window.sample_rate
-        )
-        return found.load_estimate(0)
+    def settings(self, speed: float) -> tuple[AdaptiveSettings, Noise]:
+        """Return the settings of the prefilter and the variances of the filter at a belt speed."""
+        return self.parameters.settings(speed), self.parameters.noise(speed)
+
+    def identify(
+        self,
+        samples: NDArray[np.float64],
+        settings: tuple[AdaptiveSettings, Noise],
+        sample_rate: float,
+    ) -> AdaptiveIdentification:
+        """Return the platform in windows (windows, n) of raw samples, kg."""
+        return identify_adaptive_by_ekf(samples, *settings, sample_rate)
 
 
 def identify_adaptive_by_ekf(

@@ -24,9 +24,11 @@ prefiltered window but for its ends, whose oscillation the coefficients take out
 acts by the taper that it lays over the ends.
 """
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +36,11 @@ from numpy.typing import NDArray
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.base import (
+    Axis,
     Estimator,
     EstimatorParameters,
     LoadEstimate,
+    Look,
     raw_samples,
 )
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
@@ -54,8 +58,8 @@ _MOST_TAPS = 100_000
 class AdaptiveSettings:
     """Settings of the prefilter."""
 
-    # Times that the platform is identified; before each but the first the prefilter is made, so 1
-    # is without an adaptive prefilter.
+    # Number of identifications of the platform. The prefilter is made before each except the first,
+    # so 1 is without an adaptive prefilter.
     iterations: int = 5
     max_order: int = 2  # of the autoregression; never above a third of the samples
     # Hz, -3 dB, of the fixed low-pass, a Hann window as taps of at most half the window. From 0.36
@@ -68,16 +72,21 @@ class AdaptiveParameters(EstimatorParameters):
     """The prefilter."""
 
     iterations: tuple[float, ...] = parameter(
-        (2.0,), 'number of identifications of the platform, rounded; 1 is without a prefilter',
-        minimum=1, maximum=20,
-    )  # fmt: skip
+        (2.0,),
+        'number of identifications of the platform, rounded; 1 is without a prefilter',
+        minimum=1,
+        maximum=20,
+    )
     max_order: tuple[float, ...] = parameter(
         (2.0,), 'highest order of the prefilter, rounded', minimum=0, maximum=100
     )
     lowpass_cutoff: tuple[float, ...] = parameter(
-        (480.0,), 'cut-off of the fixed low-pass; none from 0.36 of the sample rate on', unit='Hz',
-        minimum=1, maximum=1e6,
-    )  # fmt: skip
+        (480.0,),
+        'cut-off of the fixed low-pass; none from 0.36 of the sample rate on',
+        unit='Hz',
+        minimum=1,
+        maximum=1e6,
+    )
 
     def settings(self, speed: float) -> AdaptiveSettings:
         """Return the settings at a belt speed in m/s."""
@@ -96,7 +105,7 @@ class AidParameters(AdaptiveParameters):
 
 
 class Aid(Estimator):
-    """Estimate by adaptively prefiltered least-squares identification (reconstruction).
+    """Adaptively prefiltered least-squares identification (reconstruction).
 
     Examples
     --------
@@ -104,15 +113,43 @@ class Aid(Estimator):
     0.2
     """
 
-    parameters: AidParameters
+    parameters: AdaptiveParameters = AidParameters()
+    look = Look('AID', 'v', '#3aa0dc', '#6cc1f0')
+    axes: ClassVar[tuple[Axis, ...]] = (
+        Axis('iterations', 1, 5, 2, whole=True),
+        Axis('max_order', 0, 5, 2, whole=True),
+        Axis('lowpass_cutoff', 100.0, 480.0, 480.0, logarithmic=True),
+    )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the steady state of the identified platform."""
-        samples, settings = raw_samples(window), self.parameters.settings(window.belt_speed)
-        if len(samples) < LEAST_SAMPLES:
-            return LoadEstimate(math.nan)
-        found = identify_adaptive(samples[np.newaxis], settings, window.sample_rate)
-        return found.load_estimate(0)
+        return self.estimate_all([window])[0]
+
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
+        """Return the steady state in each window; those of equal length are identified at once."""
+        loads = [LoadEstimate(math.nan)] * len(windows)
+        batches = defaultdict(list)
+        for number, window in enumerate(windows):
+            count = window.window_end - window.window_begin
+            if count >= LEAST_SAMPLES:
+                settings = self.settings(window.belt_speed)
+                batches[count, settings, window.sample_rate].append(number)
+        for (_, settings, sample_rate), numbers in batches.items():
+            samples = np.stack([raw_samples(windows[number]) for number in numbers])
+            found = self.identify(samples, settings, sample_rate)
+            for row, number in enumerate(numbers):
+                loads[number] = found.load_estimate(row)
+        return loads
+
+    def settings(self, speed: float) -> Any:
+        """Return the settings of `identify` at a belt speed in m/s."""
+        return self.parameters.settings(speed)
+
+    def identify(
+        self, samples: NDArray[np.float64], settings: Any, sample_rate: float
+    ) -> 'AdaptiveIdentification':
+        """Return the platform in windows (windows, n) of raw samples, kg."""
+        return identify_adaptive(samples, settings, sample_rate)
 
 
 @dataclass(frozen=True)
@@ -127,10 +164,10 @@ class AdaptiveIdentification(Identification):
 
     def load_estimate(self, number: int) -> LoadEstimate:
         """Return the load in one window, with the coefficients if they are stable."""
-        names = (
-            ('gain', 'variance', 'a1', 'a2', 'b1') if self.stable[number] else ('gain', 'variance')
-        )
-        return LoadEstimate(*(float(getattr(self, name)[number]) for name in names))
+        columns = [self.gain, self.variance]
+        if self.stable[number]:
+            columns += [self.a1, self.a2, self.b1]
+        return LoadEstimate(*(float(column[number]) for column in columns))
 
 
 def identify_adaptive(
@@ -162,8 +199,7 @@ def identify_adaptive(
     >>> print(found.gain.round(9), found.a2.round(4))  # a2 is 0.97 squared
     [0.2] [0.9409]
     """
-    scale, x = _normalise(samples)
-    filtered, found = _iterate(x, settings, sample_rate)
+    filtered, scale, found = _prefiltered(samples, settings, sample_rate)
     return _or_before(_least_squares(filtered), found).in_unit(scale)
 
 
@@ -177,8 +213,7 @@ def prefilter_adaptively(
     (windows,) in kg, which makes a mass of the identified steady state; and the variance of the
     least-squares residual of x, (windows,).
     """
-    scale, x = _normalise(samples)
-    filtered, _ = _iterate(x, settings, sample_rate)
+    filtered, scale, _ = _prefiltered(samples, settings, sample_rate)
     # A plain fit, also where its poles are unstable: only its residual is used.
     fit = _least_squares(filtered)
     return filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1)
@@ -205,17 +240,16 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
     return taps / taps.sum()
 
 
-def _normalise(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the means of the windows, NaN where there is none, and the windows divided by them."""
+def _prefiltered(
+    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], AdaptiveIdentification]:
+    """Return the windows after the last prefilter, their means and what was identified before it.
+
+    The windows are divided by their means, (windows,), which are NaN for a window without one.
+    """
     scale = np.mean(samples, axis=-1)
     scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
-    return scale, np.where(np.isfinite(samples), samples, np.nan) / scale[:, None]
-
-
-def _iterate(
-    x: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
-) -> tuple[NDArray[np.float64], AdaptiveIdentification]:
-    """Return the windows behind the last prefilter, and what was identified before it."""
+    x = np.where(np.isfinite(samples), samples, np.nan) / scale[:, None]
     lowpass = hann_lowpass(settings.lowpass_cutoff, sample_rate)
     longest = x.shape[-1] // 2
     if len(lowpass) > longest:
@@ -225,7 +259,7 @@ def _iterate(
     for _ in range(settings.iterations - 1):
         found = _or_before(_least_squares(filtered), found)
         filtered = prefilter(base, _whitening(_residual(base, found), settings.max_order))
-    return filtered, found
+    return filtered, scale, found
 
 
 def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:

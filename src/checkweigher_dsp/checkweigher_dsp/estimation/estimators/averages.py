@@ -9,26 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
-from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
+from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters, Look
 from checkweigher_dsp.signal.averages import hann_mean
 
 
 @dataclass(frozen=True)
 class MeanParameters(EstimatorParameters):
-    """The plain mean has nothing to set."""
+    """Parameters of the plain mean: none of its own."""
 
     node: ClassVar[str] = 'identifier.mean'
 
 
 @dataclass(frozen=True)
 class HannParameters(EstimatorParameters):
-    """The Hann-weighted mean has nothing to set."""
+    """Parameters of the Hann-weighted mean: none of its own."""
 
     node: ClassVar[str] = 'identifier.hann'
 
 
 class Mean(Average):
-    """Estimate by the mean of the raw window.
+    """Mean of the raw window.
 
     Unbiased for a constant load. A line vanishes over whole periods and remains with up to its
     amplitude over less than one.
@@ -39,19 +39,25 @@ class Mean(Average):
     0.2
     """
 
+    parameters = MeanParameters()
+    look = Look('Window mean', 's', '#8b929c', '#8b929c')
+
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the mean."""
         return float(np.mean(samples))
 
 
 class Hann(Average):
-    """Estimate by the Hann-weighted mean of the raw window, see `hann_mean`.
+    """Hann-weighted mean of the raw window, see `hann_mean`.
 
     Examples
     --------
     >>> print(round(Hann(HannParameters()).estimate(window).mass, 9))
     0.2
     """
+
+    parameters = HannParameters()
+    look = Look('Hann mean', 'D', '#4d5560', '#c4cad2')
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the Hann-weighted mean."""

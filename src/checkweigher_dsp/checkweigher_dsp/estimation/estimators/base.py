@@ -3,11 +3,11 @@
 """The interface of the estimators, and the parameters that training passes give all of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,16 +54,22 @@ class EstimatorParameters(Parameters):
     )
     offset: tuple[float, ...] = parameter((0.0,), 'see gain', unit='kg', minimum=-1e3, maximum=1e3)
     std_dev: tuple[float, ...] = parameter(
-        (0.0,), 'standard deviation on training passes, the part that all masses have',
-        unit='kg', minimum=0, maximum=1e3,
-    )  # fmt: skip
+        (0.0,),
+        'standard deviation on training passes, the part that all masses have',
+        unit='kg',
+        minimum=0,
+        maximum=1e3,
+    )
     relative_std_dev: tuple[float, ...] = parameter(
         (0.0,), 'standard deviation in proportion to the mass', minimum=0, maximum=10
     )
     zero_std_dev: tuple[float, ...] = parameter(
-        (0.0,), 'standard deviation of the zero on training passes, as the segmenter stated it',
-        unit='kg', minimum=0, maximum=1e3,
-    )  # fmt: skip
+        (0.0,),
+        'standard deviation of the zero on training passes, as the segmenter stated it',
+        unit='kg',
+        minimum=0,
+        maximum=1e3,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,7 +83,7 @@ class EstimatorParameters(Parameters):
                 )
 
     def fits(self, name: str, count: int) -> bool:
-        """Tell whether the list `name` may have `count` values; unless overridden, one a speed."""
+        """Return whether the list `name` may have `count` values; by default one for each speed."""
         return count == len(self.speeds)
 
     def at(self, name: str, speed: float) -> float:
@@ -85,20 +91,74 @@ class EstimatorParameters(Parameters):
         values = getattr(self, name)
         return float(np.interp(speed, self.speeds, values) if len(values) > 1 else values[0])
 
+    def for_speed(self, speed: float, lists: Mapping[str, Any]) -> Self:
+        """Return parameters of one belt speed in m/s, not calibrated, with other `lists`."""
+        common = {entry.name: entry.default for entry in fields(EstimatorParameters)}
+        return replace(self, **{**common, 'speeds': (speed,), **lists})
+
+    def row_at(self, name: str, speed: float) -> NDArray[np.float64]:
+        """Return the row at a belt speed in m/s of a list that has several values for each."""
+        table = np.reshape(getattr(self, name), (len(self.speeds), -1))
+        return np.array([np.interp(speed, self.speeds, column) for column in table.T])
+
     def is_trained(self, speed: float, tolerance: float) -> bool:
-        """Tell whether a speed lies among those of the training passes, or near (relative)."""
+        """Return whether a speed lies among those of the training passes, or near (relative)."""
         slowest, fastest = self.speeds[0], self.speeds[-1]
         return slowest * (1 - tolerance) <= speed <= fastest * (1 + tolerance)
 
 
-class Estimator(ABC):
-    """Find the load in weigh windows.
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A parameter that `tune` searches, and its range, both ends included.
 
-    Its parameters are those of the field of IdentifierParameters that has the estimator's name. An
-    estimator that `needs_denoised` reads ``window.denoised``; the others weigh the raw signal.
+    The first value to try may lie outside. On a logarithmic axis factors count rather than
+    differences; on a whole one only whole numbers are tried.
     """
 
+    name: str
+    low: float
+    high: float
+    start: float
+    logarithmic: bool = False
+    whole: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Name of an estimator for readers, marker of matplotlib, colours on light and dark ground."""
+
+    label: str
+    marker: str
+    light: str
+    dark: str
+
+
+class Estimator(ABC):
+    """Method that finds the load in weigh windows.
+
+    Attributes
+    ----------
+    parameters : EstimatorParameters
+        Of the class, the default; IdentifierParameters has such a set under the estimator's name.
+    needs_denoised : bool
+        Whether it reads ``window.denoised``; the others weigh the raw signal.
+    look : Look, optional
+        Name and colours in reports. Without it they are chosen.
+    axes : tuple of Axis
+        What `tune` searches: lists of its parameters, unless `learn` is overridden.
+    folds : int
+        Into how many parts `tune` divides the passes, each of them weighed by what the others
+        taught; 0 for an estimator that does not learn from passes.
+    fewest : int
+        Passes that it can learn from, at least.
+    """
+
+    parameters: EstimatorParameters
     needs_denoised: ClassVar[bool] = False
+    look: ClassVar[Look | None] = None
+    axes: ClassVar[tuple[Axis, ...]] = ()
+    folds: ClassVar[int] = 0
+    fewest: ClassVar[int] = 1
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
@@ -111,9 +171,24 @@ class Estimator(ABC):
         """Return the load of each window, to the same bits as alone."""
         return [self.estimate(window) for window in windows]
 
+    @classmethod
+    def learn(
+        cls,
+        known: Any,
+        windows: Sequence[WeighWindow],
+        masses: NDArray[np.float64],
+        values: Mapping[str, float],
+    ) -> dict[str, tuple[float, ...]]:
+        """Return the lists of parameters that passes of one belt speed teach; by default `values`.
+
+        `known` are the parameters before, `masses` (windows,) the true ones in kg, and `values` one
+        point of the search, by the names of `axes`.
+        """
+        return {name: (value,) for name, value in values.items()}
+
 
 class Average(Estimator):
-    """Estimate by an average of the raw samples from t2 to t3."""
+    """Estimator that averages the raw samples from t2 to t3."""
 
     @abstractmethod
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
@@ -131,10 +206,10 @@ def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
 
 
 def rough_variance(samples: NDArray[np.float64]) -> float:
-    """Guess the variance, kg^2, of an average of a window from the difference of its two halves.
+    """Estimate the variance of an average, kg^2, from the difference of the halves of its window.
 
-    The scatter of the samples (n,), kg, keeps it above 0 where the halves happen to agree. No
-    training stands behind it.
+    The scatter of the samples (n,), kg, keeps it above 0 where the halves happen to agree. It
+    needs no training.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])
@@ -142,7 +217,7 @@ def rough_variance(samples: NDArray[np.float64]) -> float:
 
 
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
-    """Tell whether the samples of the window lie around a load.
+    """Return whether a load lies among the samples of its window.
 
     An estimator that knows how a load comes on is misled where it did not come on like that: where
     the belt stopped, or something else left meanwhile that no eye had seen.

@@ -8,7 +8,7 @@ siblings. The weights are one smooth curve over the relative position in the win
 values at a fixed number of knots, so that it serves windows of other lengths and speeds as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import math
@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
-from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
+from checkweigher_dsp.estimation.estimators.base import (
+    Average,
+    Axis,
+    EstimatorParameters,
+    Look,
+    raw_samples,
+)
 
 # Until it is trained, a Hann window: sin^2 at the knots.
 _KNOTS = 24
@@ -40,12 +46,12 @@ class FirModelParameters(EstimatorParameters):
     )
 
     def fits(self, name: str, count: int) -> bool:
-        """Tell whether the list `name` may have `count` values."""
+        """Return whether the list `name` may have `count` values."""
         return count == len(self.speeds) * (self.knots if name == 'weights' else 1)
 
 
 class FirModel(Average):
-    """Estimate by a weighted sum of the samples, the weights learned (reconstruction).
+    """Weighted sum of the samples, the weights learned (reconstruction).
 
     Examples
     --------
@@ -53,17 +59,31 @@ class FirModel(Average):
     0.2
     """
 
-    parameters: FirModelParameters
+    parameters = FirModelParameters()
+    look = Look('FIR model', 'h', '#b4569a', '#db8cc4')
+    axes = (Axis('ridge', 1e-6, 10.0, 1e-3, logarithmic=True),)
+    folds = 5
+    fewest = 2
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the weighted sum, the weights between those of the training speeds."""
-        known = self.parameters
-        curves = np.reshape(known.weights, (len(known.speeds), known.knots))
-        curve = [np.interp(window.belt_speed, known.speeds, knot) for knot in curves.T]
+        curve = self.parameters.row_at('weights', window.belt_speed)
         try:
-            return float(np.add.reduce(samples * fir_weights(np.array(curve), len(samples))))
+            return float(np.add.reduce(samples * fir_weights(curve, len(samples))))
         except ValueError:  # weights whose sum is 0
             return math.nan
+
+    @classmethod
+    def learn(
+        cls,
+        known: FirModelParameters,
+        windows: Sequence[WeighWindow],
+        masses: NDArray[np.float64],
+        values: Mapping[str, float],
+    ) -> dict[str, tuple[float, ...]]:
+        """Return the curve of the smallest error; only its smoothness is searched."""
+        samples = [raw_samples(window) for window in windows]
+        return {'weights': tuple(fit_fir(samples, masses, known.knots, values['ridge']).tolist())}
 
 
 def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:

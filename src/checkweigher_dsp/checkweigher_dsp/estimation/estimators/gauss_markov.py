@@ -10,8 +10,8 @@ s is the response of the platform to the load as it rides on, z an error of the 
 oscillations of the platform (those that the product before left, and those of the impact at
 entry), n noise with the covariance C that the training passes showed. With C known, generalised
 least squares gives the mass of the smallest variance among all unbiased linear estimates. The
-signal before t1 takes part in it: there s is 0, and z, the oscillations and, through C, the
-vibration that it shows predict those in the window. [own derivation, docs/method.md]
+signal before t1 is used as well: s is 0 there, and it shows z, the oscillations and, through C, the
+vibration that continues in the window. [own derivation, docs/method.md]
 
 s and n are learned: the platform from passes of known mass, C as an autoregression of the
 empty belt and of the residuals of the training passes.
@@ -27,17 +27,19 @@ from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, parameter
 from checkweigher_core.records import WeighWindow, seconds
+from checkweigher_dsp.denoising.window_batch import rise_time, transit
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
+    Look,
     raw_samples,
 )
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 
-_LEAST_CHANGE = 1e-9  # of the mass from one iteration to the next, relative
+_LEAST_CHANGE = 1e-9  # smallest relative change of the mass that needs another iteration
 _MAX_ITERATIONS = 8
 _FREE = 1.0  # kg, standard deviation of an oscillation that nothing is known about
 _RATE_TOLERANCE = 1e-3
@@ -54,9 +56,12 @@ class GaussMarkovParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.gauss_markov'
 
     sample_rate: float = parameter(
-        0.0, 'sample rate of the noise model; 0: no model but the empty belt before each item',
-        unit='Hz', minimum=0, maximum=1e6,
-    )  # fmt: skip
+        0.0,
+        'sample rate of the noise model; 0: no model but the empty belt before each item',
+        unit='Hz',
+        minimum=0,
+        maximum=1e6,
+    )
     natural_frequency: float = parameter(
         40.0, 'of the empty platform', unit='Hz', minimum=0.1, maximum=1e4
     )
@@ -65,32 +70,46 @@ class GaussMarkovParameters(EstimatorParameters):
         2.5, 'of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
     )
     entry_begin: float = parameter(
-        0.0, 'position at which the load begins to come on, behind the infeed eye', unit='m',
-        minimum=-1, maximum=1,
-    )  # fmt: skip
+        0.0,
+        'position at which the load begins to come on, behind the infeed eye',
+        unit='m',
+        minimum=-1,
+        maximum=1,
+    )
     entry_end: float = parameter(
-        0.0, 'position at which all of the load is on, behind that at t2', unit='m',
-        minimum=-1, maximum=1,
-    )  # fmt: skip
+        0.0,
+        'position at which all of the load is on, behind that at t2',
+        unit='m',
+        minimum=-1,
+        maximum=1,
+    )
     impact: tuple[float, ...] = parameter(
-        (0.0,), 'oscillation that an impact at entry leaves, standard deviation per mass and speed',
-        unit='s/m', minimum=0, maximum=100,
-    )  # fmt: skip
+        (0.0,),
+        'oscillation that an impact at entry leaves, standard deviation per mass and speed',
+        unit='s/m',
+        minimum=0,
+        maximum=100,
+    )
     lead_time: float = parameter(
         0.4, 'signal before t1 that is used, at most', unit='s', minimum=0, maximum=60
     )
     max_misfit: float = parameter(
-        4.0, 'largest misfit of signal and model as a multiple of the noise, above it no mass',
-        minimum=1, maximum=1e9,
-    )  # fmt: skip
+        4.0,
+        'largest misfit of signal and model as a multiple of the noise, above it no mass',
+        minimum=1,
+        maximum=1e9,
+    )
     order: int = parameter(1, 'order of the autoregression', minimum=1, maximum=1000)
     reflection: tuple[float, ...] = parameter(
         (0.0,), 'reflection coefficients: `order` values for each speed', minimum=-1, maximum=1
     )
     noise: tuple[float, ...] = parameter(
-        (1e-3,), 'innovation of the autoregression, standard deviation', unit='kg',
-        minimum=0, maximum=1e3,
-    )  # fmt: skip
+        (1e-3,),
+        'innovation of the autoregression, standard deviation',
+        unit='kg',
+        minimum=0,
+        maximum=1e3,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,7 +117,7 @@ class GaussMarkovParameters(EstimatorParameters):
             raise ParameterError(f'{self.node}.reflection: must lie between -1 and 1')
 
     def fits(self, name: str, count: int) -> bool:
-        """Tell whether the list `name` may have `count` values."""
+        """Return whether the list `name` may have `count` values."""
         return count == len(self.speeds) * (self.order if name == 'reflection' else 1)
 
     @property
@@ -109,7 +128,7 @@ class GaussMarkovParameters(EstimatorParameters):
 
 @dataclass(frozen=True, slots=True)
 class PassSignal:
-    """The signal of a pass from the empty belt on."""
+    """The signal of a pass, from the empty belt before it."""
 
     time: NDArray[np.float64]  # (n,), s from t1
     signal: NDArray[np.float64]  # (n,), kg, zero removed
@@ -117,13 +136,13 @@ class PassSignal:
 
 
 def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
-    """Return the used part of a window, from the empty belt before t1 to its end after t3."""
-    t1, t2, t3 = window.t1 or 0, window.t2 or 0, window.t3 or 0
+    """Return the signal that is used, from the empty belt before t1 to the end after t3."""
     begin_at = parameters.entry_begin / window.belt_speed
-    end_at = parameters.entry_end / window.belt_speed + seconds(t2 - t1)
+    end_at = parameters.entry_end / window.belt_speed + rise_time(window)
     # The load goes off as it came on, one belt later.
-    leave = seconds(t3 - t1)
-    time = seconds(window.stamp - t1) + np.arange(len(window.counts)) / window.sample_rate
+    leave = transit(window)
+    first_at = seconds(window.stamp - (window.t1 or 0))
+    time = first_at + np.arange(len(window.counts)) / window.sample_rate
     first = max(
         window.empty_begin, int(np.searchsorted(time, min(begin_at, 0.0) - parameters.lead_time))
     )
@@ -135,7 +154,7 @@ def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassS
 
 
 class GaussMarkov(Estimator):
-    """Estimate by generalised least squares on a learned model of the machine.
+    """Generalised least squares on a learned model of the machine.
 
     Examples
     --------
@@ -143,7 +162,9 @@ class GaussMarkov(Estimator):
     0.2
     """
 
-    parameters: GaussMarkovParameters
+    parameters = GaussMarkovParameters()
+    look = Look('Gauss-Markov', 'X', '#0058a3', '#7d9bff')
+    folds = 2
 
     def __init__(self, parameters: GaussMarkovParameters) -> None:
         super().__init__(parameters)
@@ -185,9 +206,8 @@ class GaussMarkov(Estimator):
 
     def _whitener_at(self, speed_step: int) -> Prewhitener:
         known, speed = self.parameters, speed_step * _SPEED_STEP
-        table = np.reshape(known.reflection, (len(known.speeds), known.order))
-        reflections = [float(np.interp(speed, known.speeds, column)) for column in table.T]
-        return Prewhitener(reflections, max(known.at('noise', speed), _LEAST_NOISE))
+        std_dev = max(known.at('noise', speed), _LEAST_NOISE)
+        return Prewhitener(known.row_at('reflection', speed), std_dev)
 
 
 def least_squares(
@@ -221,21 +241,21 @@ def least_squares(
 def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     """Estimate the level of the window in the noise that the empty belt before it shows.
 
-    Nothing is known of the platform. But the belt excites its resonance, too, so that an
-    autoregression of the empty belt makes little of what still rings in the window. Without enough
-    of empty belt the estimate is the Hann-weighted mean.
+    The platform is not known. But the belt excites its resonance, too, so that an autoregression of
+    the empty belt gives little weight to ringing in the window. Without enough of the empty belt
+    the estimate is the Hann-weighted mean.
     """
     samples = raw_samples(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
     entry = math.floor(seconds(t1 - window.stamp) * sample_rate)
     empty = window.force_between(min(window.empty_begin, max(entry, 0)), max(entry, 0))
     order = min(_UNTRAINED_ORDER, len(empty) // 3)
-    mean = hann_mean(samples)
-    if order < 2 or not np.all(np.isfinite(empty)) or np.ptp(empty) == 0:
-        return LoadEstimate(mean, float(np.var(samples)) / len(samples))
-    with np.errstate(invalid='ignore'):
-        reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
-    if not std_dev > 0:  # predicted to the last bit, as a last digit that alternates is
+    mean, std_dev = hann_mean(samples), 0.0
+    if order >= 2 and np.all(np.isfinite(empty)) and np.ptp(empty) > 0:
+        with np.errstate(invalid='ignore'):
+            reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
+    # It is also 0 if the empty belt is predicted to the last bit, as a last digit that alternates.
+    if not std_dev > 0:
         return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)
     level = whitener.whiten(np.ones((1, len(samples))))

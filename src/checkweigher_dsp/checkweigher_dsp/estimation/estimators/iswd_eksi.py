@@ -14,9 +14,11 @@ from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import denoised_pass
 from checkweigher_dsp.estimation.estimators.base import (
+    Axis,
     Estimator,
     EstimatorParameters,
     LoadEstimate,
+    Look,
     raw_samples,
 )
 from checkweigher_dsp.estimation.estimators.untrained import doubt
@@ -40,25 +42,30 @@ class IswdEksiParameters(EstimatorParameters):
         1e-6, 'P0 of a1 and a2; 1 with the other 1 is P0 = I', minimum=0, maximum=1e9
     )
     rise_noise: tuple[float, ...] = parameter(
-        (10.0,), 'R while the load rises, as a multiple of R: 1e9 begins at t2',
-        minimum=1, maximum=1e9,
-    )  # fmt: skip
+        (10.0,),
+        'R while the load rises, as a multiple of R: 1e9 begins at t2',
+        minimum=1,
+        maximum=1e9,
+    )
     doubt: bool = parameter(
-        True, 'whether, until it is trained, the level of the window counts the more the worse the '
-        'rise fits what is assumed of the machine',
-    )  # fmt: skip
+        True,
+        'whether, until it is trained, the level of the window counts the more the worse the rise '
+        'fits what is assumed of the machine',
+    )
 
     @property
     def noise(self) -> Noise:
         """Variances of the filter, R as a share of the variance that denoising removed."""
         return Noise(
-            self.measurement_noise, self.process_noise, self.coefficient_variance,
+            self.measurement_noise,
+            self.process_noise,
+            self.coefficient_variance,
             self.initial_variance,
-        )  # fmt: skip
+        )
 
 
 class IswdEksi(Estimator):
-    """Estimate by extended Kalman identification of the denoised pass, from t1 or t2 to t3.
+    """Extended Kalman identification of the denoised pass, from t1 or t2 to t3.
 
     References
     ----------
@@ -70,8 +77,17 @@ class IswdEksi(Estimator):
     0.2
     """
 
-    parameters: IswdEksiParameters
-    needs_denoised: ClassVar[bool] = True
+    parameters = IswdEksiParameters()
+    needs_denoised = True
+    look = Look('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
+    # Those that matter, as measured in docs/method.md; all but the last are of denoise.
+    axes = (
+        Axis('gamma6', 0.0, 1.2, 0.1),
+        Axis('gamma7', 0.0, 1.2, 0.5),
+        Axis('natural_frequency', 15.0, 120.0, 38.0, logarithmic=True),
+        Axis('damping_ratio', 0.01, 0.5, 0.06, logarithmic=True),
+        Axis('rise_noise', 1.0, 100.0, 3.0, logarithmic=True),
+    )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the steady state of the identified platform."""

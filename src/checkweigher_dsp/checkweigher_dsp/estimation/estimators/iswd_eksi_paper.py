@@ -23,6 +23,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
+    Look,
     raw_samples,
 )
 from checkweigher_dsp.signal.averages import hann_mean
@@ -48,7 +49,7 @@ class IswdEksiPaperParameters(EstimatorParameters):
 
 
 class IswdEksiPaper(Estimator):
-    """Estimate by the literal ISWD-EKSI on the raw window from t2 to t3.
+    """Literal ISWD-EKSI on the raw window from t2 to t3.
 
     Examples
     --------
@@ -56,7 +57,8 @@ class IswdEksiPaper(Estimator):
     0.2
     """
 
-    parameters: IswdEksiPaperParameters
+    parameters = IswdEksiPaperParameters()
+    look = Look('ISWD-EKSI, literal', 'd', '#e7a27c', '#b5653a')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the steady state of the identified platform, M = b1 / (1 + a1 + a2)."""

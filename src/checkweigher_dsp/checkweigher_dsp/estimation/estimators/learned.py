@@ -26,13 +26,14 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
+    Look,
     raw_samples,
     rough_variance,
 )
 from checkweigher_dsp.signal.averages import hann_mean
 
-# A t2 that is off by more than this share of t3 - t1 is that of a longer or shorter product. One
-# that is off by less is the jitter of an eye: t1 and t3 alone say where the parts lie.
+# Largest deviation of t2, as a share of t3 - t1, that is taken for the jitter of an eye, so that t1
+# and t3 alone define the parts. A larger one is that of a longer or shorter product.
 _SAME_RISE = 0.02
 # From t1 to t3: up to some 50 Hz on a slow belt, above the platform on a fast one.
 PARTS = 64
@@ -40,35 +41,43 @@ PARTS = 64
 
 @dataclass(frozen=True)
 class LearnedParameters(EstimatorParameters):
-    """The weights that `tune` learns."""
+    """Parts of a pass, and their weights, which `tune` learns."""
 
     node: ClassVar[str] = 'identifier.learned'
 
     parts: int = parameter(
-        0, 'number of equal parts from t2 to t3; 0: not trained, the Hann-weighted mean',
-        minimum=0, maximum=1024,
-    )  # fmt: skip
+        0,
+        'number of equal parts from t2 to t3; 0: not trained, the Hann-weighted mean',
+        minimum=0,
+        maximum=1024,
+    )
     rise_parts: int = parameter(0, 'number of equal parts from t1 to t2', minimum=0, maximum=1024)
     lead_parts: int = parameter(
         0, 'number of parts before t1, as long as the others on average', minimum=0, maximum=1024
     )
     gap: float = parameter(
-        0.0, 'shortest time since the item before had left with which the signal before t2 is '
-        'used, as a multiple of t3 - t1',
-        minimum=0, maximum=1e3,
-    )  # fmt: skip
+        0.0,
+        'shortest time since the item before had left with which the signal before t2 is used, as '
+        'a multiple of t3 - t1',
+        minimum=0,
+        maximum=1e3,
+    )
     weights: tuple[float, ...] = parameter(
-        (0.0,), 'weights of the parts before t1, up to t2 and up to t3, for each speed',
-        minimum=-1e6, maximum=1e6,
-    )  # fmt: skip
+        (0.0,),
+        'weights of the parts before t1, up to t2 and up to t3, for each speed',
+        minimum=-1e6,
+        maximum=1e6,
+    )
     weights_alone: tuple[float, ...] = parameter(
-        (0.0,), 'weights of the parts from t2 to t3 alone, for items close behind another: `parts` '
-        'values for each speed',
-        minimum=-1e6, maximum=1e6,
-    )  # fmt: skip
+        (0.0,),
+        'weights of the parts from t2 to t3 alone, for items close behind another: `parts` values '
+        'for each speed',
+        minimum=-1e6,
+        maximum=1e6,
+    )
 
     def fits(self, name: str, count: int) -> bool:
-        """Tell whether the list `name` may have `count` values."""
+        """Return whether the list `name` may have `count` values."""
         own = {'weights': self.layout.count, 'weights_alone': self.parts}
         return count == len(self.speeds) * (own.get(name, 1) if self.parts else 1)
 
@@ -98,7 +107,7 @@ class Layout:
 
 
 class Learned(Estimator):
-    """Estimate by a weighted sum of the pass, its weights learned with no model of the machine.
+    """Weighted sum of the pass, its weights learned with no model of the machine.
 
     Examples
     --------
@@ -106,7 +115,8 @@ class Learned(Estimator):
     0.2
     """
 
-    parameters: LearnedParameters
+    parameters = LearnedParameters()
+    look = Look('Learned', '*', '#a3123a', '#ff6f91')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the weighted sum, the weights between those of the training speeds."""
@@ -128,8 +138,7 @@ def _between(
     position = float(np.interp(speed, speeds, np.arange(len(speeds))))
     before = min(int(position), max(len(speeds) - 2, 0))
     after = min(before + 1, len(speeds) - 1)
-    row: NDArray[np.float64] = table[before] + (position - before) * (table[after] - table[before])
-    return row
+    return np.asarray(table[before] + (position - before) * (table[after] - table[before]))
 
 
 def rise_parts(share: float) -> int:
@@ -138,15 +147,15 @@ def rise_parts(share: float) -> int:
 
 
 def seconds_alone(window: WeighWindow) -> float:
-    """Return for how long before t1 the signal of a window has no other item on the belt, in s."""
+    """Return the time before t1 during which no other item was on the belt, in s."""
     return -float(time_since_entry(window, window.empty_begin, window.empty_begin + 1)[0])
 
 
 def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
     """Return the means of the signal in the parts of a pass, (layout.count,), kg.
 
-    A sample counts for the interval around it. All is NaN where the signal does not reach back to
-    the first part, or a part has no duration.
+    Each sample represents the interval around it. All means are NaN if the signal does not reach
+    back to the first part, or a part has no duration.
     """
     whole, rise = transit(window), rise_time(window)
     half = 0.5 / window.sample_rate
@@ -158,17 +167,12 @@ def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
     turn = layout.rise / total * whole
     if not layout.rise or abs(rise - turn) > _SAME_RISE * whole:
         turn = rise
-    bounds = np.concatenate(
-        [
-            np.arange(-layout.lead, 0) * (whole / total),
-            np.linspace(0.0, turn, layout.rise, endpoint=False),
-            np.linspace(turn, whole, layout.window + 1),
-        ]
-    )
+    before = np.arange(-layout.lead, 0) * (whole / total)
+    rising = np.linspace(0.0, turn, layout.rise, endpoint=False)
+    resting = np.linspace(turn, whole, layout.window + 1)
     # The last sample lies up to one interval before t3.
-    bounds = np.minimum(bounds, ends[-1])
+    bounds = np.minimum(np.concatenate([before, rising, resting]), ends[-1])
     widths = np.diff(bounds)
     if not (bounds[0] >= ends[0] and np.all(widths > 0)):
         return np.full(layout.count, math.nan)
-    means: NDArray[np.float64] = np.diff(np.interp(bounds, ends, area)) / widths
-    return means / window.sample_rate
+    return np.diff(np.interp(bounds, ends, area)) / widths / window.sample_rate

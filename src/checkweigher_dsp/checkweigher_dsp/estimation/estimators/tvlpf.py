@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
-from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
+from checkweigher_dsp.estimation.estimators.base import Average, Axis, EstimatorParameters, Look
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,15 @@ class TvlpfParameters(EstimatorParameters):
         (3.0,), 'cut-off at the end', unit='Hz', minimum=0, maximum=1e5
     )
     half_life: tuple[float, ...] = parameter(
-        (0.1,), 'time in which the cut-off falls by half of the way, as a share of the window',
-        minimum=1e-4, maximum=1e3,
-    )  # fmt: skip
+        (0.1,),
+        'time in which the cut-off falls by half of the way, as a share of the window',
+        minimum=1e-4,
+        maximum=1e3,
+    )
 
 
 class Tvlpf(Average):
-    """Estimate by the last output of a low-pass filter whose cut-off falls (reconstruction).
+    """Last output of a low-pass filter whose cut-off falls (reconstruction).
 
     Examples
     --------
@@ -53,16 +55,26 @@ class Tvlpf(Average):
     0.2
     """
 
-    parameters: TvlpfParameters
+    parameters = TvlpfParameters()
+    look = Look('TVLPF', '^', '#c98500', '#e8ac2f')
+    axes = (
+        Axis('sections', 2, 4, 2, whole=True),
+        Axis('initial_cutoff', 2.0, 400.0, 50.0, logarithmic=True),
+        Axis('final_cutoff', 0.1, 30.0, 3.0, logarithmic=True),
+        Axis('half_life', 0.02, 2.0, 0.1, logarithmic=True),
+    )
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the output of the filter at t3."""
         known, speed = self.parameters, window.belt_speed
         weights = lowpass_weights(
-            len(samples), max(1, round(known.at('sections', speed))),
-            known.at('initial_cutoff', speed), known.at('final_cutoff', speed),
-            decay_of(known.at('half_life', speed), len(samples)), window.sample_rate,
-        )  # fmt: skip
+            len(samples),
+            max(1, round(known.at('sections', speed))),
+            known.at('initial_cutoff', speed),
+            known.at('final_cutoff', speed),
+            decay_of(known.at('half_life', speed), len(samples)),
+            window.sample_rate,
+        )
         return float(np.add.reduce(samples * weights))
 
 
@@ -73,9 +85,13 @@ def decay_of(half_life: float, count: int) -> float:
 
 @lru_cache(maxsize=256)
 def lowpass_weights(
-    count: int, sections: int, initial_cutoff: float, final_cutoff: float, decay: float,
+    count: int,
+    sections: int,
+    initial_cutoff: float,
+    final_cutoff: float,
+    decay: float,
     sample_rate: float,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     r"""Return the weight of each sample in the last output of the filter.
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates from one pass of a machine without training, and their uncertainty.
 
-No platform is assumed and nothing of how a load comes on: only that it rests in the window.
+The only assumption is that the load rests in the window: none on the platform or on the rise.
 [own derivation, docs/method.md]
 """
 
@@ -36,16 +36,16 @@ _STATED = 0.6
 
 
 def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
-    """Return an estimate that uses the rise, drawn towards `window_level` where the rise misfits.
+    """Return an estimate that uses the rise, drawn towards `window_level` if the rise does not fit.
 
-    Each counts by the inverse of its variance. That of `load` grows with what it leaves of the
-    signal between t1 and t2 beyond what moves the empty belt, and with how far the rise lags: eyes
-    off their place, bounces, a platform or an amplifier that is not the assumed one. Both leave an
-    area, which smoothing spreads over the pass. A rise may as well fit and mislead, which one pass
-    cannot show; so the stated variance is by the level alone.
+    Each is weighted by the inverse of its variance. That of `load` grows with the residual between
+    t1 and t2 and with the lag of the rise. Both are caused by misplaced photo-eyes, bounces, or a
+    platform or an amplifier other than the assumed one, and both leave an area that smoothing
+    spreads over the pass. A rise may fit and still mislead, which one pass cannot show; so the
+    stated variance is that of the level alone.
     """
     if not is_in_window(load, window):
-        return load  # something came or went while it entered, which is for the identifier to judge
+        return load  # the load changed during the rise; the identifier will refuse it
     level, deviation = window_level(window)
     misplaced = load.mass * lag_doubt(window) / (2 * transit(window))
     misfit = rise_misfit(window, load.mass) * rise_time(window) / transit(window)
@@ -91,10 +91,10 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 
 
 def rise_misfit(window: WeighWindow, mass: float) -> float:
-    """Return what a load of `mass` that comes on evenly leaves between t1 and t2, rms in kg.
+    """Return the rms residual in kg of an evenly rising load of `mass` between t1 and t2.
 
-    It comes on as late as on the assumed platform. What is left is that of the thirds of the rise,
-    so that ringing averages out, beyond what is seen of the empty belt in as long a time.
+    The load is as late as on the assumed platform. The residual is that of the means of the thirds
+    of the rise, so that ringing averages out, in excess of the noise of the empty belt.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
@@ -109,9 +109,9 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 
 
 def lag_doubt(window: WeighWindow) -> float:
-    """Return how far the rise is from where it is assumed, and how sure that is, rms in s.
+    """Return the deviation of the rise from its assumed lag with its uncertainty, rms in s.
 
-    Behind another product too little of the empty belt is seen to tell: 0.
+    It is 0 behind another product, where too little of the empty belt is seen.
     """
     seen = lag_of(window)
     return math.hypot(seen.lag - PLATFORM_LAG, seen.std_dev) if seen.is_known else 0.0

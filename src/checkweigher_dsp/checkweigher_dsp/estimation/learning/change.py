@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of a machine, by what its items have beside the load that was learned."""
+"""Changes of a machine, from the residuals of its items beside the learned load."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ _STRONG = 0.1  # of all power before: a line that matters
 
 @dataclass(frozen=True)
 class Change(Settings):
-    """A lasting change: where in the pass, or at which frequency.
+    """A lasting change of the machine, at a place of the pass or at a frequency.
 
-    `place` is the share of t1..t3, below 0 before t1, where the load comes on differently, NaN if
-    it is a vibration; `frequency` is then its frequency in Hz. `factor` is by how much: standard
-    deviations of an item at that place, or times the power at that frequency.
+    `place` is where the load comes on differently, as a share of t1..t3, below 0 before t1. It is
+    NaN for a vibration, whose frequency is `frequency` in Hz. `factor` is the size of the change:
+    standard deviations of an item at that place, or the ratio of the powers at that frequency.
     """
 
     item_id: int = parameter(text='item with which it was noticed')
@@ -46,7 +46,7 @@ class Change(Settings):
 
 
 def is_comparable(known: Fit, load: float) -> bool:
-    """Tell whether a load, kg, is about one of those that were learned from."""
+    """Return whether a load in kg is close to those that the fit was learned from."""
     smallest, largest = known.loads
     return smallest / _ALIKE <= load <= largest * _ALIKE
 
@@ -56,10 +56,13 @@ def find_change(
 ) -> Change | None:
     """Return a change that the residuals of the last items show, (k,) each in kg.
 
-    `duration` is that of a part in s, `item_id` that of the last item.
+    Returns None for fewer than `RECENT` items. `duration` is that of a part in s, `item_id` that of
+    the last item.
     """
+    if len(residuals) < RECENT:
+        return None
+    # Most items of each half must show a change: one or two items are not enough.
     halves = np.array_split(np.array(residuals), 2)
-    # Of each half most items show it: what one or two of them did is no change.
     before, after = (np.median(half, axis=0) / known.noise for half in halves)
     moved = np.where(before * after > 0, np.minimum(abs(before), abs(after)), 0.0)
     power = np.minimum(*(usual_power(half) for half in halves))
@@ -68,7 +71,7 @@ def find_change(
     place, line = int(np.argmax(moved)), int(np.argmax(grown))
     if moved[place] < _MOVED and grown[line] < _GROWN:
         return None
-    # A vibration has another phase in each item, and little of it is left in their mean.
+    # A vibration has a different phase in each item, and is small in their mean.
     last = halves[-1]
     if grown[line] < _GROWN or np.mean(last, axis=0).std() > _SAME_PHASE * last.std():
         place = int(np.argmax(abs(after)))
@@ -85,7 +88,7 @@ def strongest_frequency(known: Fit, duration: float) -> float:
 
 
 def _peak(power: NDArray[np.float64], line: int) -> float:
-    """Return the place of a peak of a spectrum, between the lines by their power."""
+    """Return the position of a peak of a spectrum, interpolated between its lines."""
     around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
     share = np.maximum(power[around], 0.0)
     return float(around @ share / share.sum())

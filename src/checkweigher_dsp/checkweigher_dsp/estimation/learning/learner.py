@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a machine has taught while it ran: state in, state out, item by item."""
+"""Learning while the line runs: a new state from the state before and one item."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -22,11 +22,10 @@ from checkweigher_dsp.estimation.learning.passage import (
     Passage,
     passage_of,
     rise_parts_of,
-    with_mass,
 )
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
 
-_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # relative differences of what is one
+_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # largest relative differences within a kind
 _STEP = 5  # items from one fit to the next
 
 
@@ -37,25 +36,32 @@ class LearningParameters(Parameters):
     node: ClassVar[str] = 'identifier.learning'
 
     fewest: int = parameter(
-        30, 'number of items of a belt speed and length after which what was learned may weigh',
-        minimum=20, maximum=300,
-    )  # fmt: skip
+        30,
+        'number of items of a belt speed and length after which what was learned may weigh',
+        minimum=20,
+        maximum=300,
+    )
     most: int = parameter(
-        120, 'number of items of a belt speed and length that teach; the later ones are compared',
-        minimum=20, maximum=300,
-    )  # fmt: skip
+        120,
+        'number of items of a belt speed and length that teach; the later ones are compared',
+        minimum=20,
+        maximum=300,
+    )
     kinds: int = parameter(
-        8, 'number of belt speeds and lengths that are remembered; the one that was not seen for '
-        'the longest goes',
-        minimum=1, maximum=32,
-    )  # fmt: skip
+        8,
+        'number of belt speeds and lengths that are remembered; the one that was not seen for the '
+        'longest goes',
+        minimum=1,
+        maximum=32,
+    )
     relearn: bool = parameter(
         False, 'begin again where a change of the machine is noticed, without `forget_learned`'
     )
     record: str = parameter(
-        '', 'file that keeps what was learned over a restart; empty for one named after the node '
-        'in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher; - for none',
-    )  # fmt: skip
+        '',
+        'file that keeps what was learned over a restart; empty for one named after the node in '
+        '$XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher; - for none',
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,10 +73,10 @@ class LearningParameters(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class ItemKind(Settings):
-    """What items of one belt speed (m/s) and length (m) have taught.
+    """State that was learned from items of one belt speed and length.
 
-    Their passes are dropped once learning is over. `recent` are the residuals of the last items
-    that could be compared, (k,) each in kg.
+    The passes are dropped when learning is complete. `recent` has the residuals of the last items
+    that could be compared, (k,) each.
     """
 
     speed: float = parameter(text='belt speed', unit='m/s')
@@ -94,7 +100,7 @@ class ItemKind(Settings):
         return self.fit is not None and self.fit.trusted and self.change is None
 
     def has(self, window: WeighWindow) -> bool:
-        """Tell whether an item is of this kind."""
+        """Return whether an item is of this kind."""
         return (
             abs(window.belt_speed - self.speed) <= _SAME_SPEED * self.speed
             and abs(window.product_length - self.length) <= _SAME_LENGTH * self.length
@@ -103,9 +109,9 @@ class ItemKind(Settings):
 
 @dataclass(frozen=True, eq=False)
 class LearnedKinds(Settings):
-    """What was learned of each kind of items, the one seen last at the end.
+    """State that was learned from each kind of items, the most recent kind at the end.
 
-    It rests on the loads of one estimator with its parameters, the `basis`.
+    It is valid for the loads of one estimator with its parameters, the `basis`.
     """
 
     basis: str = parameter(text='estimator with its parameters')
@@ -113,28 +119,29 @@ class LearnedKinds(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the table without the number that stood for that of the format."""
+        """Return the table without `version`, which older files have instead of a format number."""
         if not isinstance(content, dict):
             return content
         return {key: value for key, value in content.items() if key != 'version'}
 
 
 def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
-    """Return the load of a window by what was learned, or else `load`, that of the estimator."""
+    """Return the load of a window by the learned weights, or `load` if they cannot weigh it."""
     kind = _kind_of(known, window)
     if kind is None or kind.fit is None or not kind.weighs:
         return load
     passage = passage_of(window, load, kind.rise)
     if passage is None or passage.lead < kind.fit.lead:
         return load
-    worse = max(passage.zero_variance - kind.fit.zero_variance, 0.0)
-    return with_mass(load, kind.fit.mass(passage), kind.fit.variance + worse)
+    mass, worse = kind.fit.mass(passage), max(passage.zero_variance - kind.fit.zero_variance, 0.0)
+    variance, b1 = kind.fit.variance + worse, load.b1 * (mass / load.mass)
+    return replace(load, mass=mass, variance=variance, b1=b1, measured=True)
 
 
 def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
-    """Return what is known after an item, whose load the estimator found to be `load`."""
+    """Return the state after an item whose load by the estimator is `load`."""
     kind = _kind_of(known, window)
     if kind is None:
         kind = ItemKind(window.belt_speed, window.product_length, rise_parts_of(window))
@@ -153,16 +160,14 @@ def _kind_of(known: LearnedKinds, window: WeighWindow) -> ItemKind | None:
 def _compared(
     kind: ItemKind, passage: Passage, item_id: int, parameters: LearningParameters
 ) -> ItemKind:
-    """Return a kind after an item was held against what was learned."""
-    taught = kind.fit
-    if taught is None or kind.change is not None or passage.lead < taught.lead:
+    """Return a kind after an item was compared with the fit."""
+    known = kind.fit
+    if known is None or kind.change is not None or passage.lead < known.lead:
         return kind
-    if not is_comparable(taught, passage.load):
+    if not is_comparable(known, passage.load):
         return kind
-    recent = (*kind.recent, taught.residual(passage))[-RECENT:]
-    change = None
-    if len(recent) == RECENT:
-        change = find_change(taught, recent, passage.duration, item_id)
+    recent = (*kind.recent, known.residual(passage))[-RECENT:]
+    change = find_change(known, recent, passage.duration, item_id)
     if change is None:
         return replace(kind, recent=recent)
     if parameters.relearn:
@@ -171,7 +176,7 @@ def _compared(
 
 
 def _taught(kind: ItemKind, passage: Passage, parameters: LearningParameters) -> ItemKind:
-    """Return a kind that an item was added to."""
+    """Return a kind with one more item, and with a new fit every few items."""
     if kind.change is not None or kind.items >= parameters.most:
         return replace(kind, items=kind.items + 1)
     items, passages = kind.items + 1, (*kind.passages, passage)

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What one item of unknown mass shows: the parts of its pass."""
+"""The parts of the pass of one item of unknown mass."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -29,8 +29,8 @@ MOST_LEAD = 48  # before t1
 class Passage(Settings):
     """The parts of a pass, with the load that the chosen estimator found in it.
 
-    `parts` (lead + PARTS,), kg, are those of `pass_features`: `lead` of them are before t1, and the
-    last `quiet` of these have no ring-down of the item before. `duration` is that of one part, s.
+    `parts` (lead + PARTS,), in kg, are those of `pass_features`. The first `lead` parts are before
+    t1, and the last `quiet` of these are free of the ring-down of the previous item.
     """
 
     parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
@@ -55,21 +55,20 @@ class Passage(Settings):
 
 
 def rise_parts_of(window: WeighWindow) -> int:
-    """Return how many of the parts of a pass are from t1 to t2; 0 if that cannot be told."""
+    """Return the number of parts of a pass from t1 to t2; 0 if its times are not known."""
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0
     return rise_parts(share) if 0 < share < 1 else 0
 
 
 def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | None:
-    """Return what a window shows, with `rise` parts from t1 to t2.
+    """Return the pass of a window, with `rise` parts from t1 to t2.
 
-    None if the item before was still on the belt, or the estimator found no load.
+    Returns None if the item before was still on the belt, or the estimator found no load.
     """
     duration, alone = transit(window) / PARTS, seconds_alone(window)
     if not (load.mass > 0 and alone >= 0 and duration > 0):
         return None
-    # The zero that is taken off has half a sample of doubt about where it begins.
     lead = min(int(alone / duration), MOST_LEAD)
     parts = pass_features(window, Layout(lead, rise, PARTS - rise))
     if not np.all(np.isfinite(parts)):
@@ -78,10 +77,3 @@ def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | 
     zero = window.zero_std_dev / window.counts_per_kg
     variance = load.variance if math.isfinite(load.variance) else 0.0
     return Passage(parts, min(quiet, lead), duration, load.mass, variance, zero * zero)
-
-
-def with_mass(load: LoadEstimate, mass: float, variance: float) -> LoadEstimate:
-    """Return another load of the same platform, with a variance that was measured."""
-    return replace(
-        load, mass=mass, variance=variance, b1=load.b1 * (mass / load.mass), measured=True
-    )

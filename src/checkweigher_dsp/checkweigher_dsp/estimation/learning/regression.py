@@ -28,7 +28,7 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
-_PLAIN = (0.3, 0.03, 0.1)  # with nothing learned from the items
+_PLAIN = (0.3, 0.03, 0.1)  # the same for weights by the prior alone
 _FEWEST = 15  # degrees of freedom
 _ALONE = 0.05  # share of the items that may have less empty belt in front than the weights need
 _APART = 0.02  # of the load: products that differ by more are two
@@ -46,7 +46,7 @@ _LEAST_VARIANCE = 1e-18  # kg^2
 
 @dataclass(frozen=True, eq=False)
 class Fit(Settings):
-    """What items of one speed and length have taught.
+    """Weights that were learned from items of one speed and length.
 
     `curve`, `weights` and `noise` are (k,), of the last k parts of a pass: a load of 1, the weights
     that sum up to its mass, and the standard deviation of a part about it, kg. `spectrum` is the
@@ -76,7 +76,7 @@ class Fit(Settings):
         return len(self.weights) - PARTS
 
     def residual(self, passage: Passage) -> NDArray[np.float64]:
-        """Return what a pass has beside its load, (k,), kg."""
+        """Return the pass without its load, (k,), kg."""
         parts = passage.last(len(self.weights))
         return np.asarray(parts - self.mass(passage) * self.curve)
 
@@ -86,7 +86,7 @@ class Fit(Settings):
 
 
 def fit(passages: Sequence[Passage], rise: int) -> Fit | None:
-    """Learn from items; None where too few of them have another one of about their mass."""
+    """Learn from items; None if too few of them share their mass with another item."""
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
     parts = np.array([each.last(lead + PARTS) for each in used])
@@ -97,22 +97,26 @@ def fit(passages: Sequence[Passage], rise: int) -> Fit | None:
     if freedom < _FEWEST:
         return None
     duration = float(np.median([each.duration for each in used]))
-    noise = _lagged(_empty_belt_covariances(passages, lead + PARTS))
+    noise = _empty_belt_covariance(passages, lead + PARTS)
     found = _Items(parts, loads, clusters, freedom, noise, _ringing(lead, rise, duration))
     weights, held_out = found.learn()
-    before = found.held_out_loads()
-    plain = found.deviations - found.within @ found.weights(_PLAIN, learned=False)
+    before = found.deviations * found.others
+    plain = found.deviations - found.within @ found.plain_weights()
     alike = found.rms(before) < _ALIKE * float(np.sqrt(plain @ plain / freedom))
     ratio = found.rms(held_out) / max(found.rms(before), _LEAST_VARIANCE)
     residuals = parts - np.outer(np.add.reduce(weights * parts, axis=1), found.curve)
     return Fit(
-        found.curve, weights, np.sqrt(np.mean(np.square(residuals), axis=0)),
-        usual_power(residuals),
-        found.rms(held_out) ** 2 * (freedom + _LEARNED) / freedom, found.rms(before) ** 2,
-        float(np.mean([each.zero_variance for each in used])),
-        (float(loads.min()), float(loads.max())), len(passages),
-        ratio < (_GAIN if alike else _GAIN_OF_DIFFERENT),
-    )  # fmt: skip
+        curve=found.curve,
+        weights=weights,
+        noise=np.sqrt(np.mean(np.square(residuals), axis=0)),
+        spectrum=usual_power(residuals),
+        variance=found.rms(held_out) ** 2 * (freedom + _LEARNED) / freedom,
+        variance_before=found.rms(before) ** 2,
+        zero_variance=float(np.mean([each.zero_variance for each in used])),
+        loads=(float(loads.min()), float(loads.max())),
+        items=len(passages),
+        trusted=ratio < (_GAIN if alike else _GAIN_OF_DIFFERENT),
+    )
 
 
 def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -140,14 +144,14 @@ class _Items:
         sizes = np.bincount(clusters)[clusters]
         means = np.bincount(clusters, loads)[clusters] / sizes
         self._freedom = freedom
-        # An item deviates from the mean of the others by so many times what it does from all.
-        self._others = np.where(sizes > 1, sizes / np.maximum(sizes - 1, 1), 0.0)
+        # Deviation of an item from the mean of the others, as a multiple of that from all.
+        self.others = np.where(sizes > 1, sizes / np.maximum(sizes - 1, 1), 0.0)
         self._counts = (sizes - 1) / sizes
         self.curve = np.asarray(means @ parts / (means @ means))
         self.deviations = loads - means
-        self.within = parts - np.array(
-            [parts[clusters == each].mean(axis=0) for each in range(clusters.max() + 1)]
-        )[clusters]  # fmt: skip
+        numbers = range(clusters.max() + 1)
+        centres = np.array([parts[clusters == each].mean(axis=0) for each in numbers])
+        self.within = parts - centres[clusters]
         beside = self.within - np.outer(self.deviations, self.curve)
         self._variance = max(float(np.mean(np.square(beside))), _LEAST_VARIANCE)
         self._scatter = self.within.T @ self.within
@@ -157,20 +161,13 @@ class _Items:
         """Return the standard deviation within the clusters of held-out errors (n,)."""
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
-    def held_out_loads(self) -> NDArray[np.float64]:
-        """Return how far each load is from the mean of the others of its cluster, (n,)."""
-        return self.deviations * self._others
-
-    def weights(
-        self, shares: tuple[float, float, float], *, learned: bool = True
-    ) -> NDArray[np.float64]:
-        """Return the weights by the prior and, if `learned`, by the items."""
-        covariance = self._prior(shares) + (self._scatter if learned else 0.0)
-        weights = np.linalg.solve(covariance, self.curve)
+    def plain_weights(self) -> NDArray[np.float64]:
+        """Return the weights by the prior alone, (k,)."""
+        weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 
     def learn(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the weights, and how far each item is from the others by their weights, (n,)."""
+        """Return the weights, (k,), and the held-out errors of the items, (n,) in kg."""
         found = [self._learn(shares) for shares in _SHARES]
         weights, errors = (np.array(each) for each in zip(*found, strict=True))
         deviations = np.array([self.rms(row) for row in errors]) + _LEAST_VARIANCE
@@ -193,8 +190,8 @@ class _Items:
         gain = self.curve @ for_curve  # s' C^-1 s
         along = self.within @ for_curve  # r' C^-1 s
         leverage = np.einsum('ij,ji->i', self.within, for_items)  # r' C^-1 r
-        times = self._others / np.maximum(1 - self._others * leverage, 1e-9)
-        errors = self._others * along * (1 + times * leverage) / (gain + times * along * along)
+        times = self.others / np.maximum(1 - self.others * leverage, 1e-9)
+        errors = self.others * along * (1 + times * leverage) / (gain + times * along * along)
         return for_curve / gain, errors
 
     def _prior(self, shares: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -204,32 +201,28 @@ class _Items:
 
 
 def _clusters(loads: NDArray[np.float64], width: float) -> NDArray[np.int_]:
-    """Return the number of the cluster of each load, (n,); between two of them is a gap."""
+    """Return the cluster of each load, (n,); clusters are separated by gaps above `width`."""
     order = np.argsort(loads, kind='stable')
     result = np.empty(len(loads), dtype=np.int_)
     result[order] = np.append(0, np.cumsum(np.diff(loads[order]) > width))
     return result
 
 
-def _lagged(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix of covariances by their distance."""
-    places = np.arange(len(covariances))
-    return covariances[abs(np.subtract.outer(places, places))]
+def _empty_belt_covariance(passages: Sequence[Passage], count: int) -> NDArray[np.float64]:
+    """Return the covariance of parts of the empty belt about zero, (count, count), kg^2.
 
-
-def _empty_belt_covariances(passages: Sequence[Passage], count: int) -> NDArray[np.float64]:
-    """Return the covariances of parts of the empty belt by their distance, (count,), kg^2.
-
-    They are those about zero, for what the zero is off is noise, too; 0 where too little is seen.
+    It includes the error of the zero. It is 0 at distances for which too little is seen.
     """
     segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
-    return pooled_autocovariance(segments, count)
+    places = np.arange(count)
+    distances = abs(np.subtract.outer(places, places))
+    return pooled_autocovariance(segments, count)[distances]
 
 
 def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
-    """Return the covariance of a platform of any frequency that rings, with a mean variance of 1.
+    """Return the covariance of a ringing platform of unknown frequency, with a mean variance of 1.
 
-    It is stirred the most while a product rides on, and half as much before and long after that.
+    Its amplitude is largest while a product enters, and half as large before and long afterwards.
     """
     time = (np.arange(lead + PARTS) - lead + 0.5) * duration
     fading = np.exp(-np.maximum(time - rise * duration, 0.0) / _FADING)

@@ -34,9 +34,7 @@ def test_a_window_has_the_same_bits_in_any_batch():
 
 def test_poles_outside_the_circle_fall_back_to_the_mean_of_the_window():
     growing = 0.2 + 1e-3 * 1.05 ** np.arange(96)
-
     found = identify_adaptive_by_ekf(growing[np.newaxis], AdaptiveSettings(1), NOISE, RATE)
-
     assert not found.stable[0]
     assert found.gain == pytest.approx([growing.mean()], rel=1e-9)
     assert (found.a1[0], found.a2[0]) == (0, 0)

@@ -22,7 +22,6 @@ from checkweigher_dsp.estimation.estimators.aid import (
     prefilter_adaptively,
 )
 from checkweigher_dsp.signal.averages import hann_mean
-from checkweigher_dsp.signal.extended_kalman import Noise, identify
 from checkweigher_dsp.signal.platform_poles import platform_poles
 
 RATE = 960.0
@@ -90,7 +89,6 @@ def test_a_platform_that_only_rings_is_identified_exactly(frequency, damping, se
 @pytest.mark.parametrize('settings', SETTINGS)
 def test_a_constant_load_is_shown_as_it_is(settings):
     result = identify_adaptive(np.full((2, 64), 0.2), settings, RATE)
-
     assert result.gain == pytest.approx([0.2, 0.2], rel=ROUNDING)
     assert result.variance == pytest.approx([0, 0], abs=ROUNDING**2)
 
@@ -225,16 +223,6 @@ def test_the_prefiltered_input_stays_one_and_the_level_that_of_the_load():
     assert np.all(noise > 0)
 
 
-def test_the_kalman_filter_over_the_prefiltered_windows_finds_the_load():
-    # The filter starts from 0 and so takes the first sample for the level: docs/method.md.
-    window = _ringing(38.0, 0.06, 192) + 1e-5 * np.random.default_rng(16).standard_normal(192)
-
-    samples, scale, noise = prefilter_adaptively(window[np.newaxis], ADAPTIVE, RATE)
-    found = identify(samples, noise, Noise(1.0, 0.1, 1.0))
-
-    assert scale * found.gain == pytest.approx([0.2], abs=0.1 * 0.05 * 0.2)
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12))
 def test_the_prefilter_is_a_convolution_within_the_window(seed, count):
     rng = np.random.default_rng(seed)
@@ -250,9 +238,7 @@ def test_the_prefilter_is_a_convolution_within_the_window(seed, count):
 @pytest.mark.parametrize('cutoff', [5.0, 20.0])
 def test_the_lowpass_is_down_by_three_decibels_at_its_cutoff(cutoff):
     taps = hann_lowpass(cutoff, RATE)
-
     _, response = signal.freqz(taps, worN=[cutoff], fs=RATE)
-
     assert taps.sum() == pytest.approx(1)
     assert 20 * math.log10(abs(response[0])) == pytest.approx(-3.01, abs=0.1)
 
@@ -264,7 +250,5 @@ def test_from_a_third_of_the_sample_rate_on_there_is_no_lowpass(cutoff):
 
 def test_a_lowpass_longer_than_half_the_window_is_cut_to_it():
     settings = AdaptiveSettings(1, 0, 0.1)
-
     shape = prefilter_adaptively(np.full((1, 20), 0.1), settings, RATE)[0].shape
-
     assert shape == (1, 20 - 10 + 1)

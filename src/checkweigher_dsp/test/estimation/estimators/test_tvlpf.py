@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from scipy import signal
 
 from checkweigher_dsp.estimation.estimators.tvlpf import lowpass_weights
 
@@ -19,10 +18,6 @@ ROUNDING = 1e-12
 SCHEDULES = st.tuples(
     st.integers(1, 4), st.floats(0, 400), st.floats(0, 40), st.floats(0, 1), st.just(RATE)
 )
-
-
-def time_varying_lowpass(samples, *schedule):
-    return samples @ lowpass_weights(samples.shape[-1], *schedule)
 
 
 def _recursion(samples, sections, initial, final, decay, rate):
@@ -41,44 +36,19 @@ def _recursion(samples, sections, initial, final, decay, rate):
 def test_two_sections_of_one_half_weigh_three_samples_as_worked_by_hand():
     # A step at the last sample leaves 1/2, then 1/4; one sample earlier 1/2, 3/4, then 1/4, 1/2.
     weights = lowpass_weights(3, 2, HALF, HALF, 0.5, RATE)
-
     assert weights == pytest.approx([1 / 2, 1 / 4, 1 / 4], rel=ROUNDING)
-
-
-def test_the_cutoff_falls_from_the_initial_to_the_final_one():
-    # f(1) = f_inf + (f_0 - f_inf) r is HALF, so the second of two samples weighs 1/2; f(0) and
-    # f(100) are the ends of the schedule.
-    assert lowpass_weights(2, 1, 3 * HALF, HALF / 2, 0.2, RATE)[1] == pytest.approx(0.5)
-    assert lowpass_weights(101, 1, 400.0, HALF, 0.5, RATE)[-1] == pytest.approx(0.5)
-
-
-@given(st.integers(1, 4), st.floats(1, 200), st.integers(0, 2**32 - 1))
-def test_a_cutoff_that_stands_is_a_cascade_of_scipy(sections, cutoff, seed):
-    samples = np.random.default_rng(seed).standard_normal(80)
-    pole = math.exp(-2 * math.pi * cutoff / RATE)
-    expected = samples
-    for _ in range(sections):
-        start = signal.lfilter_zi([1 - pole], [1, -pole]) * expected[0]
-        expected, _ = signal.lfilter([1 - pole], [1, -pole], expected, zi=start)
-
-    result = time_varying_lowpass(samples, sections, cutoff, cutoff, 0.9, RATE)
-
-    assert result == pytest.approx(expected[-1], abs=ROUNDING)
 
 
 @given(SCHEDULES, st.integers(1, 120), st.integers(0, 2**32 - 1))
 def test_the_weights_are_those_of_the_direct_recursion(schedule, count, seed):
     samples = np.random.default_rng(seed).standard_normal((3, count))
-
-    result = time_varying_lowpass(samples, *schedule)
-
+    result = samples @ lowpass_weights(count, *schedule)
     assert result == pytest.approx([_recursion(row, *schedule) for row in samples], abs=ROUNDING)
 
 
 @given(SCHEDULES, st.integers(1, 200))
 def test_the_weights_are_an_average(schedule, count):
     weights = lowpass_weights(count, *schedule)
-
     assert weights.shape == (count,)
     assert weights.sum() == pytest.approx(1, rel=ROUNDING)
     assert weights.min() >= 0

@@ -3,6 +3,7 @@
 """What the window of an unknown machine shows, and how much an estimate is doubted by it."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,6 +23,13 @@ STIFF = Platform(400.0, 0.5, 2.5)  # rings above all that a pass shows
 
 def line(frequency, amplitude=0.01, phase=0.7):
     return lambda time: amplitude * np.cos(2 * np.pi * frequency * time + phase)
+
+
+def drawn(window):
+    """Return by which share of their distance the level draws an estimate by the rise."""
+    level, _ = window_level(window)
+    load = LoadEstimate(level + 1e-3, variance=1e-14)
+    return (load.mass - doubt(window, load).mass) / 1e-3
 
 
 @pytest.mark.parametrize('frequency', [13.0, 26.0, 41.0, 90.0])
@@ -74,32 +82,21 @@ def test_a_load_that_comes_on_as_assumed_leaves_little_misfit_and_lags_little(ma
 
 
 def test_the_more_a_window_swings_the_more_counts_the_rise(make_pass):
-    def drawn(amplitude):
-        """Return by which share of their distance the level draws an estimate by the rise."""
-        window = make_pass(0.2, disturbance=line(26.0, amplitude))
-        level, _ = window_level(window)
-        load = LoadEstimate(level + 1e-3, variance=1e-14)
-        return (load.mass - doubt(window, load).mass) / 1e-3
-
-    assert 1 > drawn(1e-3) > drawn(1e-2) > drawn(5e-2) > 0
+    windows = [make_pass(0.2, disturbance=line(26.0, swing)) for swing in (1e-3, 1e-2, 5e-2)]
+    little, more, most = map(drawn, windows)
+    assert 1 > little > more > most > 0
 
 
 def test_the_further_the_rise_lags_the_more_counts_the_level(make_pass):
-    def drawn(lag):
-        """Return by which share of their distance the level draws an estimate by the rise."""
+    def lagging(time, lag):
         # Later than the eyes say, by a hump that the thirds of the rise hardly show.
-        window = make_pass(
-            0.2,
-            platform=STIFF,
-            disturbance=lambda time: (
-                line(41.0)(time) - 4 * lag * np.sin(10 * np.pi * np.clip(time, 0, 0.1)) ** 2
-            ),
-        )
-        level, _ = window_level(window)
-        load = LoadEstimate(level + 1e-3, variance=1e-14)
-        return (load.mass - doubt(window, load).mass) / 1e-3
+        return line(41.0)(time) - 4 * lag * np.sin(10 * np.pi * np.clip(time, 0, 0.1)) ** 2
 
-    assert 0 < drawn(5e-4) < drawn(1e-3) < drawn(2e-3) < 1
+    little, more, most = (
+        drawn(make_pass(0.2, platform=STIFF, disturbance=partial(lagging, lag=lag)))
+        for lag in (5e-4, 1e-3, 2e-3)
+    )
+    assert 0 < little < more < most < 1
 
 
 def test_a_rise_that_is_not_seen_has_no_lag_to_doubt(make_pass):

@@ -1,0 +1,75 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Tuning of ISWD-EKSI: the denoising that goes before it is searched together with it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.estimators.base import Axis
+from checkweigher_dsp.signal.platform_poles import is_stable
+from checkweigher_validation.tuning.tunables import Tunable
+
+_BANDS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+_THRESHOLD_FACTOR = 1000.0  # how far below and above the start a threshold is searched
+_PLATFORM = ('natural_frequency', 'damping_ratio')
+
+
+class TunedIswdEksi(Tunable):
+    """ISWD-EKSI, with the shrinkage table and the platform of denoise.
+
+    Band 5 and thresholds are searched if the table of `base` has them, as Table 1 has; otherwise
+    they stay off. R, Q and P0 stay as they are.
+    """
+
+    def searched(self) -> tuple[Axis, ...]:
+        """Return the axes, with band 5 and thresholds if the table of `base` has them."""
+        found = list(self.estimator.axes)
+        for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
+            start = self.start(Axis(name, 0.0, 0.0, 0.0))
+            if start > 0 and name == 'gamma5':
+                found.append(Axis(name, 0.0, 1.2, start))
+            elif start > 0:
+                low, high = start / _THRESHOLD_FACTOR, start * _THRESHOLD_FACTOR
+                found.append(Axis(name, low, high, start, logarithmic=True))
+        return tuple(found)
+
+    def start(self, axis: Axis) -> float:
+        """Return the value of `base` at this speed, for denoise as well."""
+        known = self.base.denoise
+        if not hasattr(known, axis.name):
+            return super().start(axis)
+        column = getattr(known, axis.name)
+        return float(np.interp(self.group.speed, known.speeds[: len(column)], column))
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the steady state of every denoised pass; NaN for an unstable platform."""
+        windows = Denoiser(self._denoise(values)).denoise_all(self.windows)
+        own = {'rise_noise': (values['rise_noise'],), 'doubt': False}
+        estimator = self.estimator(self.known.for_speed(self.group.speed, own))
+        loads = estimator.estimate_all(windows)
+        # The identifier refuses an unstable platform.
+        return np.array([each.mass if is_stable(each.a1, each.a2) else math.nan for each in loads])
+
+    def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Return the table of bands and the platform for denoise, the rise for the identifier."""
+        denoise = self._denoise(values)
+        return {
+            **{f'denoise.{name}': getattr(denoise, name) for name in (*_BANDS, *_PLATFORM)},
+            'identifier.iswd_eksi.rise_noise': (values['rise_noise'],),
+        }
+
+    def _denoise(self, values: Mapping[str, float]) -> DenoiseParameters:
+        """Return the parameters of denoise for the one speed."""
+        known = self.base.denoise
+        changes: dict[str, Any] = {'speeds': (self.group.speed,)}
+        for name in _BANDS:
+            at_speed = np.interp(self.group.speed, known.speeds, getattr(known, name))
+            changes[name] = (float(values.get(name, at_speed)),)
+        changes |= {name: (values[name],) for name in _PLATFORM if name in values}
+        return replace(known, **changes)
