@@ -130,6 +130,14 @@ def shortcomings(driver: webdriver.Chrome) -> list[str]:
     return found
 
 
+def check_all_widths(driver: webdriver.Chrome) -> None:
+    """Check at each width that all is seen, has enough contrast and has a name."""
+    for width in WIDTHS:
+        driver.set_window_size(width, 900)
+        until(driver, lambda: not is_cut_off(driver))
+        assert shortcomings(driver) == []
+
+
 def is_cut_off(driver: webdriver.Chrome) -> bool:
     """Tell whether the page is wider than its window, or a part of it than its frame."""
     inside = (

@@ -143,7 +143,7 @@ class Person:
         self.until(lambda: self.text('.dialog h2') == name)
 
     def fill(self, label: str, text: str) -> None:
-        path = f'.dialog input[aria-label="{label}"]'
+        path = f'.dialog input[aria-label^="{label}"]'
         self.until(lambda: self.browser.find_elements(By.CSS_SELECTOR, path))
         field = self.browser.find_element(By.CSS_SELECTOR, path)
         field.send_keys(Keys.CONTROL, 'a')
@@ -190,8 +190,16 @@ class Person:
         self.until(lambda: self.text('.dialog .result').startswith(sign))
         return self.text('.dialog .result')
 
-    def does(self, name: str, sign: str, verb: str = '') -> str:
+    def does(self, name: str, sign: str, verb: str = '', choice: str = '', **fields: str) -> str:
+        """Open a dialog, choose and fill in what it asks for, act, and return the result.
+
+        A field is named by the first word of its label.
+        """
         self.open(name)
+        if choice:
+            self.choose(choice)
+        for label, text in fields.items():
+            self.fill(label, text)
         self.press(verb or name)
         result = self.result(sign)
         self.close()

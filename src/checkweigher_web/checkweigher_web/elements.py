@@ -1,32 +1,44 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The elements that the page is made of: panels, figures, tables."""
+"""The elements of the page: panels, figures, tables."""
 
 from collections.abc import Callable, Iterable, Sequence
 import json
+from pathlib import Path
 
 from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from checkweigher_core.health.findings import Level
+from checkweigher_web.charts import nothing
+
+STYLE = Path(__file__).with_name('page.css')  # of all pages; views have their own as well
 
 
-def panel(title: str, place: str = '') -> Element:
-    """Return a part of the page with a heading; `place` names its area in the grid of the page."""
-    panel = ui.element('section').classes(f'panel {place}').props(f'aria-label="{title}"')
+def panel(title: str, name: str = '') -> Element:
+    """Return a part of the page with a heading; `name` is its class in CSS."""
+    panel = ui.element('section').classes(f'panel {name}').props(f'aria-label="{title}"')
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
     return panel
 
 
-class _FromText(ui.element):
-    """An element that shows one text of JSON."""
+def show_lines(parent: Element, lines: Iterable[str]) -> None:
+    """Show lines of text as the items of a list, in place of those before."""
+    parent.clear()
+    for line in lines:
+        with parent, ui.element('li'):
+            ui.label(line)
 
-    _of = ''  # the property that takes the text
+
+class _FromText(ui.element):
+    """An element that shows one text of JSON, by its property `_of`."""
+
+    _of = ''
 
     def show(self, text: str) -> None:
-        """Show a text; the one that is shown already costs nothing."""
+        """Show a text; the present one is not sent again."""
         if self.props.get(self._of) != text:
             self.props[self._of] = text
 
@@ -34,7 +46,7 @@ class _FromText(ui.element):
 class Figure(_FromText, ui.echart, component='figure.js'):  # that brings ECharts
     """A figure of ECharts, from its options as JSON.
 
-    One text costs NiceGUI little, where of options it would look at each point for each viewer.
+    NiceGUI handles one text cheaply. Of options it would inspect each point for each viewer.
     """
 
     _of = 'text'
@@ -45,17 +57,25 @@ class Figure(_FromText, ui.echart, component='figure.js'):  # that brings EChart
             self.props.pop(name)
         self._update_method = None
         self.classes('chart').props(f'role=img aria-label="{label}"')
+        self.show(json.dumps(nothing('waiting for items')))
 
 
-class ItemList(_FromText, component='items.js'):
-    """The list of items, from its rows as JSON; `choose` is called with the key of a row."""
+class Rows(_FromText, component='rows.js'):
+    """A table of many rows, which as one text of JSON cost NiceGUI nothing for each cell."""
 
     _of = 'rows'
 
-    def __init__(self, heads: Iterable[str], choose: Callable[[str], None]) -> None:
+    def __init__(self, heads: Iterable[str]) -> None:
         super().__init__()
         self.props['heads'] = list(heads)
-        self.props['rows'] = '[]'
+        self.show('[]')
+
+
+class ItemList(Rows, component='items.js'):
+    """The list of items; `choose` is called with the key of a row."""
+
+    def __init__(self, heads: Iterable[str], choose: Callable[[str], None]) -> None:
+        super().__init__(heads)
         self.on('choose', lambda event: choose(str(event.args)))
 
     def choose(self, key: str) -> None:
@@ -64,28 +84,11 @@ class ItemList(_FromText, component='items.js'):
             self.props['chosen'] = key
 
 
-class Rows(_FromText, component='rows.js'):
-    """A table of many rows: as one text of JSON they cost NiceGUI nothing for each cell."""
-
-    _of = 'rows'
-
-    def __init__(self, heads: Iterable[str]) -> None:
-        super().__init__()
-        self.props['heads'] = list(heads)
-        self.show_rows(())
-
-    def show_rows(self, rows: Iterable[Sequence[str]]) -> None:
-        """Show rows, each with a text for each column; without any nothing is seen."""
-        given = list(rows)
-        self.set_visibility(bool(given))
-        self.show(json.dumps(given))
-
-
 class Table:
-    """A table whose texts change in place: most stay as they are, and elements are dear.
+    """A table whose texts change in place, because most stay and elements are expensive.
 
-    Without rows nothing of it is seen. The texts of the column `linked` are links. Each cell knows
-    its head, which a narrow page shows beside it.
+    A table without rows is not shown. The texts of the column `linked` are links. Each cell has its
+    head as an attribute, which a narrow page shows beside it.
     """
 
     def __init__(self, heads: tuple[str, ...], linked: int | None = None) -> None:
@@ -100,7 +103,7 @@ class Table:
             self._body = ui.element('tbody')
 
     def show(self, rows: Iterable[tuple[str, ...]], targets: Sequence[str] = ()) -> None:
-        """Show rows, each with a text for each column; `targets` are those of their links."""
+        """Show rows, each with a text for each column; `targets` are the targets of the links."""
         given = list(rows)
         self._table.set_visibility(bool(given))
         while len(self._rows) > len(given):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The head of each page: the lane, who has logged in, and the way in and out."""
+"""The head of each page: lane, user, login and logout."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ _HOW_TO_ACT = (
 
 
 def header(access: Access, lane: str, others: Callable[[], bool] | None = None) -> None:
-    """Show the head of a page of a lane, with the way to the `others` while there are any."""
+    """Show the head of a page of a lane; with a link to all lanes while there are `others`."""
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
         ui.label(f'lane {lane}' if lane else 'Checkweigher').classes('title')
@@ -34,5 +34,5 @@ def header(access: Access, lane: str, others: Callable[[], bool] | None = None) 
 
 def hint_to_users(access: Access) -> None:
     """Explain how to add a user, where there is none."""
-    if not access.users.any():
+    if not access.users.now():
         ui.label(_HOW_TO_ACT).classes('hint')

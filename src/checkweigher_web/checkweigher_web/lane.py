@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page knows of a lane: the latest items with their signals, and what the line said."""
+"""The latest items of a lane with their signals, and the latest messages of its nodes."""
 
 from bisect import bisect_right
-from collections import OrderedDict, deque
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 import threading
@@ -35,11 +35,11 @@ from checkweigher_web.mass_series import MassSeries
 MAX_ITEMS = 500
 _MAX_WINDOWS = 50
 _MAX_EDGES = 400
-SHOWN = 20.0  # s of samples, which the views need
-_MOMENT = NANOSECONDS // 2  # over which a load is averaged
-_AROUND = 3 * NANOSECONDS // 10  # before the first and after the last edge of an item
+SHOWN = 20.0  # s of samples that the views need
+_MOMENT = NANOSECONDS // 2  # time over which a load is averaged, in ns
+_AROUND = 3 * NANOSECONDS // 10  # ns before the first and after the last edge of an item
 
-# Of an item: numbers begin at 1 again where a node is started again, stamps do not.
+# t1 and t3 of an item. Its number is no key, because numbers start at 1 when a node is restarted.
 Key = tuple[int | None, int | None]
 
 
@@ -54,7 +54,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One item; what has not come is None or NaN."""
+    """One item; whatever has not come is None or NaN."""
 
     verdict: Verdict
     estimate: MassEstimate | None = None
@@ -62,19 +62,19 @@ class Item:
     stretch: Stretch | None = None
     t4: int | None = None
     reference: float = math.nan  # kg
-    usual_speed: float = math.nan  # m/s, of the last item before whose speed is known
+    usual_speed: float = math.nan  # m/s; last known speed of the items before
 
     @property
     def key(self) -> Key:
-        """Key of the item, which no other one has."""
+        """Key of the item, which is unique."""
         return _key(self.verdict)
 
 
 class Lane:
-    """The latest of a lane, by its records.
+    """The latest records of a lane, with the samples of the last `held` s.
 
-    Records come in the thread of ROS and are read in that of the page. `version` grows with each
-    record that a page shows. It holds the samples of the last `held` s.
+    Records come in the thread of ROS and are read in the thread of the page. `version` grows with
+    each record that a page shows.
     """
 
     def __init__(self, name: str, held: float = SHOWN) -> None:
@@ -87,44 +87,35 @@ class Lane:
         self.load_cell: LoadCell | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
-        self._verdicts: deque[Verdict] = deque(maxlen=MAX_ITEMS)
-        self._estimates: OrderedDict[Key, MassEstimate] = OrderedDict()
-        self._windows: OrderedDict[Key, WeighWindow] = OrderedDict()
-        self._references: deque[Reference] = deque(maxlen=_MAX_WINDOWS)
-        self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
         self._blocks: deque[SampleBlock] = deque()
+        self._latest: dict[type, deque[Any]] = {
+            Verdict: deque(maxlen=MAX_ITEMS),
+            MassEstimate: deque(maxlen=MAX_ITEMS),
+            WeighWindow: deque(maxlen=_MAX_WINDOWS),
+            Reference: deque(maxlen=_MAX_WINDOWS),
+            EyeEdge: deque(maxlen=_MAX_EDGES),
+        }
 
     def take(self, record: Any) -> None:
-        """Take a record of the lane."""
+        """Add a record of the lane; None takes its stop request back."""
         with self._lock:
+            if isinstance(record, SampleBlock):
+                self._take_block(record)
+                return
+            if type(record) in self._latest:
+                self._latest[type(record)].append(record)
             match record:
-                case SampleBlock():
-                    self._take_block(record)
-                    return
                 case Verdict():
-                    self._verdicts.append(record)
                     self.series = self.series.with_item(record)
-                case MassEstimate():
-                    _remember(self._estimates, record, MAX_ITEMS)
-                case WeighWindow():
-                    _remember(self._windows, record, _MAX_WINDOWS)
-                case Reference():
-                    self._references.append(record)
-                case EyeEdge():
-                    self._edges.append(record)
                 case Statistics():
                     self.statistics = record
                 case FillerFeedback():
                     self.filler = record
-                case LoadCell():  # what a source sends first
+                case StopRequest() | None:
+                    self.stop = record
+                case LoadCell():  # the first message of a source
                     self.load_cell = record
                     self._begin_stream()
-            self.version += 1
-
-    def take_stop(self, stop: StopRequest | None) -> None:
-        """Take what the lane says of a stop: the request, or None where it may run."""
-        with self._lock:
-            self.stop = stop
             self.version += 1
 
     def _take_block(self, block: SampleBlock) -> None:
@@ -136,49 +127,47 @@ class Lane:
             blocks.popleft()
 
     def _begin_stream(self) -> None:
-        """Forget what the source has sent: its stamps may begin again, and would be mixed up."""
-        self._blocks.clear()
-        self._edges.clear()
-        self._references.clear()
+        """Drop the records of the source, whose stamps may start again."""
+        for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
+            records.clear()
 
     def forget_signals(self) -> None:
-        """Forget samples and windows: nobody looks, and what comes next would not follow them."""
+        """Drop samples and windows, because nobody looks and the next ones will not follow them."""
         with self._lock:
             self._blocks.clear()
-            self._windows.clear()
+            self._latest[WeighWindow].clear()
 
     def items(self) -> list[Item]:
         """Return the items without their signals, the latest first."""
-        with self._lock:
-            verdicts, estimates = list(self._verdicts), dict(self._estimates)
-            joiner = ResultJoiner(tuple(self._edges), tuple(self._references))
-        found, speed = [], math.nan
-        for verdict in verdicts:
-            estimate = estimates.get(_key(verdict))
-            known = joiner.join(estimate or _nothing(verdict), verdict)
-            found.append(Item(verdict, estimate, None, None, known.t4, known.reference, speed))
-            if estimate is not None and math.isfinite(estimate.belt_speed):
-                speed = estimate.belt_speed
-        return found[::-1]
+        verdicts, estimates, edges, references = self._of(Verdict, MassEstimate, EyeEdge, Reference)
+        by_key = {_key(estimate): estimate for estimate in estimates}
+        results = [(verdict, by_key.get(_key(verdict))) for verdict in verdicts]
+        joiner = ResultJoiner(edges, references)
+        return list(joined(results, joiner))[::-1]
 
     def faults(self) -> list[Item]:
         """Return the faults among the items, the latest first."""
         return [item for item in self.items() if item.verdict.decision == Decision.FAULT]
 
-    def with_signals(self, item: Item) -> Item:
-        """Return an item with its window; a fault, and what has none, with the samples around."""
+    def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
+        """Return the records of some kinds."""
         with self._lock:
-            window, load_cell = self._windows.get(item.key), self.load_cell
-        stretch = None
-        if needs_stretch(item, window) and load_cell is not None:
-            span = span_of(item, load_cell)
-            stretch = None if span is None else self.stretch(*span)
-        return replace(item, window=window, stretch=stretch)
+            return [tuple(self._latest[kind]) for kind in kinds]
+
+    def _samples(self) -> tuple[LoadCell | None, list[SampleBlock], list[EyeEdge]]:
+        """Return the load cell, and the blocks and edges that are held."""
+        with self._lock:
+            return self.load_cell, list(self._blocks), list(self._latest[EyeEdge])
+
+    def with_signals(self, item: Item) -> Item:
+        """Return an item with its window, or a fault with the samples around it."""
+        (windows,) = self._of(WeighWindow)
+        window = next((each for each in reversed(windows) if _key(each) == item.key), None)
+        return with_window(item, window, self.load_cell, self.stretch)
 
     def stretch(self, begin: int, end: int) -> Stretch | None:
-        """Return the raw signal from `begin` to `end`, ns; None without a sample there."""
-        with self._lock:
-            load_cell, blocks, edges = self.load_cell, list(self._blocks), list(self._edges)
+        """Return the raw signal from `begin` to `end` in ns, or None if there is no sample."""
+        load_cell, blocks, edges = self._samples()
         if load_cell is None:
             return None
         stamps = [block.stamp for block in blocks]
@@ -186,33 +175,30 @@ class Lane:
         return stretch_of(load_cell, blocks[among], edges, begin, end)
 
     def empty_belt(self) -> NDArray[np.float64]:
-        """Return the longest stretch without an item among the samples, (n,) kg."""
-        with self._lock:
-            load_cell, edges, blocks = self.load_cell, list(self._edges), list(self._blocks)
+        """Return the longest part of the signal without an item: (n,) in kg."""
+        load_cell, blocks, edges = self._samples()
         if load_cell is None or not blocks:
             return np.zeros(0)
         since = blocks[-1].stamp - SHOWN * NANOSECONDS
         return emptiest(load_cell, [each for each in blocks if each.stamp >= since], edges)
 
     def load(self) -> float:
-        """Return what rests on the belt now by its calibration, kg; NaN without samples."""
-        with self._lock:
-            cell, blocks = self.load_cell, list(self._blocks)
-        if cell is None or not blocks:
+        """Return the present load on the belt in kg; NaN without samples."""
+        load_cell, blocks, _ = self._samples()
+        if load_cell is None or not blocks:
             return math.nan
         begin = blocks[-1].stamp - _MOMENT
         counts = np.concatenate([block.counts for block in blocks if block.stamp >= begin])
-        return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
+        return float((counts.mean() - load_cell.zero_counts) / load_cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
-        """Return what is held of samples and edges, from where on there are both, if anywhere."""
-        with self._lock:
-            load_cell, blocks = self.load_cell, list(self._blocks)
-            edges, references = list(self._edges), list(self._references)
+        """Return the samples and edges that are held, from the first time with both; or None."""
+        (references,) = self._of(Reference)
+        load_cell, blocks, edges = self._samples()
         if load_cell is None or not blocks:
             return None
         begin = blocks[0].stamp
-        if len(edges) == _MAX_EDGES:  # those before are forgotten
+        if len(edges) == _MAX_EDGES:  # earlier ones were dropped
             begin = max(begin, edges[0].stamp)
         if blocks[-1].stamp < begin:
             return None
@@ -220,11 +206,45 @@ class Lane:
         return Recording.from_events(load_cell, (e for e in events if e.stamp >= begin))
 
 
+def joined(
+    results: Iterable[tuple[Verdict, MassEstimate | None]], joiner: ResultJoiner
+) -> Iterator[Item]:
+    """Yield an item for each verdict and its estimate, in the order of the line."""
+    speed = math.nan
+    for verdict, estimate in results:
+        nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
+        known = joiner.join(estimate or nothing, verdict)
+        yield Item(verdict, estimate, None, None, known.t4, known.reference, speed)
+        if estimate is not None and math.isfinite(estimate.belt_speed):
+            speed = estimate.belt_speed
+
+
+def with_window(
+    item: Item,
+    window: WeighWindow | None,
+    load_cell: LoadCell | None,
+    stretch: Callable[[int, int], Stretch | None],
+) -> Item:
+    """Return an item with its window, and with the samples around it if they show more.
+
+    `stretch` returns the raw signal between two stamps in ns.
+    """
+    item = replace(item, window=window)
+    weighed = item.verdict.decision != Decision.FAULT
+    if load_cell is None or (weighed and window is not None and len(window.counts)):
+        return item
+    span = span_of(item, load_cell)
+    return item if span is None else replace(item, stretch=stretch(*span))
+
+
 def stretch_of(
-    load_cell: LoadCell, blocks: Sequence[SampleBlock], edges: Iterable[EyeEdge],
-    begin: int, end: int,
-) -> Stretch | None:  # fmt: skip
-    """Return the raw signal from `begin` to `end`, ns; None without a sample there."""
+    load_cell: LoadCell,
+    blocks: Sequence[SampleBlock],
+    edges: Iterable[EyeEdge],
+    begin: int,
+    end: int,
+) -> Stretch | None:
+    """Return the raw signal from `begin` to `end` in ns, or None if there is no sample."""
     if not blocks:
         return None
     period = NANOSECONDS / load_cell.sample_rate
@@ -242,7 +262,7 @@ def stretch_of(
 def emptiest(
     load_cell: LoadCell, blocks: Sequence[SampleBlock], edges: Iterable[EyeEdge]
 ) -> NDArray[np.float64]:
-    """Return the longest stretch without an item, (n,) kg without its mean."""
+    """Return the longest part of the signal without an item: (n,) in kg, without its mean."""
     if not blocks:
         return np.zeros(0)
     ordered = sorted(edges, key=lambda edge: edge.stamp)
@@ -254,16 +274,10 @@ def emptiest(
     return np.asarray(force - force.mean())
 
 
-def needs_stretch(item: Item, window: WeighWindow | None) -> bool:
-    """Tell whether the signal around an item shows more of it than its window."""
-    weighed = item.verdict.decision != Decision.FAULT
-    return not weighed or window is None or not len(window.counts)
-
-
 def span_of(item: Item, load_cell: LoadCell) -> tuple[int, int] | None:
-    """Return the time in which an item was, or should have been, at the eyes, with some around.
+    """Return begin and end of the signal around an item in ns; None if none of its times is known.
 
-    In ns; None for an item of which no time is known.
+    For an item that one eye missed the time at that eye is estimated from the usual speed.
     """
     known, stamps = item.estimate, [*item.key, item.t4]
     stamps += [known.t2] if known is not None else []
@@ -279,7 +293,7 @@ def span_of(item: Item, load_cell: LoadCell) -> tuple[int, int] | None:
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the longest time from an item that has left to the next one that enters, ns."""
+    """Return the longest time without an item on the belt, in ns."""
     longest, since = (begin, begin), begin
     for edge in edges:
         if edge.eye == Eye.INFEED and edge.blocked:
@@ -293,13 +307,3 @@ def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, in
 
 def _key(record: Verdict | MassEstimate | WeighWindow) -> Key:
     return record.t1, record.t3
-
-
-def _remember(known: OrderedDict[Key, Any], record: Any, count: int) -> None:
-    known[_key(record)] = record
-    if len(known) > count:
-        known.popitem(last=False)
-
-
-def _nothing(verdict: Verdict) -> MassEstimate:
-    return MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)

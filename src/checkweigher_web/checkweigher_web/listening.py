@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that listen to the lanes for the page, to their signals only while somebody looks."""
+"""Nodes that subscribe to the lanes for the page, and to signals only while somebody looks."""
 
 from collections.abc import Callable
 import threading
@@ -13,9 +13,15 @@ from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_web.lane import SHOWN, Lane
 
 _RESULTS = (
-    ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
-    ports.VERDICT, ports.STATISTICS, ports.FILLER_FEEDBACK, ports.STOP_REQUEST,
-)  # fmt: skip
+    ports.LOAD_CELL_INFO,
+    ports.PHOTO_EYES,
+    ports.REFERENCE_MASS,
+    ports.MASS_ESTIMATE,
+    ports.VERDICT,
+    ports.STATISTICS,
+    ports.FILLER_FEEDBACK,
+    ports.STOP_REQUEST,
+)
 _SIGNALS = (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW)
 _LOOK_PERIOD = 0.5  # s
 
@@ -24,26 +30,24 @@ class _Listener(PortNode):
     def __init__(self, name: str, lane: Lane, listened: tuple[ports.Port, ...]) -> None:
         super().__init__(name, namespace=f'/{lane.name}')
         for port in listened:
-            # What is latched comes at once: the items before the page was there, the load cell.
-            take = lane.take_stop if port is ports.STOP_REQUEST else lane.take
-            self.subscribe(port, take, qos=port.qos)
+            self.subscribe(port, lane.take, qos=port.qos)
 
 
 class Watch:
-    """The lanes that run, found by their verdicts.
+    """The running lanes, found by their verdicts.
 
-    A thread of its own looks for lanes and subscribes to their signals while `viewers` says that
-    somebody looks: the executor that serves the nodes cannot change them itself. A lane holds the
+    A thread of its own looks for lanes, and subscribes to the signals of a lane while `viewers`
+    counts somebody, because the executor of the nodes cannot change them itself. A lane holds the
     samples of the last `held` s.
 
     Attributes
     ----------
     lanes : dict of str to Lane
-        By namespace; '' is the one without. A lane that has ended stays.
+        Lanes by namespace, which may be ''. A lane that has ended stays.
     board : StatusBoard
         Diagnostics of all lanes.
     only : str or None
-        Namespace of the one lane that is watched; None for all.
+        Namespace of the only lane to watch; None for all.
     """
 
     def __init__(self, spinner: Spinner, namespace: str | None = None, held: float = SHOWN) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The masses in histogram and control chart: those of one product in one batch."""
+"""The masses of one product in one batch, for histogram and control chart."""
 
 from dataclasses import dataclass, replace
 import math
@@ -13,7 +13,7 @@ MAX_MASSES = 500
 
 @dataclass(frozen=True, slots=True)
 class MassSeries:
-    """Masses of the accepted items since product and batch last changed, the latest of them.
+    """The latest masses of the accepted items since product and batch last changed.
 
     The first item begins the first subgroup of the control chart. A series longer than `MAX_MASSES`
     drops whole subgroups, so each item stays in its subgroup.
@@ -21,11 +21,11 @@ class MassSeries:
     Attributes
     ----------
     product, batch : str
-        Of all of them.
+        Product and batch of the items.
     masses : tuple of float
-        In the order in which they came, kg.
+        Masses in kg, in the order of the items.
     forgotten : int
-        Number of the subgroups before.
+        Number of the dropped subgroups.
     """
 
     product: str = ''
@@ -34,7 +34,7 @@ class MassSeries:
     forgotten: int = 0
 
     def with_item(self, verdict: Verdict) -> 'MassSeries':
-        """Return the series with the next item, by its verdict."""
+        """Return the series with the verdict of the next item."""
         same = (verdict.product, verdict.batch) == (self.product, self.batch)
         before = self if same else MassSeries(verdict.product, verdict.batch)
         masses, forgotten = before.masses, before.forgotten

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""All lanes at a glance: a row for each, the worst first, with the way to its page."""
+"""The page of all lanes: a row for each, the worst first, with a link to its page."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,29 +12,35 @@ from nicegui import ui
 from checkweigher_core.health.findings import Level
 from checkweigher_core.printable import counted
 from checkweigher_core.ros.status_board import LaneRow, by_lane
-from checkweigher_web.elements import Table, panel
+from checkweigher_web.elements import STYLE, Table, panel
 from checkweigher_web.lane import Lane
 from checkweigher_web.listening import Watch
-from checkweigher_web.page import STYLE
 from checkweigher_web.words import number
 
 _PERIOD = 1.0  # s
 _HEADS = (
-    'state', 'lane', 'host', 'product', 'items/min', 'accepted', 'rejected', 'faults',
+    'state',
+    'lane',
+    'host',
+    'product',
+    'items/min',
+    'accepted',
+    'rejected',
+    'faults',
     'the worst, and what to check',
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, slots=True)
 class LaneView:
-    """A lane in the overview: its namespace, and the texts of its row by `_HEADS`."""
+    """A row of the page of all lanes: namespace of the lane, and texts by `_HEADS`."""
 
     name: str
     texts: tuple[str, ...]
 
 
 class Overview:
-    """The rows of all lanes of a watch, made once a second for all who look."""
+    """The rows of all lanes, made once a second for all viewers."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -42,14 +48,14 @@ class Overview:
         self._views: tuple[LaneView, ...] = ()
 
     def views(self) -> tuple[LaneView, ...]:
-        """Return a row for each lane that was found or has told of itself, the worst first."""
+        """Return a row for each lane with verdicts or diagnostics, the worst first."""
         now = time.monotonic()
         if now - self._made >= _PERIOD:
             self._made, self._views = now, tuple(self._rows(now))
         return self._views
 
     def only(self) -> str | None:
-        """Return the one lane that there is to see; None if there are others, or none."""
+        """Return the name of the only lane; None if there are others, or none."""
         names = [view.name for view in self.views()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
@@ -67,17 +73,16 @@ class Overview:
 def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]]) -> LaneView:
     name = row.lane.strip('/')
     known = None if lane is None else lane.statistics
-    texts = (
-        row.level.name, name or '(no namespace)', ', '.join(sorted(hosts.get(name, ()))),
-        '' if known is None else known.product,
-        number(math.nan if known is None else known.throughput, 1),
-        *map(str, row.counts), row.worst.replace('; ', ' \u2192 ', 1) or 'all is well',
-    )  # fmt: skip
+    product, throughput = ('', math.nan) if known is None else (known.product, known.throughput)
+    host = ', '.join(sorted(hosts.get(name, ())))
+    about = row.level.name, name or '(no namespace)', host, product, number(throughput, 1)
+    worst = row.worst.replace('; ', ' \u2192 ', 1) or 'all is well'
+    texts = (*about, *map(str, row.counts), worst)
     return LaneView(name, tuple(text or '\u2013' for text in texts))
 
 
 def show_overview(lanes: Overview) -> None:
-    """Show a row for each lane, and keep it up to date."""
+    """Show a row for each lane, and keep the rows up to date."""
     ui.add_css(STYLE)
     with ui.element('main').classes('lanes'), panel('Lanes'):
         headline = ui.label('').classes('about')
@@ -94,7 +99,7 @@ def show_overview(lanes: Overview) -> None:
 
 
 def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
-    """Say that a lane does not run, and load its page when it does."""
+    """Show that a lane does not run, and load its page as soon as it does."""
     ui.add_css(STYLE)
     with ui.element('main').classes('lanes'), panel('Lane'):
         ui.label(f'no lane {name!r} runs here; this page shows it as soon as it does')

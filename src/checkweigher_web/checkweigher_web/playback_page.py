@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a recorded shift: the views of a lane, and what moves through it."""
+"""The page of a recorded shift: the views of a lane, with a slider over its items."""
 
 from functools import partial
 
@@ -10,11 +10,12 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import panel
-from checkweigher_web.page import LanePage
+from checkweigher_web.page import show_lane
 from checkweigher_web.shift import Playback, Shift
-from checkweigher_web.words import clock
+from checkweigher_web.views.view import Look
+from checkweigher_web.words import when
 
-_PERIOD = 0.5  # s, in which the progress of the weighing is shown
+_PERIOD = 0.5  # s between two updates of the progress
 
 
 class PlaybackPage:
@@ -32,16 +33,14 @@ class PlaybackPage:
                 self._progress = ui.label('').props('role=status')
                 if report:
                     ui.link('accuracy report', report)
-            # A slider of the browser itself: the keyboard and screen readers know it.
+            # The slider of the browser works with the keyboard and with screen readers.
             self._slider = (
                 ui.element('input')
                 .classes('slider')
                 .props('type=range min=1 max=1 step=1 value=1 aria-label="item of the shift"')
             )
-            self._slider.on(
-                'input', lambda event: self._go(int(event.args) - 1),
-                js_handler='event => emit(Number(event.target.value))',
-            )  # fmt: skip
+            emit = 'event => emit(Number(event.target.value))'
+            self._slider.on('input', lambda event: self._go(event.args - 1), js_handler=emit)
             with ui.element('div').classes('in-a-row'):
                 for text, move in (
                     ('previous item', partial(self._step, -1)),
@@ -51,12 +50,13 @@ class PlaybackPage:
                 ):
                     ui.button(text, on_click=move).props('outline no-caps dense padding="xs sm"')
                 self._where = ui.label('').classes('where')
-        self._views = LanePage(Drawing(self._playback))
+        self._look = Look(Drawing(self._playback))
+        show_lane(self._look)
         self._timer = ui.timer(_PERIOD, self._follow)
         self._follow()
 
     def _follow(self) -> None:
-        """Show how far the shift is weighed, until it is."""
+        """Show the progress of the weighing, until it ends."""
         shift, count = self._shift, len(self._shift.items)
         whole = shift.is_whole
         self._slider.props['max'] = max(count, 1)
@@ -74,7 +74,7 @@ class PlaybackPage:
 
     def _go(self, place: int) -> None:
         self._playback.go(place)
-        self._views.show_latest()
+        self._look.choose('')
         self._show_place()
 
     def _go_to_fault(self, forward: bool) -> None:
@@ -89,7 +89,5 @@ class PlaybackPage:
         self._slider.update()
         place, items = self._playback.place, self._shift.items
         if place < len(items):
-            verdict = items[place].verdict
-            self._where.set_text(
-                f'item {place + 1} of {len(items)}, {clock(verdict.t3 or verdict.t1)}'
-            )
+            time = when(items[place].verdict)
+            self._where.set_text(f'item {place + 1} of {len(items)}, {time}')

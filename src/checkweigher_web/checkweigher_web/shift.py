@@ -1,11 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded shift: its items in memory, its samples in a file from which a view reads its part."""
+"""A recorded shift: its items are in memory, its samples in files."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-import math
 from tempfile import TemporaryFile
 import threading
 from typing import Any
@@ -18,12 +17,14 @@ from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
+    MassEstimate,
     SampleBlock,
     Statistics,
+    Verdict,
     WeighWindow,
 )
 from checkweigher_dsp.denoising.denoiser import Denoiser
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.accuracy.results import ResultJoiner
@@ -32,35 +33,35 @@ from checkweigher_web.lane import (
     Item,
     Stretch,
     emptiest,
-    needs_stretch,
-    span_of,
+    joined,
     stretch_of,
+    with_window,
 )
 from checkweigher_web.mass_series import MassSeries
 
-_BELT = 20 * NANOSECONDS  # before an item, in which the empty belt is looked for
-_AROUND = NANOSECONDS  # of a window, whose stamp is that of the eyes: its samples lie within
+_BELT = 20 * NANOSECONDS  # time before an item that may show the empty belt, in ns
+_AROUND = NANOSECONDS  # ns around a window, because its samples may lag behind its stamp
 
 
 @dataclass(frozen=True, slots=True)
 class _Cut:
-    """A window without its samples, and how many it has."""
+    """A window without its samples, and their number."""
 
     window: WeighWindow
     count: int
 
 
 class Shift:
-    """The items of a recording, weighed once in a thread of their own, in the order of verdicts.
+    """The items of a recording, weighed once in a thread, in the order of verdicts.
 
     Attributes
     ----------
     items : list of Item
-        As far as it is weighed; without their signals.
+        Items until now, without signals.
     faults : list of int
-        Places of the faults among the items.
+        Indices of the faults.
     begin, end, weighed : int
-        First and last stamp, and how far it is weighed, ns.
+        First and last stamp, and the stamp up to which it is weighed, in ns.
     """
 
     def __init__(self, recording: Recording, parameters: LineParameters) -> None:
@@ -77,17 +78,22 @@ class Shift:
         self.end = int(self._blocks.stamps[-1])
 
     def index(self) -> None:
-        """Weigh everything; views show what there is meanwhile."""
-        recording = self.recording
-        line = WeighingLine(recording.load_cell, self.parameters)
-        joiner = ResultJoiner(recording.edges, recording.references)
-        speed = math.nan
-        for weighing in line.weigh_all(self._followed()):
-            known = joiner.join(weighing.estimate, weighing.verdict)
-            self._add(weighing, known.t4, known.reference, speed)
-            if math.isfinite(weighing.estimate.belt_speed):
-                speed = weighing.estimate.belt_speed
+        """Weigh the recording; views show the items until now."""
+        joiner = ResultJoiner(self.recording.edges, self.recording.references)
+        for item in joined(self._results(), joiner):
+            if item.verdict.decision == Decision.FAULT:
+                self.faults.append(len(self.items))
+            self.items.append(item)  # last, because views read without a lock
         self.is_whole = True
+
+    def _results(self) -> Iterator[tuple[Verdict, MassEstimate]]:
+        line = WeighingLine(self.recording.load_cell, self.parameters)
+        for weighing in line.weigh_all(self._followed()):
+            window, cut = weighing.window, None
+            if window is not None and len(window.counts):
+                cut = _Cut(replace(window, counts=np.zeros(0, np.int32)), len(window.counts))
+            self._cuts.append(cut)
+            yield weighing.verdict, weighing.estimate
 
     def start(self) -> None:
         """Index in a thread."""
@@ -95,7 +101,7 @@ class Shift:
 
     @property
     def progress(self) -> float:
-        """Share of the recording that is weighed, 0..1."""
+        """Weighed fraction of the recording."""
         return 1.0 if self.is_whole else (self.weighed - self.begin) / (self.end - self.begin + 1)
 
     def _followed(self) -> Iterator[SampleBlock | EyeEdge]:
@@ -103,44 +109,30 @@ class Shift:
             self.weighed = event.stamp
             yield event
 
-    def _add(self, weighing: Weighing, t4: int | None, reference: float, speed: float) -> None:
-        window, cut = weighing.window, None
-        if window is not None and len(window.counts):
-            cut = _Cut(replace(window, counts=np.zeros(0, np.int32)), len(window.counts))
-        item = Item(weighing.verdict, weighing.estimate, None, None, t4, reference, speed)
-        self._cuts.append(cut)
-        if item.verdict.decision == Decision.FAULT:
-            self.faults.append(len(self.items))
-        self.items.append(item)  # the last of it: views read without a lock
-
     def with_signals(self, place: int) -> Item:
-        """Return the item at a place with its window and, of a fault, the samples around it."""
+        """Return the item at an index with its window, or a fault with the samples around it."""
         item, cut = self.items[place], self._cuts[place]
         window = None if cut is None else self._read(cut)
-        stretch = None
-        if needs_stretch(item, window):
-            span = span_of(item, self.recording.load_cell)
-            stretch = None if span is None else self.stretch(*span)
-        return replace(item, window=window, stretch=stretch)
+        return with_window(item, window, self.recording.load_cell, self.stretch)
 
     def stretch(self, begin: int, end: int) -> Stretch | None:
-        """Return the raw signal from `begin` to `end`, ns; None without a sample there."""
+        """Return the raw signal from `begin` to `end` in ns, or None if there is no sample."""
         blocks = self.blocks_between(begin, end)
         return stretch_of(self.recording.load_cell, blocks, self.edges(begin, end), begin, end)
 
     def empty_belt(self, stamp: int) -> NDArray[np.float64]:
-        """Return the longest stretch without an item before `stamp`, ns: (n,) kg."""
+        """Return the longest part of the signal without an item before a stamp: (n,) in kg."""
         begin = stamp - _BELT
         blocks = self.blocks_between(begin, stamp)
         return emptiest(self.recording.load_cell, blocks, self.edges(begin, stamp))
 
     def edges(self, begin: int, end: int) -> tuple[EyeEdge, ...]:
-        """Return the edges from `begin` to `end`, ns."""
+        """Return the edges from `begin` to `end` in ns."""
         edges, stamps = self.recording.edges, self._stamps
         return edges[bisect_left(stamps, begin) : bisect_right(stamps, end)]
 
     def blocks_between(self, begin: int, end: int) -> tuple[SampleBlock, ...]:
-        """Return the blocks with the samples from `begin` to `end`, ns, and few others."""
+        """Return the blocks that cover the samples from `begin` to `end` in ns."""
         stamps = self._blocks.stamps
         first = max(int(np.searchsorted(stamps, begin, 'right')) - 1, 0)
         return self._blocks[first : int(np.searchsorted(stamps, end, 'right'))]
@@ -160,9 +152,9 @@ class Shift:
 
 
 class Playback:
-    """A shift as it looked when one of its items had come: what a page shows in place of a lane.
+    """A shift up to one of its items, which a page shows in place of a lane.
 
-    Each viewer has one of its own.
+    Each viewer has a playback of its own.
     """
 
     stop = filler = None
@@ -171,21 +163,21 @@ class Playback:
         self.shift = shift
         self.name = name
         self.load_cell = shift.recording.load_cell
-        self.place = 0  # of the item among all
+        self.place = 0  # index of the item
         self._moves = 0
 
     @property
     def version(self) -> tuple[int, int]:
-        """What changes where the views have to."""
+        """Value that changes when the views have to."""
         return self._moves, min(len(self.shift.items), self.place + 1)
 
     def go(self, place: int) -> None:
-        """Show the item at a place, or at the nearest there is."""
+        """Show the item at an index, or the nearest one."""
         self.place = min(max(place, 0), max(len(self.shift.items) - 1, 0))
         self._moves += 1
 
     def next_fault(self, *, forward: bool) -> int | None:
-        """Return the place of the next fault, or of the one before; None without one."""
+        """Return the index of the next or previous fault, or None."""
         faults = self.shift.faults
         at = bisect_right(faults, self.place) if forward else bisect_left(faults, self.place) - 1
         return faults[at] if 0 <= at < len(faults) else None
@@ -202,11 +194,7 @@ class Playback:
 
     def with_signals(self, item: Item) -> Item:
         """Return an item with its signals."""
-        items = self.shift.items
-        for place in range(min(self.place, len(items) - 1), -1, -1):
-            if items[place] is item:
-                return self.shift.with_signals(place)
-        return item
+        return self.shift.with_signals(self.shift.items.index(item))
 
     @property
     def statistics(self) -> Statistics:
@@ -225,7 +213,7 @@ class Playback:
         return found
 
     def empty_belt(self) -> NDArray[np.float64]:
-        """Return the longest stretch without an item before this one, (n,) kg."""
+        """Return the longest part of the signal without an item before this one: (n,) in kg."""
         items = self.shift.items
         if not items:
             return np.zeros(0)
@@ -235,7 +223,7 @@ class Playback:
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:
-    """Return blocks whose columns lie in files without a name, which end with this process."""
+    """Return blocks whose columns are in unnamed files, which end with this process."""
     columns = BlockColumns.of(blocks)
     return BlockColumns(*(_on_disk_column(getattr(columns, f.name)) for f in fields(columns)))
 

@@ -11,6 +11,8 @@ from persons import Person, new_line
 import pytest
 import yaml
 
+from checkweigher_production.audit_log import read_log
+
 MASS, SPEED = 200.0, 60.0  # g, m/min; the speed is that of the machine after a new start, too
 SENSITIVITY = 500_000  # counts per kg, of the machine
 VALUES = {
@@ -76,14 +78,22 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
 
         ben.set_machine(feed=True)
         ben.open('Dynamic setting')
+        ben.press('Train')
+        assert 'no passes' in ben.result('✗')
         ben.fill('Mass', f'{MASS:g}')
-        ben.fill('Passes', '8')
+        ben.fill('Passes', '1000')
         ben.press('Record passes')
-        ben.until(lambda: 'of 8 passes of 200 g recorded' in ben.text('.state'))
+        ben.until(lambda: re.match(r'recording, (8|9|\d\d+) of', ben.text('.state')))
+        ben.press('End recording')
+        ben.until(lambda: 'of 1000 passes of 200 g recorded' in ben.text('.state'))
         ben.press('Train')
         ben.until(lambda: ben.text('.accuracy tbody').startswith('tvlpf'))
+        trained = line.folder / 'machine.yaml'
+        assert 'tvlpf' not in (trained.read_text() if trained.exists() else '')
         ben.press('Take over')
         ben.until(lambda: 'version 1' in ben.text('.dialog .result'))
+        ben.until(lambda: not ben.text('.accuracy'))
+        assert 'tvlpf' in trained.read_text()
         ben.press('Start the line again')
         ben.until(lambda: 'starts again' in ben.text('.dialog .result'))
         ben.close()
@@ -92,11 +102,9 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: 'ACCEPT' in ben.text('.decision'))
         # The line that has ended asked for a stop, the one in its place says that there is none.
         ben.until(lambda: not ben.text('.stop'))
-        ben.open('Product')
-        ben.choose('crisps_150g')
-        ben.press('Select')
-        ben.result('✓')
-        ben.close()
+        ben.does('Product', '✓', 'Select', choice='crisps_150g')
         ben.until(lambda: 'OVER' in ben.text('.decision'))
         assert line.noted('ben')[-1] == 'select product crisps_150g: done'
+        kinds = [each.kind for each in read_log(line.folder / 'audit.log').entries]
+        assert kinds.count('tuned') == 1
         assert errors_of(browser) == []

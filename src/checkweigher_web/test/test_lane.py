@@ -67,13 +67,9 @@ def test_the_empty_belt_is_the_longest_time_without_an_item(lane: Lane, recordin
 
 
 def test_the_longest_gap_begins_when_an_item_has_left():
-    def edge(stamp: int, eye: Eye, blocked: bool) -> EyeEdge:
-        return EyeEdge(stamp, eye, blocked)
-
-    passes = [
-        edge(10, Eye.INFEED, True), edge(20, Eye.INFEED, False),
-        edge(30, Eye.OUTFEED, True), edge(40, Eye.OUTFEED, False),
-    ]  # fmt: skip
+    enters, leaves = (10, Eye.INFEED, True), (40, Eye.OUTFEED, False)
+    between = (20, Eye.INFEED, False), (30, Eye.OUTFEED, True)
+    passes = [EyeEdge(*edge) for edge in (enters, *between, leaves)]
     assert longest_gap(passes, 0, 100) == (40, 100)
     assert longest_gap(passes, 0, 45) == (0, 10)
     # An item that has not left yet: the belt is not empty.

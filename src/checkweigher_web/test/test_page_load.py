@@ -69,10 +69,16 @@ def flooded(port: int) -> Iterator[None]:
         thread.join()
 
 
-def check_that_it_costs_nothing(
+@pytest.mark.parametrize(
+    ('bag', 'count'),
+    [
+        ('paper_90', SHORT),
+        *(pytest.param(f'paper_{n}', MANY, marks=pytest.mark.soak) for n in (30, 60, 90)),
+    ],
+)
+def test_a_page_that_is_flooded_and_then_killed_costs_the_line_nothing(
     rows: Callable[..., list[dict[str, str]]], bag: str, count: int
-) -> None:
-    """Replay a bag beside a page that is flooded, and is killed at a verdict amid the replay."""
+):
     with served(*LANE) as (process, port), listening() as spinner:
         wait_for(lambda: '"board"' in get_text(port))
         node, judged = PortNode('judged'), set[int]()
@@ -89,20 +95,6 @@ def check_that_it_costs_nothing(
             replayed = rows('replay', BAGS / bag, '--rate', 4)
         assert process.wait(PATIENCE) == -signal.SIGKILL
     assert replayed == rows('weigh', BAGS / bag)
-
-
-def test_a_page_that_is_flooded_and_then_killed_costs_the_line_nothing(
-    rows: Callable[..., list[dict[str, str]]],
-):
-    check_that_it_costs_nothing(rows, 'paper_90', SHORT)
-
-
-@pytest.mark.soak
-def test_twenty_viewers_and_a_flood_cost_the_line_nothing(
-    rows: Callable[..., list[dict[str, str]]],
-):
-    for bag in ('paper_30', 'paper_60', 'paper_90'):
-        check_that_it_costs_nothing(rows, bag, MANY)
 
 
 def processor_time(process: int) -> float:

@@ -6,16 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from browsers import (
-    WIDTHS,
-    errors_of,
-    is_cut_off,
-    needs_browser,
-    rows_of,
-    shortcomings,
-    text_of,
-    until,
-)
+from browsers import check_all_widths, errors_of, needs_browser, rows_of, text_of, until
 from lines import edges_of, saturated_at, simulated, without_edges
 import pytest
 from selenium.webdriver import Chrome
@@ -143,10 +134,7 @@ def test_whatever_moves_the_slider_shows_the_item_there(page: Chrome):
 def test_everything_can_be_seen_and_has_a_name_at_any_width(page: Chrome):
     press(page, 'next fault')
     until(page, lambda: text_of(page, '.marks'))
-    for width in WIDTHS:
-        page.set_window_size(width, 900)
-        until(page, lambda: not is_cut_off(page))
-        assert shortcomings(page) == []
+    check_all_widths(page)
     assert errors_of(page) == []
 
 

@@ -29,21 +29,13 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         anna = Person(browser, line)
         anna.log_in('anna')
         anna.until(lambda: 'ACCEPT' in anna.text('.decision'))
-        anna.open('Product')
-        anna.choose('crisps')
-        anna.press('Select')
-        anna.result('✓')
-        anna.close()
+        anna.does('Product', '✓', 'Select', choice='crisps')
         anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
         anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))
         # 152 g, 2 g too much: each step goes down.
         anna.until(lambda: 'filler correction, g -' in ' '.join(anna.text('.production').split()))
         for batch in (BATCH, 'L2'):
-            anna.open('New batch')
-            anna.fill('Batch', batch)
-            anna.press('Begin')
-            anna.result('✓')
-            anna.close()
+            anna.does('New batch', '✓', 'Begin', Batch=batch)
         report = machine / 'batches' / '.L 1%2F2.html'
         anna.until(report.exists)
 

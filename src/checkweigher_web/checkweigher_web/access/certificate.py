@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates of the page: a self-signed one, and the check of one of the user's own."""
+"""Certificates of the page: making a self-signed one, and checking any."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -16,18 +16,18 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from checkweigher_core.whole_file import check_new, write_whole
 
-_VALID = timedelta(days=825)  # the longest that browsers take
+_VALID = timedelta(days=825)  # the longest time that browsers accept
 
 
 class CertificateError(ValueError):
-    """A certificate or key that cannot be used or made; one line that says why."""
+    """A certificate or key that cannot be used or made; one line with the reason."""
 
 
 def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
     """Write a self-signed certificate for host names and addresses, and its key.
 
-    Returns its SHA-256 fingerprint, by which a person compares what the browser shows. Raises
-    CertificateError for a name that is none, OutputError if a file is there or cannot be written.
+    Returns its SHA-256 fingerprint, which a person compares with the one in the browser. Raises
+    CertificateError for an invalid name, OutputError if a file exists or cannot be written.
     """
     for path in (certificate, key):
         check_new(path)
@@ -64,7 +64,7 @@ def _name(text: str) -> x509.GeneralName:
 
 
 def check_pair(certificate: Path, key: Path) -> None:
-    """Raise CertificateError if a certificate and its key cannot be served with."""
+    """Raise CertificateError if a server cannot use a certificate and its key."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     for path in (certificate, key):
         try:

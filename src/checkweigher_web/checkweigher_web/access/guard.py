@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The guard of the page: it refuses what other sites or strangers ask before the page sees it."""
+"""The guard of the page, which refuses requests of strangers and of other sites."""
 
 from collections.abc import Callable
 from typing import Any
@@ -48,7 +48,7 @@ _UNANSWERED = 'No response returned.'  # what Starlette says of a browser that h
 
 
 class Access:
-    """Who is who: the sessions behind the cookies of browsers, and what each may do."""
+    """Users and sessions of a site, and the rights of each page."""
 
     def __init__(self, site: Site) -> None:
         self.site = site
@@ -59,37 +59,33 @@ class Access:
         # Cookies are those of a host: two pages on one host have two names.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
 
-    def session(self, identifier: str, *, used: bool = False) -> Session | None:
-        """Return the session of an identifier, None without one that holds."""
-        return self.sessions.find(identifier, used=used)
-
     def session_of(self, client: Client) -> Session | None:
-        """Return the session that a page was made in, None without one that holds."""
-        return self.session(_identifier(client))
+        """Return the session of a page, or None if it has none or it has ended."""
+        return self.sessions.find(_identifier(client))
 
     def role_of(self, client: Client) -> Role | None:
-        """Return what a page may do now; None if it may not even show."""
+        """Return the present role of a page; None if it may not even show anything."""
         session = self.session_of(client)
         if session is not None:
             return session.user.role
         return Role.VIEWER if self.site.open and not _identifier(client) else None
 
     def expel(self) -> None:
-        """Have pages whose session has ended load again, and give them nothing more.
+        """Reload and delete the pages whose session had ended at the previous call as well.
 
-        That is at the second look. At the first one the answer to a logout may be on its way, and
-        a page that loads again then never takes it.
+        At the first call the answer to a logout may be on its way, and a page that is reloaded
+        would never receive it.
         """
         clients = list(Client.instances.values())
         ended = {client.id for client in clients if client.page.path and not self.role_of(client)}
         for client in clients:
             if client.id in ended & self._ended:
                 client.run_javascript('location.reload()')
-                core.loop.call_later(1.0, _forget, client)  # type: ignore[union-attr]
+                core.loop.call_later(1.0, _delete, client)  # type: ignore[union-attr]
         self._ended = ended
 
 
-def _forget(client: Client) -> None:
+def _delete(client: Client) -> None:
     if client.id in Client.instances:
         client.delete()
 
@@ -99,10 +95,10 @@ def _identifier(client: Client) -> str:
 
 
 class Guard:
-    """Pass requests on to an ASGI application, with the session that they belong to.
+    """An ASGI application that passes requests on with their session, or refuses them.
 
-    A site elsewhere can have a browser here open it under a name that points to this machine, or
-    open a socket from a page of its own: neither may read what the line does.
+    Another site could make a browser open the page under a name that points to this machine, or
+    open a socket from a page of its own. Neither may read the data of the line.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
@@ -116,7 +112,7 @@ class Guard:
             return
         connection = HTTPConnection(scope)
         identifier = connection.cookies.get(self._access.cookie, '')
-        if self._access.session(identifier, used=scope['type'] == 'http') is None:
+        if self._access.sessions.find(identifier, used=scope['type'] == 'http') is None:
             identifier = ''
         send = _with_headers(send, scope['path'])
         refusal = self._refusal(connection, identifier)
@@ -137,7 +133,7 @@ class Guard:
                 raise
 
     def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:
-        """Return why a connection is refused, None if it is not."""
+        """Return the refusal of a connection, or None."""
         site, host = self._access.site, connection.headers.get('host', '')
         origin = connection.headers.get('origin')
         reads = connection.scope.get('method') in ('GET', 'HEAD')
@@ -156,9 +152,9 @@ class Guard:
 
 
 def _bound(scope: Scope, identifier: str) -> Scope:
-    """Return a scope with its session; a socket is only one of a page of the same session.
+    """Return a scope with its session, in which a socket belongs to a page of that session.
 
-    NiceGUI refuses a socket of a page that it does not know, and the browser loads the page again.
+    NiceGUI refuses a socket of an unknown page, and the browser then reloads the page.
     """
     scope = {**scope, _SESSION: identifier}
     if scope['path'].startswith(_SOCKET):
@@ -171,10 +167,10 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 
 
 def bind_events(access: Access) -> None:
-    """Have NiceGUI take the events of a page from the sockets of this page alone.
+    """Restrict the events of a page to the sockets of this page.
 
-    By itself it takes them from any socket that names the page. An event of a person keeps the
-    session going.
+    NiceGUI by itself takes them from any socket that names the page. An event of a person counts
+    as use of the session.
     """
     for name in ('event', 'javascript_response', 'ack', 'log'):
         core.sio.on(name, _from_its_socket(core.sio.handlers['/'][name], access))
@@ -190,7 +186,7 @@ def _from_its_socket(
         if client is None or client.id not in core.sio.rooms(socket):
             return
         if event:
-            access.session(_identifier(client), used=True)
+            access.sessions.find(_identifier(client), used=True)
         if access.role_of(client) is not None:
             handle(socket, message)
 

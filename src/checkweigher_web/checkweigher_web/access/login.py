@@ -6,6 +6,7 @@ import asyncio
 from html import escape
 from pathlib import Path
 import secrets
+from typing import Any
 from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
@@ -14,7 +15,7 @@ from rclpy.logging import get_logger
 
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
-from checkweigher_web.access.users import User, spend_check_time
+from checkweigher_web.access.users import NOBODY, User
 
 _LARGEST = 4096  # bytes of a form
 _PAGE = """<!doctype html>
@@ -43,45 +44,39 @@ def logout_form(token: str) -> str:
 
 def add_login(app: FastAPI, access: Access, style: Path) -> None:
     """Serve login and logout, and the style sheet that they have in common with the page."""
-    desk = _Desk(access)
+    forms = _Forms(access)
     app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
-    app.add_api_route(LOGIN, desk.show, methods=['GET'])
-    app.add_api_route(LOGIN, desk.log_in, methods=['POST'])
-    app.add_api_route(LOGOUT, desk.log_out, methods=['POST'])
+    app.add_api_route(LOGIN, forms.show, methods=['GET'])
+    app.add_api_route(LOGIN, forms.log_in, methods=['POST'])
+    app.add_api_route(LOGOUT, forms.log_out, methods=['POST'])
 
 
-class _Desk:
-    """Takes the forms."""
+class _Forms:
+    """The forms of login and logout."""
 
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
         self._turn = asyncio.Lock()  # a login takes 0.1 s and 64 MiB
-
-    @property
-    def _form_cookie(self) -> str:
-        return f'{self._access.cookie}-form'
+        self._form_cookie = f'{access.cookie}-form'
+        secure = access.site.secure
+        self._cookie: dict[str, Any] = {'httponly': True, 'samesite': 'strict', 'secure': secure}
 
     async def show(self) -> Response:
         """Show the form."""
         return self._form('')
 
     def _form(self, said: str, status: int = 200) -> Response:
-        """Return the form, with a token that has to come back both in it and as a cookie."""
+        """Return the form with a token, which has to come back with the form and as a cookie."""
         token = secrets.token_urlsafe(32)
         look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
         page = _PAGE.format(style=STYLE, login=LOGIN, said=escape(said), token=token, look=look)
         answer = HTMLResponse(page, status, {'Content-Security-Policy': PLAIN_POLICY})
-        self._set_cookie(answer, self._form_cookie, token)
+        answer.set_cookie(self._form_cookie, token, **self._cookie)
         return answer
 
-    def _set_cookie(self, answer: Response, name: str, value: str) -> None:
-        answer.set_cookie(
-            name, value, httponly=True, samesite='strict', secure=self._access.site.secure
-        )
-
     async def log_in(self, request: Request) -> Response:
-        """Begin a session, or say why not."""
+        """Begin a session, or show the form with the reason of the refusal."""
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
             return self._form('This form was too old or not of this page: try again.', 403)
@@ -111,37 +106,31 @@ class _Desk:
         self._log.info(f'{who}: {user.role.name.lower()}')
         self._access.sessions.end(request.cookies.get(self._access.cookie, ''))
         answer = RedirectResponse('/', 303)
-        self._set_cookie(answer, self._access.cookie, self._access.sessions.begin(user, address))
-        answer.delete_cookie(
-            self._form_cookie, httponly=True, samesite='strict', secure=self._access.site.secure
-        )
+        session = self._access.sessions.begin(user, address)
+        answer.set_cookie(self._access.cookie, session, **self._cookie)
+        answer.delete_cookie(self._form_cookie, **self._cookie)
         return answer
 
     def _user(self, name: str, password: str) -> User | None:
-        user = self._access.users.find(name)
-        if user is None:
-            spend_check_time(password)
-            return None
+        user = self._access.users.find(name) or NOBODY
         return user if user.has_password(password) else None
 
     async def log_out(self, request: Request) -> Response:
         """End the session."""
         identifier = request.cookies.get(self._access.cookie, '')
-        session, given = self._access.session(identifier), await _fields(request)
+        session, given = self._access.sessions.find(identifier), await _fields(request)
         if session is not None:
             if not _same(given.get('token', ''), session.token):
                 return Response('this form is not of this page', 403)
             self._access.sessions.end(identifier)
             self._log.info(f'logout of {session.user.name!r} from {_address(request)}')
         answer = RedirectResponse(LOGIN, 303)
-        answer.delete_cookie(
-            self._access.cookie, httponly=True, samesite='strict', secure=self._access.site.secure
-        )
+        answer.delete_cookie(self._access.cookie, **self._cookie)
         return answer
 
 
 async def _fields(request: Request) -> dict[str, str]:
-    """Return the fields of a form, none of one that is too large."""
+    """Return the fields of a form; none if it is too large."""
     body = b''
     async for part in request.stream():
         body += part

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions: who has logged in, until they log out, are away too long, or the shift is over."""
+"""Sessions, which end by logout, after some time without use, or with the shift."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ import time
 
 from checkweigher_web.access.users import User, UserFile
 
-ABSOLUTE = 12 * 3600.0  # s, a long shift
+ABSOLUTE = 12 * 3600.0  # s; a long shift
 
 
 @dataclass
 class Session:
-    """One login of a user; `token` has to come with the forms of its pages."""
+    """One login of a user; the forms of its pages have to carry `token`."""
 
     user: User
     address: str
@@ -24,9 +24,9 @@ class Session:
 
 
 class Sessions:
-    """The logins that hold, by identifiers that nobody can guess.
+    """Sessions by identifiers that nobody can guess.
 
-    One ends after `idle` s without use, or with the shift; `clock` is in s.
+    A session ends after `idle` s without use, and after `ABSOLUTE` s. `clock` is in s.
     """
 
     def __init__(
@@ -38,16 +38,16 @@ class Sessions:
         self._sessions: dict[str, Session] = {}
 
     def begin(self, user: User, address: str) -> str:
-        """Return the new identifier of a login; one that a browser had before is never taken."""
+        """Begin a session and return its identifier, which is always a new one."""
         identifier, now = secrets.token_urlsafe(32), self._clock()
         self._sessions[identifier] = Session(user, address, secrets.token_urlsafe(32), now, now)
         return identifier
 
     def find(self, identifier: str, *, used: bool = False) -> Session | None:
-        """Return the session that an identifier has, None if it has none or it has ended.
+        """Return the session of an identifier, or None if there is none or it has ended.
 
-        It ends with the user: one who was removed, or whose role or password was changed, has to
-        log in again. `used` tells that the person did something.
+        It ends if the user is removed, or if role or password are changed. `used` counts the call
+        as use of the session.
         """
         session, now = self._sessions.get(identifier), self._clock()
         if session is None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The site: where the page is served, to whom, and what that takes."""
+"""The site: address, certificate and users of the page."""
 
 from dataclasses import dataclass, replace
 from ipaddress import ip_address
@@ -14,39 +14,39 @@ from checkweigher_web.access.users import default_users, read_users
 
 
 class PageError(ValueError):
-    """A page that cannot be served; one line that says why and what to do."""
+    """A page that cannot be served; one line with the reason and what to do."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Address and port, certificate and key, users, and the address that a reverse proxy gives."""
+    """Address, certificate and users of the page, and its address behind a reverse proxy."""
 
     host: str = ADDRESS
     port: int = PORT
     certificate: Path | None = None
     key: Path | None = None
     users: Path | None = None
-    origin: str = ''  # https://NAME of a reverse proxy, empty without one
-    idle: float = 30.0  # min without a click, a key or a page, after which a session ends
+    origin: str = ''  # https://NAME of a reverse proxy, or ''
+    idle: float = 30.0  # min without use, after which a session ends
 
     @property
     def loopback(self) -> bool:
-        """Whether it is served to this machine alone."""
+        """Whether only this machine can reach the page."""
         return self.host == 'localhost' or _is_loopback(self.host)
 
     @property
     def open(self) -> bool:
-        """Whether anyone at this machine may view it without a login."""
+        """Whether anyone at this machine may look without a login."""
         return self.loopback and not self.origin
 
     @property
     def secure(self) -> bool:
-        """Whether browsers reach it by TLS."""
+        """Whether browsers use TLS."""
         return self.certificate is not None or bool(self.origin)
 
     @property
     def address(self) -> str:
-        """Address by which the page may be opened, and that of the proxy."""
+        """Address of the page, and that of the proxy."""
         host = gethostname() if self.host in ('0.0.0.0', '::') else self.host
         host = f'[{host}]' if ':' in host else host
         scheme = 'http' if self.certificate is None else 'https'
@@ -54,10 +54,10 @@ class Site:
         return f'{scheme}://{host}:{self.port}/{proxy}'
 
     def serves(self, host: str) -> bool:
-        """Tell whether a browser may ask for it by a host, with port.
+        """Return whether a browser may name a host, with its port, to reach the page.
 
-        A site elsewhere can have a name of its own point to this machine. By TLS its browser does
-        not find that name in the certificate.
+        Another site can make its own name point to this machine. With TLS the certificate shows
+        that the name is wrong.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
@@ -65,26 +65,31 @@ class Site:
         return not self.loopback or host.rpartition(':')[0].strip('[]') in (self.host, 'localhost')
 
     def checked(self) -> 'Site':
-        """Return the site with the users that there are, or raise what keeps it from being served.
+        """Return the site with its users.
 
-        `PageError`, `CertificateError` or `SettingsError`.
+        Raises PageError, CertificateError or SettingsError if it cannot be served.
         """
         if (self.certificate is None) != (self.key is None):
             raise PageError('--certificate and --key: one needs the other')
         if not self.idle > 0:
             raise PageError(f'--idle {self.idle:g}: must be above 0')
         users = self.users or default_users()
-        known = read_users(users) if users == self.users or users.exists() else {}
-        if not self.loopback and (self.certificate is None or not known):
+        self._check_reach(
+            has_users=(users == self.users or users.exists()) and bool(read_users(users))
+        )
+        if self.certificate is not None and self.key is not None:
+            check_pair(self.certificate, self.key)
+        return replace(self, users=users, origin=_origin(self.origin))
+
+    def _check_reach(self, *, has_users: bool) -> None:
+        """Raise PageError if others can reach the page without a login or without TLS."""
+        if not self.loopback and not (has_users and self.certificate):
             raise PageError(
                 f'--host {self.host}: needs --certificate and --key, which checkweigher '
                 'certificate makes, and a user: checkweigher user add NAME --role R'
             )
-        if self.origin and not known:
+        if self.origin and not has_users:
             raise PageError('--origin: needs a user: checkweigher user add NAME --role R')
-        if self.certificate is not None and self.key is not None:
-            check_pair(self.certificate, self.key)
-        return replace(self, users=users, origin=_origin(self.origin))
 
 
 def _is_loopback(host: str) -> bool:

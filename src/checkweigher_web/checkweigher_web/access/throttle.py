@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Failed logins: each account and each address has to wait longer after each one."""
+"""Waiting times after failed logins, for each account and each address."""
 
 from collections.abc import Callable
 import time
@@ -11,12 +11,12 @@ _FORGOTTEN = 3600.0  # s after the last failure
 
 
 class Throttle:
-    """Waits after failures, which double: 1 s after the third in a row, 5 min at most.
+    """Waiting times after failures in a row: 1 s after the third, then doubled, at most 5 min.
 
-    A key is an account or an address. A login ends the row of both: at the belt all persons have
-    one address, and the mistakes of a shift would add up. Who has an account of his own could so
-    have his address try the others without a wait, were it not for the row of each of these, which
-    only its own login ends. `clock` is in s.
+    A key is an account or an address. A login ends the row of its account and of its address,
+    because at the belt all persons have one address. The row of any other account goes on.
+    Otherwise a user could guess the passwords of other users from the same address. `clock` is in
+    s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -24,7 +24,7 @@ class Throttle:
         self._failures: dict[str, tuple[int, float]] = {}  # count, time of last
 
     def wait(self, *keys: str) -> float:
-        """Return the time in s until the next attempt of all keys, 0 if it may be made."""
+        """Return the time in s until all keys may make the next attempt."""
         now = self._clock()
         return max(0.0, *(self._until(key) - now for key in keys))
 
@@ -33,13 +33,13 @@ class Throttle:
         return last + min(2.0 ** (count - _FREE), _LONGEST) if count >= _FREE else 0.0
 
     def fail(self, *keys: str) -> None:
-        """Note a failure of some keys."""
+        """Add a failure of each key."""
         now = self._clock()
         for key in keys:
             count, last = self._failures.get(key, (0, now))
             self._failures[key] = (1 if now - last > _FORGOTTEN else min(count + 1, 64)), now
 
     def forget(self, *keys: str) -> None:
-        """Forget the failures of some keys, which have logged in."""
+        """Remove the failures of keys that have logged in."""
         for key in keys:
             self._failures.pop(key, None)

@@ -5,6 +5,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import lru_cache
 import os
 from pathlib import Path
 import re
@@ -23,8 +24,6 @@ SHORTEST, LONGEST = 8, 128  # characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
 _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for little memory
-# Of no password: a name that is not there costs an attempt as much time as one that is.
-_NOBODY = _HASHER.hash(os.urandom(16))
 
 
 class Role(IntEnum):
@@ -39,7 +38,7 @@ ROLES = tuple(role.name.lower() for role in Role)
 
 
 class UsersError(SettingsError):
-    """Users that cannot be read or changed; one line that says why and what to do."""
+    """Users that cannot be read or changed; one line with the reason and what to do."""
 
 
 @dataclass(frozen=True)
@@ -56,20 +55,18 @@ class User(Settings):
             raise UsersError('is no argon2 hash; run: checkweigher user password', 'hash')
 
     def has_password(self, password: str) -> bool:
-        """Tell whether this is the password of the user; it takes about 0.1 s."""
-        return _is_of(self.hash, password)
+        """Return whether this is the password of the user; it takes about 0.1 s."""
+        try:
+            return _HASHER.verify(self.hash, unicodedata.normalize('NFC', password))
+        except (VerificationError, InvalidHashError):
+            return False
 
 
 def default_users() -> Path:
-    """Return where the users are kept unless another file is named."""
-    return config_folder() / 'users'
-
-
-def config_folder() -> Path:
-    """Return the folder of the user's own configuration."""
-    given = os.environ.get('XDG_CONFIG_HOME', '')
-    base = Path(given) if Path(given).is_absolute() else Path.home() / '.config'
-    return base / 'checkweigher'
+    """Return the path of the users in the folder of the user's own configuration."""
+    given = Path(os.environ.get('XDG_CONFIG_HOME', ''))
+    base = given if given.is_absolute() else Path.home() / '.config'
+    return base / 'checkweigher/users'
 
 
 def check_name(name: str) -> str:
@@ -91,16 +88,8 @@ def hash_password(name: str, password: str) -> str:
     return _HASHER.hash(unicodedata.normalize('NFC', password))
 
 
-def spend_check_time(password: str) -> None:
-    """Spend as much time as a password check."""
-    _is_of(_NOBODY, password)
-
-
-def _is_of(known: str, password: str) -> bool:
-    try:
-        return _HASHER.verify(known, unicodedata.normalize('NFC', password))
-    except (VerificationError, InvalidHashError):
-        return False
+# A user with an unknown password, so that a wrong name takes as much time as a wrong password.
+NOBODY = User('nobody', Role.VIEWER, _HASHER.hash(os.urandom(16)))
 
 
 @dataclass(frozen=True)
@@ -117,7 +106,7 @@ def read_users(path: Path) -> dict[str, User]:
     Raises
     ------
     SettingsError
-        If it is not there, is none of users, or others may read it.
+        If the file does not exist, is not valid, or may be read by others.
     """
     return dict(_read(path).users or {})
 
@@ -151,12 +140,12 @@ def _older(path: Path, text: str) -> UsersFile:
 
 
 def write_users(path: Path, users: dict[str, User]) -> None:
-    """Write a file of users, whole or not at all, for its owner alone.
+    """Write a file of users that only its owner may read, whole or not at all.
 
     Raises
     ------
     OutputError
-        If it cannot be written; the one that was there then stays.
+        If it cannot be written; the previous file then stays.
     """
     known = _read(path) if path.exists() else UsersFile()
     try:
@@ -167,32 +156,30 @@ def write_users(path: Path, users: dict[str, User]) -> None:
         raise output_error(path, error) from None
 
 
+@lru_cache(maxsize=1)
+def _users_at(path: Path, *state: int) -> dict[str, User]:
+    """Return the users of a file in a state of the file."""
+    return read_users(path)
+
+
 class UserFile:
     """The users of a file that may change while the page is served.
 
-    A file that cannot be read any more has no users: nobody acts on what may be gone.
+    A file that cannot be read has no users, because they may have been removed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._state: tuple[int, ...] = ()
-        self._users: dict[str, User] = {}
 
     def find(self, name: str) -> User | None:
-        """Return a user as the file has it now, None if it has none of the name."""
-        return self._now().get(unicodedata.normalize('NFC', name))
+        """Return the present user of a name, or None."""
+        return self.now().get(unicodedata.normalize('NFC', name))
 
-    def any(self) -> bool:
-        """Tell whether the file has a user now."""
-        return bool(self._now())
-
-    def _now(self) -> dict[str, User]:
+    def now(self) -> dict[str, User]:
+        """Return the present users by name."""
         try:
             status = os.stat(self.path)
             state = status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
-            if state != self._state:
-                self._users = read_users(self.path)
-                self._state = state
+            return _users_at(self.path, *state)
         except (OSError, SettingsError):
-            self._users, self._state = {}, ()
-        return self._users
+            return {}

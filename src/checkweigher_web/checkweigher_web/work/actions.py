@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Actions of persons on a lane: what an operator and a technician may do."""
+"""Actions of operators and technicians on a lane."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -44,7 +44,7 @@ class Limits:
 async def products(services: LaneServices) -> dict[str, Product]:
     """Return the products of the recipe file of a lane, by name.
 
-    `RefusedError` if the lane has none, or its file is not on this machine.
+    Raises `RefusedError` if the lane has no recipe file or it is not on this machine.
     """
     path = await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
     try:
@@ -66,18 +66,16 @@ async def new_batch(services: LaneServices, name: str) -> str:
 
 
 async def zero(services: LaneServices) -> str:
-    """Take the next empty belt for the zero."""
+    """Set the zero to the next empty belt."""
     try:
-        answer = await services.call(ports.ZERO)
+        return _in_grams(await services.message(ports.ZERO)) or 'the zero is set'
     except RefusedError as error:
         raise RefusedError(_in_grams(str(error))) from None
-    return _in_grams(str(answer.message)) or 'the zero is set'
 
 
 async def reset_stop(services: LaneServices) -> str:
-    """Take a stop request back."""
-    answer = await services.call(ports.RESET_STOP_REQUEST)
-    return str(answer.message) or 'the stop request is taken back'
+    """Reset a stop request."""
+    return await services.message(ports.RESET_STOP_REQUEST) or 'the stop request is taken back'
 
 
 async def stop(services: LaneServices) -> str:
@@ -87,7 +85,7 @@ async def stop(services: LaneServices) -> str:
 
 
 async def start(services: LaneServices) -> str:
-    """Start weighing: have reject and driver work, from whatever state they are in."""
+    """Start weighing: activate reject and driver from any state."""
     for node in _MANAGED:
         for _ in _STEPS:
             if (step := _STEPS.get(await state(services, node))) is not None:
@@ -129,7 +127,7 @@ async def set_limits(services: LaneServices, wanted: Limits) -> str:
 
 @dataclass(frozen=True)
 class Operation:
-    """What is set at a simulated machine: m/s and kg, 0 for what is configured."""
+    """Settings of a simulated machine in m/s and kg; 0 for the configured value."""
 
     feed: bool
     speed: float
@@ -148,7 +146,7 @@ _OPERATION = 'simulator.now.'
 
 
 async def operation(services: LaneServices) -> Operation:
-    """Return what is set at the simulated machine of a lane; `RefusedError` if it is a real one."""
+    """Return the settings of a simulated machine; raise `RefusedError` if it is a real one."""
     names = [_OPERATION + entry.name for entry in fields(Operation)]
     feed, *others = [*await _parameters(services, 'driver', *names), None][: len(names)]
     if feed is None:
@@ -157,14 +155,14 @@ async def operation(services: LaneServices) -> Operation:
 
 
 async def operate(services: LaneServices, wanted: Operation) -> str:
-    """Set what a simulated machine does."""
+    """Set speed, feed and masses of a simulated machine."""
     values = {_OPERATION + name: value for name, value in asdict(wanted).items()}
     await _set(services, 'driver', values)
     return f'it does so within two seconds: {wanted}'
 
 
 async def line_parameters(services: LaneServices) -> LineParameters:
-    """Return the parameters that a lane weighs with now."""
+    """Return the present parameters of the stages of a lane."""
     defaults, found = LineParameters(), dict[str, object]()
     for node in ports.STAGES:
         names = list(getattr(defaults, node).as_mapping())
@@ -184,24 +182,24 @@ def _grams(limit: float) -> str:
 
 
 def _in_grams(text: str) -> str:
-    """Return what a node said, with its masses as the page shows them."""
+    """Return a text with its masses in grams."""
     return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)  # + 0: never -0
 
 
 async def batch_folder(services: LaneServices) -> Path:
-    """Return the folder with the records and reports of batches; `RefusedError` without one."""
+    """Return the folder of the batch records; raise `RefusedError` if there is none."""
     missing = 'keeps no records: set its parameter batch_folder'
     return await _path(services, 'batch_folder', missing)
 
 
 async def audit_log(services: LaneServices) -> Path:
-    """Return the audit log of a lane; `RefusedError` if it has none."""
+    """Return the audit log of a lane; raise `RefusedError` if it has none."""
     missing = 'writes no audit log: set its parameter audit_log, or run the line with --folder'
     return (await _path(services, 'audit_log', missing)).absolute()
 
 
 async def _path(services: LaneServices, name: str, missing: str) -> Path:
-    """Return the path in a parameter of the node product; `RefusedError` if it is empty."""
+    """Return a path parameter of the node product; raise `RefusedError` if it is empty."""
     (path,) = await _parameters(services, 'product', name)
     if not path:
         raise RefusedError(f'the node product {missing}')

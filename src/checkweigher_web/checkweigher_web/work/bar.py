@@ -14,19 +14,19 @@ from checkweigher_web.lane import Item, Lane
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.audit import audit_log
-from checkweigher_web.work.calibration import calibrate
+from checkweigher_web.work.calibration import Calibration
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
-from checkweigher_web.work.dynamic_setting import set_dynamically
+from checkweigher_web.work.dynamic_setting import DynamicSettingGuide
 from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.performance import performance_test
 from checkweigher_web.work.reports import batch_reports
 from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
 from checkweigher_web.work.simulated_machine import operate
-from checkweigher_web.work.verification import verify
+from checkweigher_web.work.verification import VerificationGuide
 
 _PERIOD = 1.0  # s
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
-# A further action is a function that opens its dialog, and a row here with its least role.
+# Label, least role and function of each dialog. A further action is a row here.
 _BUTTONS: tuple[tuple[str, Role, _Begin], ...]
 
 
@@ -52,7 +52,7 @@ def _is_simulated(lane: Lane) -> bool:
 
 
 async def keep_item(desk: Desk, keeper: Keeper, item: Item) -> None:
-    """Ask whether an item is to be kept, and keep it."""
+    """Ask before an item is kept, and keep it."""
     number, recording = item.verdict.item_id, desk.lane.recording()
 
     async def begin(desk: Desk, services: LaneServices) -> None:
@@ -89,39 +89,36 @@ async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
 
 async def _product(desk: Desk, services: LaneServices) -> None:
     known = await actions.products(services)
-    chosen: list[ui.select] = []
+    now = desk.lane.statistics.product if desk.lane.statistics else ''
 
-    def plan() -> tuple[str, Action]:
-        name = chosen[0].value
+    def choice() -> ui.select:
+        select = ui.select(list(known), label='Product', value=now if now in known else None)
+        return select.props('outlined dense')
+
+    def plan(choice: ui.select) -> tuple[str, Action]:
+        name = choice.value
         if name not in known:
             raise RefusedError('choose a product')
-        return f'select product {name}', lambda: actions.select_product(services, name)
-
-    def fields() -> None:
-        now = desk.lane.statistics.product if desk.lane.statistics else ''
-        select = ui.select(list(known), label='Product', value=now if now in known else None)
-        chosen.append(select.props('outlined dense'))
+        return f'select product {name}', partial(actions.select_product, services, name)
 
     text = 'All parameters of the product are set. Change it while the belt is empty.'
-    ask(desk, Role.OPERATOR, 'Product', text, 'Select', plan, fields)
+    ask(desk, Role.OPERATOR, 'Product', text, 'Select', plan, choice)
 
 
 async def _batch(desk: Desk, services: LaneServices) -> None:
-    given: list[ui.input] = []
-
-    def plan() -> tuple[str, Action]:
-        name = str(given[0].value or '').strip()
-        return f'begin batch {name}', lambda: actions.new_batch(services, name)
+    def plan(batch: ui.input) -> tuple[str, Action]:
+        name = str(batch.value or '').strip()
+        return f'begin batch {name}', partial(actions.new_batch, services, name)
 
     text = 'The counts of this batch end, and those of the new one begin at 0.'
-    ask(desk, Role.OPERATOR, 'New batch', text, 'Begin', plan, lambda: given.append(field('Batch')))
+    ask(desk, Role.OPERATOR, 'New batch', text, 'Begin', plan, partial(field, 'Batch'))
 
 
 _Act = Callable[[LaneServices], Awaitable[str]]
 
 
 def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
-    """Return what asks before an action that needs nothing else."""
+    """Return a function that asks before an action without any field."""
 
     async def begin(desk: Desk, services: LaneServices) -> None:
         ask(desk, Role.OPERATOR, verb, text, verb, lambda: (what, partial(act, services)))
@@ -130,48 +127,51 @@ def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
 
 
 _zero = _confirmed(
-    'Zero', 'zero', actions.zero,
+    'Zero',
+    'zero',
+    actions.zero,
     'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.',
-)  # fmt: skip
+)
 _stop = _confirmed(
-    'Stop', 'stop weighing', actions.stop,
+    'Stop',
+    'stop weighing',
+    actions.stop,
     'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it '
     'is started and its stop is reset.',
-)  # fmt: skip
+)
 _start = _confirmed(
-    'Start', 'start weighing', actions.start,
+    'Start',
+    'start weighing',
+    actions.start,
     'Weighing starts. The machine may move: see that nobody reaches into it.',
-)  # fmt: skip
+)
 
 
 async def _reset(desk: Desk, services: LaneServices) -> None:
     stop = desk.lane.stop
     why = 'No stop is requested. ' if stop is None else f'{stop.reason}: {stop.hint}. '
     text = f'{why}The machine may run again: see that what caused the stop is put right.'
-    plan = 'reset stop request', lambda: actions.reset_stop(services)
+    plan = 'reset stop request', partial(actions.reset_stop, services)
     ask(desk, Role.OPERATOR, 'Reset stop', text, 'Reset', lambda: plan)
 
 
 async def _limits(desk: Desk, services: LaneServices) -> None:
     now = actions.limits(services)
-    given: list[ui.input] = []
 
-    def plan() -> tuple[str, Action]:
-        lower = number(given[0], empty=-math.inf) / GRAMS
-        upper = number(given[1], empty=math.inf) / GRAMS
-        wanted = Limits(lower, upper)
-        return f'set limits to {wanted}', lambda: actions.set_limits(services, wanted)
+    def plan(lower: ui.input, upper: ui.input) -> tuple[str, Action]:
+        ends = number(lower, empty=-math.inf) / GRAMS, number(upper, empty=math.inf) / GRAMS
+        wanted = Limits(*ends)
+        return f'set limits to {wanted}', partial(actions.set_limits, services, wanted)
 
-    def fields() -> None:
-        for label, value in (('Lower limit', now.lower), ('Upper limit', now.upper)):
-            text = f'{GRAMS * value:g}' if math.isfinite(value) else ''
-            given.append(field(label, text, 'g'))
+    def limit(label: str, value: float) -> ui.input:
+        return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
 
     text = (
         'Limits of the gross mass; empty for none. The next selection of a product sets those of '
         'its recipe.'
     )
-    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, fields)
+    fields = partial(limit, 'Lower limit', now.lower), partial(limit, 'Upper limit', now.upper)
+    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
 
 
 _BUTTONS = (
@@ -185,7 +185,7 @@ _BUTTONS = (
     ('Batch reports', Role.OPERATOR, batch_reports),
     ('Audit log', Role.OPERATOR, audit_log),
     ('Limits', Role.TECHNICIAN, _limits),
-    ('Calibration', Role.TECHNICIAN, calibrate),
-    ('Dynamic setting', Role.TECHNICIAN, set_dynamically),
-    ('Verification', Role.TECHNICIAN, verify),
+    ('Calibration', Role.TECHNICIAN, Calibration.open),
+    ('Dynamic setting', Role.TECHNICIAN, DynamicSettingGuide.open),
+    ('Verification', Role.TECHNICIAN, VerificationGuide.open),
 )

@@ -1,8 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialogs that ask before something is done, and tell in words what came of it."""
+"""Dialogs that ask before an action and show its outcome."""
 
 from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import ClassVar
 
 from nicegui import ui
 from nicegui.element import Element
@@ -10,24 +12,26 @@ from nicegui.element import Element
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.users import Role
-from checkweigher_web.audit_view import Auditor
 from checkweigher_web.lane import Lane
+from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import LaneServices, Outcome, Person, RefusedError
 
 Action = Callable[[], Awaitable[str]]
 
 
 class Desk:
-    """What the person at one browser does on one lane.
+    """The place of work of the person at one browser, on one lane.
 
-    `services` gives those of the lane, made when they are needed first; `auditor` reads its audit
-    log.
+    `services` returns the services of the lane; `auditor` reads its audit log.
     """
 
     def __init__(
-        self, access: Access, lane: Lane, services: Callable[[], Awaitable[LaneServices]],
+        self,
+        access: Access,
+        lane: Lane,
+        services: Callable[[], Awaitable[LaneServices]],
         auditor: Auditor | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.lane = lane
         self.services = services
         self.auditor = auditor or Auditor()
@@ -37,12 +41,12 @@ class Desk:
 
     @property
     def role(self) -> Role:
-        """Role of the person now; a session may have ended."""
+        """Present role of the person, whose session may have ended."""
         session = self._access.session_of(self._client)
         return Role.VIEWER if session is None else session.user.role
 
-    async def perform(self, role: Role, what: str, reason: str, action: Action) -> Outcome:
-        """Do something, if the role of the person allows it; see `LaneServices.act`."""
+    async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
+        """Perform an action if the role of the person allows it; see `LaneServices.act`."""
         session = self._access.session_of(self._client)
         if session is None or session.user.role < role:
             return Outcome(False, f'this needs a login as {role.name.lower()}')
@@ -54,56 +58,82 @@ class Desk:
 
 
 class Dialog:
-    """A dialog with a title, a body that the caller fills, a line of results, and buttons.
+    """A dialog with a title, a body for the caller to fill, a line for results, and buttons.
 
     A `wide` one has room for a table.
     """
 
-    def __init__(self, title: str, *, wide: bool = False) -> None:
+    def __init__(self, title: str, closing: str = 'Close', *, wide: bool = False) -> None:
         self._dialog = ui.dialog().props(f'persistent aria-label="{title}"')
         self._dialog.on('hide', self._dialog.delete)
         with self._dialog, ui.element('div').classes(f'panel dialog{" wide" if wide else ""}'):
             ui.html(f'<h2>{title}</h2>', sanitize=False)
             self.body = ui.element('div').classes('fields')
             self._result = ui.label('').classes('result').props('role=status')
-            self.buttons = ui.element('div').classes('buttons')
-            with self.buttons:
-                self.closing = ui.button('Cancel', on_click=self._dialog.close)
-            self.closing.props('outline no-caps')
+            self._buttons = ui.element('div').classes('buttons')
+            with self._buttons:
+                self._closing = ui.button(closing, on_click=self._dialog.close)
+            self._closing.props('outline no-caps')
         self._dialog.open()
 
     def button(self, text: str, click: Callable[[], Awaitable[object]]) -> ui.button:
-        """Add a button, which is busy while its work is done; a refusal is shown."""
+        """Add a button, which is busy while `click` runs; a refusal is shown."""
 
         async def work() -> None:
             button.props('loading')
-            self.closing.disable()
+            self._closing.disable()
             try:
                 await click()
             except RefusedError as error:
                 self.tell(Outcome(False, str(error)))
             finally:
                 button.props(remove='loading')
-                self.closing.enable()
+                self._closing.enable()
 
-        with self.buttons:
+        with self._buttons:
             button = ui.button(text, on_click=work).props('no-caps')
         return button
 
-    async def perform(
-        self, desk: Desk, role: Role, what: str, reason: ui.input, action: Action
-    ) -> bool:
-        """Perform an action at a desk, show the outcome, and return whether it was done."""
-        outcome = await desk.perform(role, what, str(reason.value or ''), action)
-        self.tell(outcome)
-        return outcome.done
-
     def tell(self, outcome: Outcome) -> None:
-        """Show what came of an action."""
+        """Show the outcome of an action."""
         sign = '✓' if outcome.done else '✗ not done:'
         self._result.set_text(f'{sign} {outcome.text}')
         self._result.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
-        self.closing.set_text('Close')
+        self._closing.set_text('Close')
+
+
+class Guide(Dialog):
+    """A dialog that guides a technician through several actions.
+
+    The node that serves `needs` keeps the state, so the dialog may be closed and opened again.
+    """
+
+    title: ClassVar[str]
+    needs: ClassVar[str]  # name of a service
+    reason: ui.input
+
+    def __init__(self, desk: Desk, services: LaneServices) -> None:
+        super().__init__(self.title)
+        self.desk = desk
+        self.services = services
+
+    @classmethod
+    async def open(cls, desk: Desk, services: LaneServices) -> None:
+        """Open the dialog if the service runs; raise `RefusedError` if it does not."""
+        await services.found(cls.needs)
+        cls(desk, services)
+
+    def service_button(self, text: str, what: str, service: str) -> ui.button:
+        """Add a button that calls a service; `what` are the words for the audit log."""
+        call = partial(self.services.message, service)
+        return self.button(text, partial(self.perform, what, call))
+
+    async def perform(self, what: str, action: Action) -> bool:
+        """Perform an action with the reason that was filled in; return whether it was done."""
+        reason = str(self.reason.value or '')
+        outcome = await self.desk.perform(Role.TECHNICIAN, what, action, reason)
+        self.tell(outcome)
+        return outcome.done
 
 
 def reason_field(desk: Desk) -> ui.input:
@@ -118,7 +148,7 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
 
 
 def number(given: ui.input, *, empty: float | None = None) -> float:
-    """Return the number in a field, in its unit; `RefusedError` for a text that is none."""
+    """Return the number in a field, or raise `RefusedError` if the text is not a number."""
     text = str(given.value or '').strip().replace(',', '.')
     if not text and empty is not None:
         return empty
@@ -130,23 +160,30 @@ def number(given: ui.input, *, empty: float | None = None) -> float:
 
 
 def ask(
-    desk: Desk, role: Role, title: str, text: str, verb: str,
-    plan: Callable[[], tuple[str, Action]], fields: Callable[[], object] = lambda: None,
-) -> Element:  # fmt: skip
-    """Ask before something is done.
+    desk: Desk,
+    role: Role,
+    title: str,
+    text: str,
+    verb: str,
+    plan: Callable[..., tuple[str, Action]],
+    *fields: Callable[[], Element],
+) -> Element:
+    """Ask before an action, and return the body of the dialog.
 
-    `fields` adds what has to be filled in; `plan` returns what will be done, in words for the
-    audit log, and the action, or raises `RefusedError` for a field that cannot be used.
+    Each of the `fields` adds a field to the dialog and returns its element. `plan` makes of these
+    elements the words for the audit log and the action, or raises `RefusedError` for a field that
+    cannot be used.
     """
-    dialog = Dialog(title)
+    dialog = Dialog(title, 'Cancel')
     with dialog.body:
         ui.label(text)
-        fields()
+        given = [add() for add in fields]
         reason = reason_field(desk)
 
     async def act() -> None:
-        what, action = plan()
-        button.set_visibility(not await dialog.perform(desk, role, what, reason, action))
+        outcome = await desk.perform(role, *plan(*given), str(reason.value or ''))
+        dialog.tell(outcome)
+        button.set_visibility(not outcome.done)
 
     button = dialog.button(verb, act)
     return dialog.body

@@ -1,8 +1,7 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The dynamic setting in steps: passes at each belt speed, training, and a table to judge it by."""
+"""The dynamic setting in steps: passes at each belt speed, training, and a table of accuracy."""
 
-from functools import partial
 from pathlib import Path
 
 from checkweigher_msgs.msg import DynamicSetting
@@ -10,12 +9,10 @@ from nicegui import ui
 
 from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
-from checkweigher_web.access.users import Role
 from checkweigher_web.elements import Table
-from checkweigher_web.work.dialogs import Action, Desk, Dialog, field, number, reason_field
+from checkweigher_web.work.dialogs import Desk, Guide, field, number, reason_field
 from checkweigher_web.work.services import LaneServices, RefusedError
 
-_ROLE = Role.TECHNICIAN
 _PERIOD = 0.2  # s
 _MANY = 100_000  # passes
 _STEPS = (
@@ -37,107 +34,99 @@ _ENDINGS = {
 _HEADS = 'estimator', 'm/min', 'passes', 'A trained g', 'A held out g'
 
 
-async def set_dynamically(desk: Desk, services: LaneServices) -> None:
-    """Guide through a dynamic setting, from where it stands."""
-    await services.found(ports.RECORD_PASSES)
-    Guide(desk, services)
+class DynamicSettingGuide(Guide):
+    """The dialog of the dynamic setting, which goes on without it."""
 
-
-class Guide:
-    """The dialog of the dynamic setting; what it begins goes on without it."""
+    title = 'Dynamic setting'
+    needs = ports.RECORD_PASSES
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
-        self._desk = desk
-        self._services = services
+        super().__init__(desk, services)
         self._said: DynamicSetting | None = None
-        self._table: list[str] = []  # what the person sees, line by line
-        self._dialog = Dialog('Dynamic setting')
-        with self._dialog.body:
+        self._table: list[str] = []  # lines of the table that the person sees
+        with self.body:
             ui.label(_STEPS)
             self._mass = field('Mass', unit='g')
             self._passes = field('Passes', '60')
             self._state = ui.label('').classes('state').props('role=status')
             self._bags = ui.label('')
-            self._accuracy = ui.element('div').classes('accuracy')
+            with ui.element('div').classes('accuracy'):
+                self._accuracy = Table(_HEADS)
             self._chosen = ui.label('')
-            self._reason = reason_field(desk)
+            self.reason = reason_field(desk)
             ui.timer(_PERIOD, self._update)
-        self._dialog.closing.set_text('Close')
-        self._dialog.button('Record passes', self._record)
-        self._dialog.button('Train', self._train)
-        self._ending = self._dialog.button('End', self._end)
-        self._taking = self._dialog.button('Take over', self._take_over)
-        self._restarting = self._dialog.button('Start the line again', self._restart)
+        self.button('Record passes', self._record)
+        self.button('Train', self._train)
+        self._ending = self.button('End', self._end)
+        self._taking = self.button('Take over', self._take_over)
+        self._restarting = self.service_button(
+            'Start the line again', 'start the line again', ports.RESTART_LINE
+        )
+        self._show([])
         for button in (self._ending, self._taking, self._restarting):
             button.set_visibility(False)
 
     async def _update(self) -> None:
-        """Show how far it is."""
-        said = self._services.setting
+        """Show the present state of the dynamic setting."""
+        said = self.services.setting
         if said is None or said is self._said:
             return
         self._said = said
         lines = await self._trained()
-        if self._accuracy.is_deleted:  # the dialog was closed meanwhile
+        if self._state.is_deleted:  # the dialog was closed meanwhile
             return
         self._show(lines)
-        self._state.set_text(_state(said, waits=bool(self._table)))
+        self._state.set_text(_state(said, waits=bool(lines)))
         bags = ', '.join(Path(bag).name for bag in said.bags)
         self._bags.set_text(f'Recorded: {bags or "nothing"}')
-        ending = _ENDINGS.get(said.state, 'Drop' if self._table else '')
+        ending = _ENDINGS.get(said.state, 'Drop' if lines else '')
         self._ending.set_text(ending)
         self._ending.set_visibility(bool(ending))
-        self._taking.set_visibility(bool(self._table))
+        self._taking.set_visibility(bool(lines))
         self._restarting.set_visibility(bool(said.file) and said.state == DynamicSetting.IDLE)
 
     async def _trained(self) -> list[str]:
-        """Return the table of what waits to be taken over, empty without."""
+        """Return the table of parameters that wait to be taken over; empty if there are none."""
         try:
-            return (await self._services.message(ports.SHOW_TUNED)).splitlines()
+            return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except RefusedError:
             return []
 
     def _show(self, lines: list[str]) -> None:
-        if lines == self._table:
-            return
         self._table = lines
-        rows = [tuple(line.split()) for line in lines[1:] if not line.startswith('chosen:')]
-        self._accuracy.clear()
-        if rows:
-            with self._accuracy:
-                Table(_HEADS).show(rows)
-        self._chosen.set_text('; '.join(line for line in lines if line.startswith('chosen:')))
+        chosen = [line for line in lines if line.startswith('chosen:')]
+        self._accuracy.show(tuple(line.split()) for line in lines[1:] if line not in chosen)
+        self._chosen.set_text('; '.join(chosen))
 
     async def _record(self) -> None:
         mass, passes = number(self._mass), number(self._passes)
         if not (passes.is_integer() and 0 < passes < _MANY):
             raise RefusedError(f'Passes: {passes:g} is not a number of passes')
+        values = {'mass': mass / GRAMS, 'passes': int(passes)}
 
         async def record() -> str:
-            answer = await self._services.call(
-                ports.RECORD_PASSES, mass=mass / GRAMS, passes=int(passes)
-            )
+            answer = await self.services.call(ports.RECORD_PASSES, **values)
             return f'let the product pass; recorded as {Path(answer.bag).name}'
 
-        await self._perform(f'record {passes:g} passes of {mass:g} g', record)
+        await self.perform(f'record {passes:g} passes of {mass:g} g', record)
 
     async def _train(self) -> None:
         async def train() -> str:
-            await self._services.call(ports.TUNE_PASSES)
+            await self.services.call(ports.TUNE_PASSES)
             return 'training has begun'
 
-        await self._perform('train on the recorded passes', train)
+        await self.perform('train on the recorded passes', train)
 
     async def _end(self) -> None:
         seen = self._said
 
         async def end() -> str:
-            now = self._services.setting
+            now = self.services.setting
             if seen is None or now is None or now.state != seen.state:
                 raise RefusedError('it has ended already')
-            return await self._services.message(ports.CANCEL_PASSES)
+            return await self.services.message(ports.CANCEL_PASSES)
 
-        await self._perform(f'{self._ending.text.lower()}, dynamic setting', end)
+        await self.perform(f'{self._ending.text.lower()}, dynamic setting', end)
 
     async def _take_over(self) -> None:
         seen = self._table
@@ -145,20 +134,13 @@ class Guide:
         async def take_over() -> str:
             if await self._trained() != seen:
                 raise RefusedError('what was trained is not what the table shows: look again')
-            return await self._services.message(ports.ACCEPT_TUNED)
+            return await self.services.message(ports.ACCEPT_TUNED)
 
-        await self._perform('take over the trained parameters', take_over)
-
-    async def _restart(self) -> None:
-        restart = partial(self._services.message, ports.RESTART_LINE)
-        await self._perform('start the line again', restart)
-
-    async def _perform(self, what: str, action: Action) -> None:
-        await self._dialog.perform(self._desk, _ROLE, what, self._reason, action)
+        await self.perform('take over the trained parameters', take_over)
 
 
 def _state(said: DynamicSetting, *, waits: bool) -> str:
-    """Return how far it is, in words; `waits` if what was trained can be taken over."""
+    """Return the state in words; `waits` if there are trained parameters to take over."""
     if said.state == DynamicSetting.IDLE:
         return 'trained: look at the table, then take it over or drop it' if waits else said.text
     counted = f', {said.passes} of {said.wanted} passes' if said.wanted else ''

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items of a running line, kept as small bags from the samples that the page holds."""
+"""Items of a running line, written as small bags from the samples that the page holds."""
 
 import asyncio
 from datetime import UTC, datetime
@@ -15,12 +15,12 @@ from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import Item
 from checkweigher_web.work.services import RefusedError
 
-HELD = 120.0  # s of samples, so that a person has the time to look at a fault first
+HELD = 120.0  # s of samples, which leaves a person time to look at a fault first
 _ELSE = 'record the line, and cut the item out with checkweigher keep'
 
 
 class Keeper:
-    """Writes items to a folder, one at a time: each is weighed, which takes the processor."""
+    """Writer of items to a folder, one at a time, because each item is weighed again."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -29,23 +29,23 @@ class Keeper:
     async def keep(
         self, lane: str, recording: Recording | None, parameters: LineParameters, item: Item
     ) -> str:
-        """Write an item out of what is held of its lane, and return where it is.
+        """Write an item with the samples that its mass needs, and return the path in words.
 
         Parameters
         ----------
         lane : str
-            Namespace.
+            Namespace of the lane.
         recording : Recording or None
-            What the page holds.
+            Samples and edges that the page holds.
         parameters : LineParameters
-            Those that the lane weighs with.
+            Present parameters of the lane.
         item : Item
-            What became of it.
+            The item with its verdict.
 
         Raises
         ------
         RefusedError
-            If that does not hold what the item needs, or the bag cannot be written.
+            If the recording is too short for the item, or the bag cannot be written.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The performance test of the recipe: a person lets the test product pass, and sees each error."""
+"""The performance test of the recipe, with the error of each pass of the test product."""
 
 import math
 
@@ -9,8 +9,8 @@ from nicegui import ui
 from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
 from checkweigher_web.access.users import Role
-from checkweigher_web.work.dialogs import Action, Desk, ask
-from checkweigher_web.work.services import LaneServices
+from checkweigher_web.work.dialogs import Desk, ask
+from checkweigher_web.work.services import LaneServices, Person
 
 _PERIOD = 0.5  # s
 _STATES = {
@@ -24,30 +24,26 @@ _STATES = {
 
 
 async def performance_test(desk: Desk, services: LaneServices) -> None:
-    """Show the test, and ask before it is begun or broken off."""
+    """Show the performance test, and ask before it is begun or broken off."""
     running = services.test is not None and services.test.state is PerformanceState.RUNNING
 
-    def plan() -> tuple[str, Action]:
-        what = 'break off performance test' if running else 'begin performance test'
+    what = 'break off performance test' if running else 'begin performance test'
 
-        async def act() -> str:
-            person = services.acting
-            who, reason = (person[0].name, person[1]) if person else ('', '')
-            values = {'who': who, 'reason': reason, 'cancel': running}
-            return await services.message(ports.BEGIN_TEST, **values)
-
-        return what, act
+    async def act() -> str:
+        person, reason = services.acting or (Person('', ''), '')
+        values = {'who': person.name, 'reason': reason, 'cancel': running}
+        return await services.message(ports.BEGIN_TEST, **values)
 
     text = 'Let the test product pass as often as is asked for. Every item is rejected meanwhile.'
     verb = 'Break off' if running else 'Begin'
-    body = ask(desk, Role.OPERATOR, 'Performance test', text, verb, plan)
+    body = ask(desk, Role.OPERATOR, 'Performance test', text, verb, lambda: (what, act))
     with body:
         shown = ui.label('').classes('read').props('role=status')
         ui.timer(_PERIOD, lambda: shown.set_text(text_of(services.test)))
 
 
 def text_of(test: PerformanceTest | None) -> str:
-    """Return what a person has to know of the test, in one line."""
+    """Return the state of the test in one line."""
     if test is None:
         return 'Nothing is known of a performance test: no product is selected'
     text = _STATES[test.state]

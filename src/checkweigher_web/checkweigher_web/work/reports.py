@@ -23,11 +23,11 @@ _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 
 
 def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
-    """Serve the reports of lanes where somebody has worked; `policy` is that of their content."""
+    """Serve the reports of the lanes on which somebody has worked, with a content policy."""
 
     @app.get('/reports/{kind}/{name}.{ending}')
     async def answer(kind: str, name: str, ending: str, lane: str = '') -> Response:
-        services = workshop.known(lane)
+        services = workshop.lanes.get(lane)
         file = _file(services, kind, name, ending) if services and ending in _KINDS else None
         try:
             text = None if file is None else await asyncio.to_thread(read_input, file)
@@ -40,20 +40,20 @@ def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
 
 
 def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | None:
-    """Return the file of a report by its address, None of none."""
+    """Return the file of a report by its address, or None."""
     if '/' in name or '\0' in name:
         return None
     if kind == BATCH and services.batch_folder is not None:
         beside = services.batch_folder / f'{name}{SUFFIX}'
         return services.batch_folder / f'{name}.{ending}' if beside.is_file() else None
-    # Of a batch even '..' is a part of the name of a file, here it would be a folder above.
+    # The name of a verification is a folder, so '..' would be the folder above.
     if kind == VERIFICATION and services.verification is not None and name not in ('.', '..'):
         return Path(services.verification.folder) / VERIFICATIONS / name / f'report.{ending}'
     return None
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports, each given by its name in the address and what is shown for it."""
+    """Show links to reports, each given by its name in the address and by its text."""
     for name, text in reports:
         with ui.element('li'):
             ui.label(f'{text}: ')
@@ -76,4 +76,3 @@ async def batch_reports(desk: Desk, services: LaneServices) -> None:
         with ui.element('ol').classes('reports'):
             stems = (path.stem for path in records[:_MANY])
             list_reports(desk.lane.name, BATCH, ((stem, unquote(stem)) for stem in stems))
-    dialog.closing.set_text('Close')

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The services of a lane, called from the page, and what persons did in the audit log."""
+"""The services of a lane as clients of the page, and the audit log of persons."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
@@ -36,7 +36,7 @@ _DISCOVERY = 3.0  # s, for a service to be found
 _PATIENCE = 120.0  # s, for an answer: a load may take half a minute to come to rest
 _LOOK_PERIOD = 1.0  # s
 
-# The node that has a service, by its name in the lane.
+# Type of each service and the node that serves it, by the name of the service in the lane.
 _SERVICES: dict[str, tuple[Any, str]] = {
     **{
         each.name: (ports.interface(each.kind), each.server)
@@ -57,15 +57,21 @@ _SERVICES: dict[str, tuple[Any, str]] = {
         for node in ('driver', 'segmenter', 'reject', 'product', *OF_MACHINE)
     },
 }
+_FOLLOWED = {
+    'setting': ports.DYNAMIC_SETTING,
+    'test': ports.PERFORMANCE_TEST,
+    'verification': ports.VERIFICATION_PROGRESS,
+    'product': ports.PRODUCT_IN_USE,
+}
 
 
 class RefusedError(Exception):
-    """What was asked was not done; the message says why, in words."""
+    """An action that was not done; the message says why."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Who acts, and from where."""
+    """A user, and the address of the browser."""
 
     name: str
     address: str
@@ -73,18 +79,28 @@ class Person:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an action, in words."""
+    """The outcome of an action in words."""
 
     done: bool
     text: str
 
 
-# Who acts in the task that runs, and why.
+# The person who acts in the running task, and the reason.
 _ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
 
 
 class LaneServices(PortNode):
-    """Clients of the services of a lane, for the thread of the page."""
+    """Clients of the services of a lane, for the thread of the page.
+
+    Attributes
+    ----------
+    readings : list of str
+        Loads that were read for a calibration.
+    setting, test, verification, product
+        Latest message of each topic, or None.
+    batch_folder : Path or None
+        Folder of the reports; None until a person asks for them.
+    """
 
     def __init__(self, lane: str) -> None:
         super().__init__('page_work', namespace=f'/{lane}')
@@ -92,28 +108,26 @@ class LaneServices(PortNode):
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
         self._has_log = False
-        self.readings: list[str] = []  # loads that were read for a calibration
-        self.setting: DynamicSetting | None = None  # how far it is, once it was heard
+        self.readings: list[str] = []
+        self.setting: DynamicSetting | None = None
         self.test: PerformanceTest | None = None
         self.verification: VerificationProgress | None = None
-        self.product: ProductOnLine | None = None  # by which items are judged
-        self.batch_folder: Path | None = None  # once somebody has asked for it
-        for name, port in (
-            ('setting', ports.DYNAMIC_SETTING), ('test', ports.PERFORMANCE_TEST),
-            ('verification', ports.VERIFICATION_PROGRESS), ('product', ports.PRODUCT_IN_USE),
-        ):  # fmt: skip
+        self.product: ProductOnLine | None = None
+        self.batch_folder: Path | None = None
+        for name, port in _FOLLOWED.items():
             self.subscribe(port, partial(setattr, self, name), qos=port.qos)
 
     @property
     def acting(self) -> tuple[Person, str] | None:
-        """Who acts in the task that runs, and why."""
+        """Person who acts in the running task, and the reason."""
         return _ACTING.get()
 
     async def call(self, name: str, **values: Any) -> Any:
-        """Return the answer of a service; `RefusedError` without one, or if it says no."""
+        """Return the answer of a service; raise `RefusedError` if it refuses or does not answer."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
-        if changes_line(name):  # the log has to know who does
-            await self._tell_who(_ACTING.get(), [name])
+        acting = _ACTING.get()
+        if acting is not None and changes_line(name):
+            await self._note(acting, services=[name])
         answer = await self._answer(client, kind.Request(**values), node)
         if not getattr(answer, 'success', True):
             raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
@@ -124,7 +138,7 @@ class LaneServices(PortNode):
         return str((await self.call(name, **values)).message)
 
     async def found(self, name: str) -> Client:
-        """Return the client of a service that is there; `RefusedError` if it is not."""
+        """Return the client of a running service; raise `RefusedError` if it does not run."""
         client, (_, node) = self._by_name[name], _SERVICES[name]
         deadline = time.monotonic() + _DISCOVERY
         while not client.service_is_ready():
@@ -151,18 +165,19 @@ class LaneServices(PortNode):
     async def act(
         self, person: Person, what: str, reason: str, action: Callable[[], Awaitable[str]]
     ) -> Outcome:
-        """Do something for a person, written down before with its reason and after with its end.
+        """Perform an action for a person, with entries in the audit log before and after it.
 
-        `action` returns what was done, or raises `RefusedError`; another failure is told of and
-        written down, too. Without an audit log nothing is written; where a lane has had one,
+        `action` returns its outcome in words, or raises `RefusedError`; any other error is reported
+        and logged as well. Without an audit log nothing is written, but on a lane that has had one
         nothing is done without it.
         """
+        acting = person, reason
         why = f'; reason: {reason}' if reason else ''
         try:
-            await self._note(person, f'{what}: asked from {person.address}{why}', reason)
+            await self._note(acting, f'{what}: asked from {person.address}{why}')
         except RefusedError as error:
             return Outcome(False, f'nothing was done: not in the audit log: {error}')
-        acting = _ACTING.set((person, reason))
+        token = _ACTING.set(acting)
         try:
             outcome, ending = Outcome(True, await action()), 'done'
         except RefusedError as error:
@@ -173,48 +188,47 @@ class LaneServices(PortNode):
             ending = f'failed: {type(error).__name__}: {one_line(error)}'
             outcome = Outcome(False, f'it {ending}')
         finally:
-            _ACTING.reset(acting)
+            _ACTING.reset(token)
         try:
-            await self._tell_who((person, reason), [])
-            await self._note(person, f'{what}: {ending}', reason)
+            await self._note(acting)
+            await self._note(acting, f'{what}: {ending}')
         except RefusedError as error:
-            return Outcome(
-                outcome.done, f'{outcome.text}; its end is not in the audit log: {error}'
-            )
+            text = f'{outcome.text}; its end is not in the audit log: {error}'
+            return Outcome(outcome.done, text)
         return outcome
 
-    async def _note(self, person: Person, text: str, reason: str) -> None:
-        if self._finds_log():
-            await self._record(person, reason, new_value=json.dumps(one_line(text)))
+    async def _note(
+        self, acting: tuple[Person, str], text: str | None = None, services: Sequence[str] = ()
+    ) -> None:
+        """Write into the audit log what a person does; without a text announce calls of services.
 
-    async def _tell_who(self, acting: tuple[Person, str] | None, services: list[str]) -> None:
-        """Say which services a person is about to call; none when all is done."""
-        if acting is not None and self._finds_log():
-            await self._record(*acting, new_value='null', subjects=services)
-
-    async def _record(self, person: Person, reason: str, **values: Any) -> None:
-        named = {'subject': person.name, 'who': person.name, 'reason': one_line(reason)}
-        await self.call(ports.RECORD_CHANGE, kind=PERSON, **named, **values)
-
-    def _finds_log(self) -> bool:
+        No services are announced at the end of an action.
+        """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
-        return self._has_log
+        if not self._has_log:
+            return
+        person, reason = acting
+        await self.call(
+            ports.RECORD_CHANGE,
+            kind=PERSON,
+            subject=person.name,
+            who=person.name,
+            reason=one_line(reason),
+            new_value=json.dumps(None if text is None else one_line(text)),
+            subjects=list(services),
+        )
 
 
 class Workshop:
-    """The services of all lanes, each made when a person works there first."""
+    """The services of the lanes on which somebody has worked, by namespace."""
 
     def __init__(self, spinner: Spinner) -> None:
         self._spinner = spinner
-        self._lanes: dict[str, LaneServices] = {}
+        self.lanes: dict[str, LaneServices] = {}
 
     async def of(self, lane: str) -> LaneServices:
         """Return the services of a lane."""
-        if lane not in self._lanes:
-            self._lanes[lane] = LaneServices(lane)
-            await asyncio.to_thread(self._spinner.add, self._lanes[lane])
-        return self._lanes[lane]
-
-    def known(self, lane: str) -> LaneServices | None:
-        """Return the services of a lane where somebody has worked, None of another one."""
-        return self._lanes.get(lane)
+        if lane not in self.lanes:
+            self.lanes[lane] = LaneServices(lane)
+            await asyncio.to_thread(self._spinner.add, self.lanes[lane])
+        return self.lanes[lane]

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The switches of a simulated machine, and the hands that put a mass on its belt."""
 
+from functools import partial
+
 from nicegui import ui
 
 from checkweigher_core.records import GRAMS
@@ -20,23 +22,25 @@ _TEXT = (
 async def operate(desk: Desk, services: LaneServices) -> None:
     """Ask what is to be set at the machine."""
     now = await actions.operation(services)
-    given: dict[str, ui.input] = {}
-    feed: list[ui.checkbox] = []
 
-    def plan() -> tuple[str, Action]:
-        wanted = Operation(
-            bool(feed[0].value), number(given['speed'], empty=0) / 60,
-            number(given['mass'], empty=0) / GRAMS, number(given['load'], empty=0) / GRAMS,
-        )  # fmt: skip
-        return f'simulated machine: {wanted}', lambda: actions.operate(services, wanted)
+    def feed() -> ui.checkbox:
+        return ui.checkbox('Feed: products come', value=now.feed)
 
-    def fields() -> None:
-        feed.append(ui.checkbox('Feed: products come', value=now.feed))
-        for name, label, value, unit in (
-            ('speed', 'Belt speed (empty: as configured)', 60 * now.speed, 'm/min'),
-            ('mass', 'Mass of each product (empty: as configured)', GRAMS * now.mass, 'g'),
-            ('load', 'Mass that stands on the belt', GRAMS * now.load, 'g'),
-        ):
-            given[name] = field(label, f'{value:g}' if value else '', unit)
+    def value(label: str, given: float, unit: str) -> ui.input:
+        return field(label, f'{given:g}' if given else '', unit)
 
-    ask(desk, Role.TECHNICIAN, 'Simulated machine', _TEXT, 'Set', plan, fields)
+    def plan(
+        feed: ui.checkbox, speed: ui.input, mass: ui.input, load: ui.input
+    ) -> tuple[str, Action]:
+        metres_per_minute, *grams = (number(each, empty=0) for each in (speed, mass, load))
+        masses = (each / GRAMS for each in grams)
+        wanted = Operation(bool(feed.value), metres_per_minute / 60, *masses)
+        return f'simulated machine: {wanted}', partial(actions.operate, services, wanted)
+
+    fields = (
+        feed,
+        partial(value, 'Belt speed (empty: as configured)', 60 * now.speed, 'm/min'),
+        partial(value, 'Mass of each product (empty: as configured)', GRAMS * now.mass, 'g'),
+        partial(value, 'Mass that stands on the belt', GRAMS * now.load, 'g'),
+    )
+    ask(desk, Role.TECHNICIAN, 'Simulated machine', _TEXT, 'Set', plan, *fields)

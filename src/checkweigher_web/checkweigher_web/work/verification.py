@@ -22,13 +22,11 @@ from checkweigher_validation.verification.plan import (
     read_plan,
 )
 from checkweigher_validation.verification.steps import Step, steps_of
-from checkweigher_web.access.users import Role
-from checkweigher_web.elements import Table
-from checkweigher_web.work.dialogs import Action, Desk, Dialog
+from checkweigher_web.elements import Table, show_lines
+from checkweigher_web.work.dialogs import Desk, Guide, field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import LaneServices, Outcome
 
-_ROLE = Role.TECHNICIAN
 _PERIOD = 0.2  # s
 _MANY = 10  # verifications in the list
 _EXAMPLE = 'example'
@@ -41,36 +39,32 @@ _STATES = {
     ProgressState.ASKING: 'do this, then press Make: ',
     ProgressState.DECIDING: 'failed: make it again, or go on? ',
 }
-# The browser reads the file; what is longer is no plan, and is refused as such.
+# The browser reads the file up to a length at which no plan is valid any more.
 _READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(t => emit(t))'
 
 
-async def verify(desk: Desk, services: LaneServices) -> None:
-    """Guide through a verification, from where it stands."""
-    await services.found(ports.BEGIN_VERIFICATION)
-    Guide(desk, services)
-
-
-class Guide:
+class VerificationGuide(Guide):
     """The dialog of a verification, which goes on without it."""
 
+    title = 'Verification'
+    needs = ports.BEGIN_VERIFICATION
+
     def __init__(self, desk: Desk, services: LaneServices) -> None:
-        self._desk = desk
-        self._services = services
+        super().__init__(desk, services)
         self._said: VerificationProgress | None = None
-        self._paths: dict[str, Path] = {}  # of the plans, by their names in the folder
-        self._dialog = Dialog('Verification')
-        with self._dialog.body:
+        self._paths: dict[str, Path] = {}  # plans by their names in the folder
+        with self.body:
             ui.label(_STEPS)
-            self._choice = ui.element('div').classes('fields')
-            with self._choice:
-                self._plans = ui.select([], label='Plan', on_change=self._take_chosen)
+            with ui.element('div').classes('fields') as self._choice:
+                self._plans = ui.select([], label='Plan', on_change=self._read_chosen)
                 self._plans.props('outlined dense')
                 upload = ui.element('input').props('type=file aria-label="Plan from a file"')
-                upload.on('change', lambda event: self._take(str(event.args)), js_handler=_READ)
                 self._plan = ui.textarea('Text of the plan', on_change=self._show_plan)
                 self._plan.props('outlined dense debounce=300').classes('plan')
-                # Apart from the state of the verifier, which may be heard after a plan is chosen.
+                upload.on(
+                    'change', lambda event: self._plan.set_value(str(event.args)), js_handler=_READ
+                )
+                # Apart from the state of the verifier, which may come after a plan is chosen.
                 self._found = ui.label('').classes('found').props('role=status')
             self._state = ui.label('').classes('state').props('role=status')
             self._lines = ui.element('ul').classes('read lines')
@@ -78,115 +72,110 @@ class Guide:
             with ui.element('div').classes('steps').props('tabindex=0 aria-label="steps"'):
                 self._table = Table(('step', 'what to do, or the result'))
             self._reports = ui.element('ol').classes('reports').props('aria-label="reports"')
-            self._reason = ui.input('Reason (needed to skip a step)')
-            self._reason.props('outlined dense maxlength=200')
+            self.reason = field('Reason (needed to skip a step)')
             ui.timer(_PERIOD, self._update)
-        self._dialog.closing.set_text('Close')
-        self._begin = self._dialog.button('Begin', self._do_begin)
-        self._break = self._dialog.button('Break off', self._do_break_off)
-        self._skip = self._dialog.button('Skip', partial(self._answer, StepAnswer.SKIP, 'skip'))
-        going_on = partial(self._answer, StepAnswer.GO_ON, 'go on after')
-        self._leave = self._dialog.button('Go on', going_on)
-        self._make = self._dialog.button('Make', partial(self._answer, StepAnswer.MAKE, 'make'))
+        self._begin = self.button('Begin', self._do_begin)
+        self._break = self.service_button(
+            'Break off', 'break off verification', ports.CANCEL_VERIFICATION
+        )
+        self._skip = self.button('Skip', partial(self._answer, StepAnswer.SKIP, 'skip'))
+        self._leave = self.button('Go on', partial(self._answer, StepAnswer.GO_ON, 'go on after'))
+        self._make = self.button('Make', partial(self._answer, StepAnswer.MAKE, 'make'))
         self._update()
 
     # What is shown
 
     def _update(self) -> None:
-        """Show how far it is."""
-        said = self._services.verification
-        if said is None or said is self._said:
+        """Show the present state of the verification."""
+        said, before = self.services.verification, self._said
+        if said is None or said is before:
             return
-        before, self._said = self._said, said
-        idle = said.state is ProgressState.IDLE
+        self._said = said
+        self._state.set_text(_state(said))
+        if before is None or before.lines != said.lines:
+            show_lines(self._lines, reversed(said.lines))
+        # A plan that was chosen before the first message of the verifier keeps the table.
+        chosen = before is None and said.state is ProgressState.IDLE and self._plan.value
+        if said.steps and not chosen:
+            self._table.show(zip(said.steps, said.results, strict=True))
+        if before is None or before.state is not said.state:
+            self._show_elements(said.state, Path(said.folder))
+
+    def _show_elements(self, state: ProgressState, folder: Path) -> None:
+        """Show the elements that are of use in a state."""
+        idle = state is ProgressState.IDLE
         self._choice.set_visibility(idle)
         self._begin.set_visibility(idle)
         self._break.set_visibility(not idle)
-        self._skip.set_visibility(said.state is ProgressState.ASKING)
-        self._leave.set_visibility(said.state is ProgressState.DECIDING)
-        self._make.set_visibility(said.state in _STATES)
-        at = f'{said.step + 1}/{len(said.steps)} {said.steps[said.step]}: ' if said.steps else ''
-        self._state.set_text(f'{"" if idle else at}{_STATES.get(said.state, "")}{said.text}')
-        if before is None or before.lines != said.lines:
-            self._lines.clear()
-            for line in reversed(said.lines):
-                with self._lines, ui.element('li'):
-                    ui.label(line)
-        # The table has the steps of a plan that was chosen before the verifier was heard.
-        chosen = before is None and idle and self._plan.value
-        if said.steps and not chosen:
-            self._table.show(zip(said.steps, said.results, strict=True))
-        if idle and (before is None or before.state is not ProgressState.IDLE):
-            self._show_choices(Path(said.folder))
+        self._skip.set_visibility(state is ProgressState.ASKING)
+        self._leave.set_visibility(state is ProgressState.DECIDING)
+        self._make.set_visibility(state in _STATES)
+        if idle:
+            self._show_choices(folder)
 
     def _show_choices(self, folder: Path) -> None:
-        """Show the plans that there are on this machine, and the reports."""
+        """Show the plans on this machine, and the reports."""
         made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]
         known = [*sorted((folder / PLANS).glob('*.yaml')), *made]
         self._paths = {str(path.relative_to(folder)): path for path in known}
         self._plans.set_options([*self._paths, _EXAMPLE])
         self._reports.clear()
         with self._reports:
-            list_reports(self._desk.lane.name, VERIFICATION, _made(path.parent for path in made))
+            list_reports(self.desk.lane.name, VERIFICATION, _made(path.parent for path in made))
 
-    def _take_chosen(self) -> None:
+    def _read_chosen(self) -> None:
         name = self._plans.value
         if name == _EXAMPLE:
-            self._take(EXAMPLE)
+            self._plan.set_value(EXAMPLE)
         elif name in self._paths:
             try:
-                self._take(read_input(self._paths[name]).decode('utf-8'))
+                self._plan.set_value(read_input(self._paths[name]).decode('utf-8'))
             except (OSError, UnicodeDecodeError) as error:
-                self._dialog.tell(Outcome(False, f'{name}: {error}'))
-
-    def _take(self, text: str) -> None:
-        self._plan.set_value(text)
+                self.tell(Outcome(False, f'{name}: {error}'))
 
     def _show_plan(self) -> None:
-        """Show the steps of the plan, or what is wrong with it."""
+        """Show the steps of the plan, or the mistake in it."""
+        steps: tuple[Step, ...] = ()
         try:
             steps = steps_of(read_plan(str(self._plan.value or '')))
+            self._found.set_text(counted(len(steps), 'step'))
         except ParameterError as error:
             self._found.set_text(f'the plan: {error}')
-            self._table.show([])
-            return
-        self._found.set_text(counted(len(steps), 'step'))
         self._table.show((step.name, _asked(step)) for step in steps)
 
     # What is done
 
     async def _do_begin(self) -> None:
         text = str(self._plan.value or '')
-        begin = partial(self._services.message, ports.BEGIN_VERIFICATION, plan=text)
-        await self._perform('begin verification', begin)
+        begin = partial(self.services.message, ports.BEGIN_VERIFICATION, plan=text)
+        await self.perform('begin verification', begin)
 
     async def _answer(self, answer: StepAnswer, verb: str) -> None:
-        """Answer what this person sees, not what is asked by now."""
-        seen, reason = self._said, str(self._reason.value or '')
+        """Answer the question that this person sees, even if another one was asked meanwhile."""
+        seen, reason = self._said, str(self.reason.value or '')
         if seen is None or not seen.steps:
             return
+        step = seen.steps[seen.step]
+        values = {'question': seen.question, 'answer': int(answer), 'reason': reason}
 
         async def give() -> str:
-            await self._services.call(
-                ports.ANSWER_VERIFICATION, question=seen.question, answer=int(answer),
-                reason=reason,
-            )  # fmt: skip
-            return f'{seen.steps[seen.step]}: taken'
+            await self.services.call(ports.ANSWER_VERIFICATION, **values)
+            return f'{step}: taken'
 
-        what = f'{verb} step {seen.steps[seen.step]} of verification {seen.name}'
-        if await self._perform(what, give):
-            self._reason.set_value('')
+        if await self.perform(f'{verb} step {step} of verification {seen.name}', give):
+            self.reason.set_value('')
 
-    async def _do_break_off(self) -> None:
-        end = partial(self._services.message, ports.CANCEL_VERIFICATION)
-        await self._perform('break off verification', end)
 
-    async def _perform(self, what: str, action: Action) -> bool:
-        return await self._dialog.perform(self._desk, _ROLE, what, self._reason, action)
+def _state(said: VerificationProgress) -> str:
+    """Return the state of a verification in words."""
+    if said.state is ProgressState.IDLE:
+        return said.text
+    at = f'{said.step + 1}/{len(said.steps)} {said.steps[said.step]}: ' if said.steps else ''
+    return f'{at}{_STATES.get(said.state, "")}{said.text}'
 
 
 def _asked(step: Step) -> str:
-    """Return what a step asks for, in words."""
+    """Return what to do in a step."""
     return f'{step.count} passes: {step.to_do}' if step.count else step.to_do
 
 

@@ -3,7 +3,7 @@
 """Login and guard on the real server, as a browser behind a proxy and an attacker meet them."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from html import unescape
@@ -69,9 +69,16 @@ class Browser:
                 self.cookies[name] = each.value
             return Answer(answer.status, dict(answer.headers), cookies, answer.read().decode())
 
-    def log_in(self, name: str = 'anna', password: str = PASSWORD, **headers: str) -> Answer:
-        token = self.ask('/login').token
-        return self.ask('/login', {'name': name, 'password': password, 'token': token}, **headers)
+    def log_in(
+        self, name: str = 'anna', password: str = PASSWORD, token: bool = True, **headers: str
+    ) -> Answer:
+        fields = {'name': name, 'password': password}
+        fields |= {'token': self.ask('/login').token} if token else {}
+        return self.ask('/login', fields, **headers)
+
+    def client(self) -> str:
+        """Load the page, and return its number."""
+        return re.findall(r'client_id\W+([\w-]{36})', self.ask('/').text)[0]
 
 
 @pytest.fixture(scope='module')
@@ -126,29 +133,23 @@ def test_a_login_gives_a_cookie_that_scripts_and_other_sites_do_not_get(browser:
     assert browser.ask('/').status == 303
 
 
-@pytest.mark.parametrize(
-    'refused',
-    [
-        lambda browser: browser.ask('/login', {'name': 'anna', 'password': PASSWORD}),
-        lambda browser: browser.log_in(Origin='https://evil.example'),
-        lambda browser: browser.log_in(Origin='null'),
-        lambda browser: browser.log_in('nobody'),
-        lambda browser: browser.log_in('anna', ''),
-        lambda browser: browser.log_in('../../users'),
-        lambda browser: browser.log_in('<script>alert(1)</script>\r\nx: y'),
-        lambda browser: browser.log_in('carl', 'x' * 10_000),
-    ],
-    ids=['no token', 'foreign', 'null', 'nobody', 'empty', 'path', 'script', 'long'],
-)
-def test_a_login_that_is_none_is_refused(
-    refused: Callable[[Browser], Answer], browser: Browser, request: pytest.FixtureRequest
-):
+REFUSED: dict[str, dict[str, str | bool]] = {
+    'no token': {'token': False},
+    'foreign': {'Origin': 'https://evil.example'},
+    'null': {'Origin': 'null'},
+    'nobody': {'name': 'nobody'},
+    'empty': {'password': ''},
+    'path': {'name': '../../users'},
+    'script': {'name': '<script>alert(1)</script>\r\nx: y'},
+    'long': {'name': 'carl', 'password': 'x' * 10_000},
+}
+
+
+@pytest.mark.parametrize('case', REFUSED)
+def test_a_login_that_is_none_is_refused(case: str, browser: Browser):
     # Each from an address of its own, for failures of one address wait.
-    own = f'10.1.0.{len(request.node.name)}'
-    ask = browser.ask
-    browser.ask = lambda path, fields=None, **headers: ask(  # type: ignore[method-assign]
-        path, fields, **{'X-Forwarded-For': own, **headers})  # fmt: skip
-    answer = refused(browser)
+    own = {'X-Forwarded-For': f'10.1.0.{list(REFUSED).index(case)}'}
+    answer = browser.log_in(**REFUSED[case], **own)  # type: ignore[arg-type]
     assert answer.status == 403
     assert '<script>' not in answer.text
     assert all(name.endswith('-form') for name in answer.cookies)
@@ -156,11 +157,11 @@ def test_a_login_that_is_none_is_refused(
 
 def test_an_identifier_that_was_planted_is_not_taken(browser: Browser, port: int):
     (name,) = [n for n in Browser(port).log_in().cookies if not n.endswith('-form')]
-    browser.cookies[name] = 'planted-by-somebody-who-waits'
+    planted = 'planted-by-somebody-who-waits'
+    browser.cookies[name] = planted
     browser.log_in()
-    assert browser.cookies[name] != 'planted-by-somebody-who-waits'
-    assert browser.ask('/').status == 200
-    browser.cookies[name] = 'planted-by-somebody-who-waits'
+    assert (browser.cookies[name] != planted, browser.ask('/').status) == (True, 200)
+    browser.cookies[name] = planted
     assert browser.ask('/').status == 303
 
 
@@ -197,8 +198,7 @@ def open_socket(browser: Browser, client: str) -> tuple[str, str]:
 
 def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int):
     browser.log_in()
-    client = re.findall(r'client_id\W+([\w-]{36})', browser.ask('/').text)[0]
-    other = Browser(port)
+    client, other = browser.client(), Browser(port)
     other.log_in('mallory')
     assert 'handshake failed' in open_socket(other, client)[1]
     assert open_socket(browser, client)[1].startswith('40{"sid"')
@@ -207,8 +207,7 @@ def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int
 @pytest.mark.parametrize('transport', ['polling', 'websocket'])
 def test_a_socket_of_a_page_of_another_site_is_refused(browser: Browser, transport: str):
     browser.log_in(**{'X-Forwarded-For': f'10.4.0.{len(transport)}'})
-    client = re.findall(r'client_id\W+([\w-]{36})', browser.ask('/').text)[0]
-    query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'
+    query = f'client_id={browser.client()}&tab_id=t&document_id=d&implicit_handshake=true'
     path = f'{SOCKET}/?EIO=4&transport={transport}&{query}'
     upgrade = {
         'Connection': 'Upgrade', 'Upgrade': 'websocket', 'Sec-WebSocket-Version': '13',
@@ -230,12 +229,8 @@ def click_of(page: str, client: str, label: str) -> dict[str, object]:
         if each.get('props', {}).get('label') == label
     ]  # fmt: skip
     (event,) = [each for each in button['events'] if each['type'] == 'click']
-    return {
-        'id': int(number),
-        'client_id': client,
-        'listener_id': event['listener_id'],
-        'args': ['{}'],
-    }
+    own = {'id': int(number), 'client_id': client, 'args': ['{}']}
+    return {**own, 'listener_id': event['listener_id']}
 
 
 def read_until(browser: Browser, path: str, wanted: str) -> str:

@@ -21,10 +21,10 @@ class Services:
     def __init__(self, text: str, *, refuse: bool = False) -> None:
         self._text, self._refuse = text, refuse
 
-    async def call(self, name: str, **values: object) -> object:
+    async def message(self, name: str) -> str:
         if self._refuse:
             raise RefusedError(self._text)
-        return SimpleNamespace(message=self._text)
+        return self._text
 
 
 def zero(text: str, *, refuse: bool = False) -> str:

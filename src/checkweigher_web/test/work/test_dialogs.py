@@ -43,7 +43,7 @@ def test_a_role_that_somebody_lacks_when_it_acts_is_refused(needed: Role, tmp_pa
         if needed == Role.OPERATOR:  # with a dialog open she loses it
             known = read_users(users)
             write_users(users, {'anna': replace(known['anna'], role=Role.VIEWER)})
-        outcome = await desk.perform(needed, 'zero', '', nothing)
+        outcome = await desk.perform(needed, 'zero', nothing, '')
         assert not outcome.done
         assert outcome.text == f'this needs a login as {needed.name.lower()}'
 

@@ -41,7 +41,7 @@ def port(machine: Path) -> Iterator[int]:
     services = SimpleNamespace(
         batch_folder=machine / 'batches', verification=SimpleNamespace(folder=str(machine))
     )
-    app, workshop = FastAPI(), SimpleNamespace(known=lambda lane: services)
+    app, workshop = FastAPI(), SimpleNamespace(lanes={'': services})
     add_reports(app, cast(Workshop, workshop), 'sandbox')
     server = uvicorn.Server(uvicorn.Config(app, log_level='error'))
     with socket.create_server(('127.0.0.1', 0)) as listener:

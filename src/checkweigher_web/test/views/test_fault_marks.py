@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+import operator
 
 from lines import edges_of, saturated_at, simulated, without_block_at, without_edges
 import numpy as np
@@ -14,9 +15,9 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, SampleBlock, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_web.charts import signal_chart
-from checkweigher_web.fault_marks import Mark, fault_marks
 from checkweigher_web.lane import Item, Lane
+from checkweigher_web.views.fault_marks import Mark, Scene, fault_marks
+from checkweigher_web.views.signal import signal_chart
 
 DEFAULTS = LineParameters()
 MS = NANOSECONDS // 1000
@@ -43,8 +44,8 @@ def marks_of(
     lane = lane_of(recording, parameters)
     item = broken_item(lane, reason)
     assert item.stretch is not None
-    marks = fault_marks(item, item.stretch, recording.load_cell)
-    raw = signal_chart(item, recording.load_cell)['series'][0]
+    marks = fault_marks(Scene(item, item.stretch, recording.load_cell))
+    raw = signal_chart(item, recording.load_cell)[0]['series'][0]
     names = [begin['name'] for begin, _ in raw['markArea']['data']]
     names += [mark['name'] for mark in raw['markLine']['data']]
     assert sorted(names) == [str(k) for k in range(1, len(marks) + 1)]
@@ -73,24 +74,16 @@ LOST = [('t1', Eye.INFEED, 0), ('t2', Eye.INFEED, LENGTH), ('t3', Eye.OUTFEED, T
 
 
 @pytest.mark.parametrize(('lost', 'eye', 'after_t1'), LOST)
-def test_a_missing_edge_is_marked_where_it_was_expected(
+def test_a_missing_edge_is_marked_where_it_was_expected_and_its_eye_was_blocked_from_there(
     line: Recording, lost: str, eye: Eye, after_t1: int
 ):
-    edges = edges_of(line, BROKEN)
-    marks = marks_of(without_edges(line, edges[lost]), Reason.MISSING_EDGE)
-    (mark,) = [each for each in marks if lost in each.text]
+    edges, broken = edges_of(line, BROKEN), without_edges(line, edges_of(line, BROKEN)[lost])
+    (mark,) = [each for each in marks_of(broken, Reason.MISSING_EDGE) if lost in each.text]
     assert mark.edge == lost
     assert mark.begin == mark.end == pytest.approx(edges['t1'].stamp + after_t1, abs=5 * MS)
     assert f'{eye.name.lower()} eye' in mark.text
-
-
-@pytest.mark.parametrize(('lost', 'eye', 'after_t1'), LOST)
-def test_an_eye_that_missed_an_edge_was_blocked_as_expected_and_nowhere_else(
-    line: Recording, lost: str, eye: Eye, after_t1: int
-):
-    edges = edges_of(line, BROKEN)
-    item = broken_item(lane_of(without_edges(line, edges[lost])), Reason.MISSING_EDGE)
-    figure = signal_chart(item, line.load_cell)
+    item = broken_item(lane_of(broken), Reason.MISSING_EDGE)
+    figure = signal_chart(item, line.load_cell)[0]
     series = {each['name']: each for each in figure['series']}
     first = 't2' if lost == 't1' else 't1'
     assert figure['xAxis'][1]['name'] == f'ms after {first}'
@@ -164,7 +157,7 @@ def test_a_rise_at_another_time_is_measured_and_drawn_beside_that_of_the_eyes(li
     assert mark.end - mark.begin == pytest.approx(late, abs=1.5 * MS)
     assert 'later than the eyes say' in mark.text
     item = broken_item(lane_of(shifted), Reason.EDGE_MISMATCH)
-    names = [each['name'] for each in signal_chart(item, line.load_cell)['series']]
+    names = [each['name'] for each in signal_chart(item, line.load_cell)[0]['series']]
     assert 'load by the eyes' in names
 
 
@@ -196,38 +189,34 @@ def test_speed_length_load_and_zero_are_said_in_numbers(line: Recording):
         assert any(text in mark.text for mark in marks), (reason, marks)
 
 
-def test_begin_and_end_of_the_samples_are_marked(line: Recording):
-    edges = edges_of(line, BROKEN)
-    middle = edges['t2'].stamp
-    ended = replace(
+@pytest.mark.parametrize(
+    ('reason', 'text'),
+    [
+        (Reason.STREAM_ENDED, 'the samples end here'),
+        (Reason.START_UP, 'the samples begin here'),
+    ],
+)
+def test_begin_and_end_of_the_samples_are_marked(line: Recording, reason: Reason, text: str):
+    middle = edges_of(line, BROKEN)['t2'].stamp
+    side = operator.le if reason == Reason.STREAM_ENDED else operator.ge
+    part = replace(
         line,
-        blocks=tuple(b for b in line.blocks if b.stamp < middle),
-        edges=tuple(e for e in line.edges if e.stamp <= middle),
+        blocks=tuple(each for each in line.blocks if side(each.stamp, middle)),
+        edges=tuple(each for each in line.edges if side(each.stamp, middle)),
     )
-    (mark,) = marks_of(ended, Reason.STREAM_ENDED)
-    assert mark.end == pytest.approx(middle, abs=20 * MS)
-    begun = replace(
-        line,
-        blocks=tuple(b for b in line.blocks if b.stamp > middle),
-        edges=tuple(e for e in line.edges if e.stamp >= middle),
-    )
-    marks = marks_of(begun, Reason.START_UP)
-    (mark,) = [each for each in marks if each.text == 'the samples begin here']
+    (mark,) = [each for each in marks_of(part, reason) if each.text == text]
     assert mark.begin == pytest.approx(middle, abs=20 * MS)
 
 
 def test_an_edge_that_came_late_is_marked(line: Recording):
     edges = edges_of(line, BROKEN)
-    lane = Lane('a')
-    lane.take(line.load_cell)
-    late = edges['t2']
-    for event in (*line.blocks, edges['t1'], edges['t3'], late):
-        lane.take(event)
+    lane, late = Lane('a'), edges['t2']
     fault = Verdict(7, edges['t3'].stamp, Decision.FAULT, ('LateEdge',), t1=edges['t1'].stamp)
-    lane.take(fault)
+    for record in (line.load_cell, *line.blocks, edges['t1'], edges['t3'], late, fault):
+        lane.take(record)
     item = lane.with_signals(lane.items()[0])
     assert item.stretch is not None
-    (mark,) = fault_marks(item, item.stretch, line.load_cell)
+    (mark,) = fault_marks(Scene(item, item.stretch, line.load_cell))
     assert mark.begin == late.stamp
     assert mark.text.startswith('infeed eye')
 
@@ -248,6 +237,6 @@ def test_any_reason_on_any_stretch_gives_marks_within_it_or_none(line: Recording
         lane.take(Verdict(50, t3, Decision.FAULT, (reason.value,), t1=t1))
         item = lane.with_signals(lane.items()[0])
         assert item.stretch is not None
-        for mark in fault_marks(item, item.stretch, line.load_cell):
+        for mark in fault_marks(Scene(item, item.stretch, line.load_cell)):
             assert item.stretch.time[0] <= mark.begin <= mark.end <= item.stretch.time[-1]
-        assert signal_chart(item, line.load_cell)['series']
+        assert signal_chart(item, line.load_cell)[0]['series']

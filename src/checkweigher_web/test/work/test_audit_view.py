@@ -5,18 +5,13 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 import pytest
 from running import run_command
 
-from checkweigher_production.audit_log import (
-    AuditError,
-    AuditLog,
-    head_path,
-    read_log,
-)
+from checkweigher_production.audit_log import AuditError, AuditLog, head_path, read_log
 from checkweigher_production.audit_seal import add_seal, seals_path
-from checkweigher_web.audit_view import NEWEST, view_of
+from checkweigher_web.work.audit_view import NEWEST, view_of
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 PUBLIC = KEY.public_key()
@@ -65,9 +60,8 @@ def test_many_changes_of_an_entry_are_lines_up_to_a_number(tmp_path: Path):
 
 
 def test_of_many_entries_the_newest_are_shown(tmp_path: Path):
-    log = tmp_path / 'audit.log'
-    write(log, NEWEST + 5)
-    view = view_of(log, None)
+    write(tmp_path / 'audit.log', NEWEST + 5)
+    view = view_of(tmp_path / 'audit.log', None)
     assert view.count == f'{NEWEST + 5} entries; the newest {NEWEST} are shown'
     assert [row[0] for row in view.rows[:: NEWEST - 1]] == [str(NEWEST + 5), '6']
 
@@ -77,7 +71,6 @@ def test_of_many_entries_the_newest_are_shown(tmp_path: Path):
     [
         ('r1', ['2']),  # a reason
         (' ANN ', ['3', '2', '1']),  # a person
-        ('LOWER_limit', ['3', '2', '1']),  # what was changed
         ('lane1/product', ['3', '2', '1']),  # the node that wrote the entry
         ('2.15', ['3']),  # a value
         ('nobody', []),
@@ -89,36 +82,21 @@ def test_a_filter_leaves_the_entries_with_its_text(log: Path, wanted: str, numbe
     assert view.count == f'3 entries, {len(numbers)} of them with {wanted.strip()!r}'
 
 
-def changed(log: Path) -> None:
-    log.write_bytes(log.read_bytes().replace(b'"new":1.15', b'"new":1.16'))
-
-
-def cut(log: Path) -> None:
-    log.write_bytes(b''.join(log.read_bytes().splitlines(keepends=True)[:2]))
-
-
-def headless(log: Path) -> None:
-    head_path(log).unlink()
-
-
 @pytest.mark.parametrize(
     ('tamper', 'begin', 'rows'),
     [
-        (changed, 'BROKEN: line 2: changed: ', 1),
-        (cut, 'BROKEN: line 3: cut: ', 2),
-        (headless, 'BROKEN: line 4: cut: ', 3),
+        (lambda text: text.replace(b'"new":1.15', b'"new":1.16'), 'line 2: changed: ', 1),
+        (lambda text: b''.join(text.splitlines(keepends=True)[:2]), 'line 3: cut: ', 2),
     ],
 )
 def test_a_broken_log_is_told_as_by_the_command(
-    log: Path, tamper: Callable[[Path], None], begin: str, rows: int
+    log: Path, tamper: Callable[[bytes], bytes], begin: str, rows: int
 ):
-    tamper(log)
+    log.write_bytes(tamper(log.read_bytes()))
     view = view_of(log, PUBLIC)
-    assert not view.whole
-    assert view.conclusion.startswith(begin)
-    assert view.conclusion == said(log)
-    assert (len(view.rows), view.seals) == (rows, '')
-    assert view.count == f'{rows} entries before line {rows + 1}'
+    assert view.conclusion.startswith(f'BROKEN: {begin}')
+    assert (view.whole, view.conclusion, view.seals) == (False, said(log), '')
+    assert (len(view.rows), view.count) == (rows, f'{rows} entries before line {rows + 1}')
 
 
 def test_a_log_that_is_not_there_is_an_error(tmp_path: Path):
@@ -149,19 +127,19 @@ def test_seals_hold_or_the_log_is_broken(log: Path):
     assert 'is no seal made with this key' in view_of(log, other).conclusion
 
 
-def test_seals_that_cannot_be_verified_are_told_with_the_command(log: Path):
-    view = view_of(log, None)
-    assert view.seals_hold is None
+@pytest.mark.parametrize(('key', 'hold'), [(None, None), (PUBLIC, False)])
+def test_a_log_without_seals_is_told_with_the_command(
+    log: Path, key: Ed25519PublicKey | None, hold: bool | None
+):
+    view = view_of(log, key)
+    assert (view.whole, view.seals_hold) == (True, hold)
     assert view.seals.startswith(f'There are no seals in {seals_path(log)}')
     assert view.seals.endswith(f'run ./checkweigher audit {log} --trust PUBLIC --seals FILE')
+
+
+def test_seals_without_a_key_are_told_with_the_command(log: Path):
     add_seal(seals_path(log), log, read_log(log).entries, KEY)
     view = view_of(log, None)
     assert (view.whole, view.seals_hold) == (True, None)
     assert 'has no public key' in view.seals
     assert view.seals.endswith(f'run ./checkweigher audit {log} --trust PUBLIC')
-
-
-def test_a_key_without_seals_is_an_error(log: Path):
-    view = view_of(log, PUBLIC)
-    assert (view.whole, view.seals_hold) == (True, False)
-    assert view.seals.startswith(f'There are no seals in {seals_path(log)}')

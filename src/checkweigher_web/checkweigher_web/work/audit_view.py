@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page shows of an audit log: whether it is whole and sealed, and its latest entries."""
+"""An audit log as the page shows it: its state, its seals and its latest entries."""
 
 import asyncio
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from shlex import quote
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from checkweigher_core.printable import one_line
-from checkweigher_production.audit_log import Entry, Verification, read_log
+from checkweigher_production.audit_log import AuditError, Entry, Verification, read_log
 from checkweigher_production.audit_seal import hold_to_seals, sealing, seals_path
 from checkweigher_production.audit_words import changes, conclusion, shortened
 
 NEWEST = 200  # entries that are shown
 HEADS = 'entry', 'time, UTC', 'who', 'kind', 'what: before → after', 'why'
-_MOST = 20  # changes that are shown of an entry
+_MOST = 20  # changes of an entry that are shown
 _LONGEST = 200  # characters of a name or a value
 
 
@@ -25,17 +25,17 @@ class AuditView:
     """An audit log as the page shows it."""
 
     whole: bool
-    conclusion: str  # as of the command audit
-    seals_hold: bool | None  # None if that was not verified
-    seals: str  # what they say, or how to verify them; empty where the conclusion says it
-    count: str  # how many entries there are, and which of them are shown
-    rows: tuple[tuple[str, ...], ...]  # by HEADS, the latest first; a line for each change
+    conclusion: str  # as of the command audit, or why the log cannot be read
+    seals_hold: bool | None = None  # None if that was not verified
+    seals: str = ''  # their result, or how to verify them; '' where the conclusion says it
+    count: str = ''  # number of entries, and which of them are shown
+    rows: tuple[tuple[str, ...], ...] = ()  # by HEADS, the latest first; a line for each change
 
 
 class Auditor:
-    """Reads audit logs for the page, one at a time: a large one takes seconds, and much memory.
+    """Reader of audit logs, one at a time, because a large one takes seconds and much memory.
 
-    Seals are verified by the public key `trust`, if there is one.
+    Seals are verified by the public key `trust`.
     """
 
     def __init__(self, trust: Ed25519PublicKey | None = None) -> None:
@@ -43,9 +43,12 @@ class Auditor:
         self._turn = asyncio.Lock()
 
     async def read(self, log: Path, wanted: str) -> AuditView:
-        """Return what is to be seen of a log; see `view_of`."""
+        """Return a log as the page shows it; see `view_of`."""
         async with self._turn:
-            return await asyncio.to_thread(view_of, log, self._trust, wanted)
+            try:
+                return await asyncio.to_thread(view_of, log, self._trust, wanted)
+            except AuditError as error:
+                return AuditView(False, str(error))
 
 
 def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditView:
@@ -54,11 +57,11 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
     Parameters
     ----------
     log : Path
-        The log; its seals are searched beside it.
+        The log, with its seals beside it.
     key : Ed25519PublicKey or None
-        By which the seals are verified; None if there is none at hand.
+        Key for the seals; without it they are not verified.
     wanted : str
-        Only entries that have this text in their row or in the name of their node are shown.
+        Text in the row or in the name of the node of the entries to show.
 
     Raises
     ------
@@ -81,9 +84,9 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
 def _sealed(
     log: Path, found: Verification, key: Ed25519PublicKey | None
 ) -> tuple[Verification, bool | None, str]:
-    """Return a log as its seals say, whether they hold, and that in words."""
+    """Check the seals; return the log, whether all seals are valid, and a text for the page."""
     path, command = seals_path(log), f'./checkweigher audit {quote(str(log))} --trust PUBLIC'
-    if not found.whole:  # without a chain there is nothing to hold to them
+    if not found.whole:  # seals need an unbroken chain
         return found, None, ''
     if not path.exists():
         text = f'There are no seals in {path}. To verify those that are elsewhere, run'
@@ -112,11 +115,10 @@ def _row(entry: Entry) -> tuple[str, ...]:
     what = [_change(*each) for each in changed[:_MOST]]
     if len(changed) > _MOST:
         what.append(f'and {len(changed) - _MOST} more')
-    return (
-        str(entry.sequence), shortened(entry.time)[:19].replace('T', ' '),  # to the second
-        shortened(entry.who), shortened(entry.kind), '\n'.join(what),
-        shortened(entry.why or '', _LONGEST),
-    )  # fmt: skip
+    time = shortened(entry.time)[:19].replace('T', ' ')  # to the second
+    who, kind = shortened(entry.who), shortened(entry.kind)
+    why = shortened(entry.why or '', _LONGEST)
+    return str(entry.sequence), time, who, kind, '\n'.join(what), why
 
 
 def _change(what: object, old: object, new: object) -> str:

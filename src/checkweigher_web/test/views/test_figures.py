@@ -18,10 +18,13 @@ from checkweigher_production.recipes import Product
 from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_validation.accuracy.passes import known_passes
 from checkweigher_validation.accuracy.results import weigh
-from checkweigher_web import charts
-from checkweigher_web.empty_belt import Line, Spectrum
+from checkweigher_web.charts import Options
 from checkweigher_web.lane import Item
 from checkweigher_web.mass_series import MassSeries
+from checkweigher_web.views.control_charts import control_figure
+from checkweigher_web.views.empty_belt import Line, Spectrum, spectrum_chart
+from checkweigher_web.views.masses import histogram
+from checkweigher_web.views.signal import signal_chart
 
 
 @pytest.fixture(scope='module')
@@ -37,12 +40,12 @@ def item(recording: Recording) -> Item:
     return Item(result.verdict, result.estimate, denoised, t4=result.t4, reference=0.0745)
 
 
-def series_of(figure: charts.Options) -> dict[str, charts.Options]:
+def series_of(figure: Options) -> dict[str, Options]:
     return {each['name']: each for each in figure['series']}
 
 
 def test_the_signal_has_the_mass_its_interval_and_the_edges(item: Item, recording: Recording):
-    found = series_of(charts.signal_chart(item, recording.load_cell))
+    found = series_of(signal_chart(item, recording.load_cell)[0])
     assert set(found) == {'raw', 'denoised', 'mass', 'reference'}
     mass, std_dev = 1e3 * item.verdict.mass, 1e3 * item.verdict.std_dev
     assert [y for _, y in found['mass']['data']] == pytest.approx([mass, mass], abs=1e-4)
@@ -66,13 +69,13 @@ def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them
         (replace(own, product='of the next item'), {'lower': 60}),
         (None, {'lower': 60}),
     ):
-        (bars,) = charts.histogram(series, heavier, statistics)['series']
+        (bars,) = histogram(series, heavier, statistics)['series']
         assert sum(count for _, count in bars['data']) == 3
         marks = {mark['name']: mark['xAxis'] for mark in bars['markLine']['data']}
         assert marks == pytest.approx(lines)
 
 
-def labels_of(figure: charts.Options, width: int) -> list[tuple[float, float, float]]:
+def labels_of(figure: Options, width: int) -> list[tuple[float, float, float]]:
     """Return left and right end and height of each label of a figure of a width, px."""
     axis, found = figure['xAxis'], []
     scale = width / (axis['max'] - axis['min'])
@@ -89,7 +92,7 @@ def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: I
     lines = tuple(Line(at, 1e-3, '') for at in (31.0, 39.0, 50.0, 100.0))
     spectrum = Spectrum(np.arange(200.0), np.ones(200), lines)
     for figure, count in (
-        (charts.histogram(series, verdict, statistics), 5), (charts.spectrum_chart(spectrum), 4),
+        (histogram(series, verdict, statistics), 5), (spectrum_chart(spectrum), 4),
     ):  # fmt: skip
         for width in (200, 350, 700):
             labels = sorted(labels_of(figure, width))
@@ -103,10 +106,10 @@ def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: I
     assert highest < 30  # 50 and 100 Hz have room beside the others
 
 
-def control_figures(masses: list[float]) -> tuple[ControlChart, charts.Options, charts.Options]:
+def control_figures(masses: list[float]) -> tuple[ControlChart, Options, Options]:
     chart = control_chart(masses)
     assert chart is not None
-    figures = (charts.control_figure(chart, 3, spread=spread) for spread in (False, True))
+    figures = (control_figure(chart, 3, spread=spread) for spread in (False, True))
     return chart, *figures
 
 
@@ -143,7 +146,7 @@ def test_the_limits_of_a_calm_control_chart_can_be_seen(spread: bool):
 
 
 def test_what_came_before_the_page_was_open_says_so(item: Item):
-    figure = charts.signal_chart(replace(item, window=None), None)
+    figure = signal_chart(replace(item, window=None), None)[0]
     assert 'before this page was open' in figure['title']['text']
 
 
@@ -151,5 +154,5 @@ def test_a_long_signal_is_thinned_out(item: Item, recording: Recording):
     assert item.window is not None
     window = replace(item.window, counts=np.resize(item.window.counts, 100_000))
     window = replace(window, denoised=np.zeros(0))
-    figure = charts.signal_chart(replace(item, window=window), recording.load_cell)
+    figure = signal_chart(replace(item, window=window), recording.load_cell)[0]
     assert len(figure['series'][0]['data']) <= 1200

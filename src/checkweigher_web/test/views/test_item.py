@@ -4,10 +4,12 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from checkweigher_core.health.findings import Level
 from checkweigher_core.ros.ports import STAGES
 from checkweigher_core.ros.status_board import StatusBoard
-from checkweigher_web.standstill import standstill
+from checkweigher_web.views.item import standstill
 
 
 def status(name: str, **values: object) -> object:
@@ -25,11 +27,17 @@ def board_of(state: str, *, product: float = 0.0) -> StatusBoard:
     return board
 
 
-def test_a_lane_weighs_until_its_driver_says_otherwise():
-    assert standstill(board_of('running').rows(1.0)) == ''
-    assert standstill(board_of('inactive').rows(1.0)) == 'weighing is stopped'
-    assert standstill(board_of('finished').rows(1.0)) == 'weighing has ended, for the source has'
-    assert standstill(board_of('failed').rows(1.0)).endswith('the source has failed')
+@pytest.mark.parametrize(
+    ('state', 'why'),
+    [
+        ('running', ''),
+        ('inactive', 'weighing is stopped'),
+        ('finished', 'weighing has ended, for the source has'),
+        ('failed', 'weighing has ended, for the source has failed'),
+    ],
+)
+def test_a_lane_weighs_until_its_driver_says_otherwise(state: str, why: str):
+    assert standstill(board_of(state).rows(1.0)) == why
 
 
 def test_a_lane_of_which_a_node_that_weighs_is_silent_does_not_weigh():

@@ -1,0 +1,145 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The spectrum of the empty belt, its strongest lines and what they might be."""
+
+from dataclasses import dataclass
+import math
+import time
+
+from nicegui import json
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core.records import GRAMS
+from checkweigher_web import charts
+from checkweigher_web.charts import DENOISED, Options
+from checkweigher_web.elements import Figure, Table
+from checkweigher_web.views.view import View
+from checkweigher_web.words import grams
+
+_LEAST = 128  # samples of a spectrum
+_PROMINENCE = 4.0  # least amplitude of a line, relative to the median around it
+_SURROUNDING = 10  # bins at each side of a line
+_MAX_LINES = 6
+_FLOOR = 12.0  # Hz; buildings vibrate below it
+_MAINS = (50.0, 60.0, 100.0, 120.0)  # Hz
+_NEAR, _PLATFORM = 0.02, 0.15  # relative distances from the mains and from the platform
+_HIGHEST = 150.0  # Hz; no machine shakes a belt above it
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line of the spectrum."""
+
+    frequency: float  # Hz
+    amplitude: float  # kg
+    guess: str  # possible cause
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Amplitudes (n,) in kg of the sines at `frequencies` (n,) in Hz, and the strongest lines."""
+
+    frequencies: NDArray[np.float64]
+    amplitudes: NDArray[np.float64]
+    lines: tuple[Line, ...]
+
+
+class EmptyBeltView(View):
+    """The spectrum of the empty belt, and a table of its lines."""
+
+    title = 'Empty belt'
+    columns = 2, 8
+    style = '.belt .chart { flex: 0 0 auto; }'
+
+    def _build(self) -> None:
+        self._figure = Figure('spectrum of the empty belt')
+        self._lines = Table(('Hz', 'g', 'what it might be'))
+
+    def _state(self) -> object:
+        return self.lane.version if self.look.board is None else int(time.monotonic())
+
+    def _show(self) -> None:
+        if self.lane.load_cell is None:
+            return
+        figure, lines = self.drawing.once('belt', self._state(), self._draw)
+        self._figure.show(figure)
+        self._lines.show(
+            (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in lines
+        )
+
+    def _draw(self) -> tuple[str, tuple[Line, ...]]:
+        item, cell = self.drawing.latest(), self.lane.load_cell
+        assert cell is not None
+        known = None if item is None else item.estimate
+        speed, platform = math.nan, math.nan
+        if known is not None:
+            speed, platform = known.belt_speed, known.natural_frequency
+        found = spectrum(self.lane.empty_belt(), cell.sample_rate, speed, platform)
+        return json.dumps(spectrum_chart(found)), found.lines if found else ()
+
+
+def spectrum_chart(found: Spectrum | None) -> Options:
+    """Return the spectrum of the empty belt with its lines."""
+    if found is None:
+        return charts.nothing('needs a stretch of the empty belt')
+    shown = found.frequencies <= _HIGHEST
+    amplitudes = GRAMS * found.amplitudes[shown]
+    line = charts.line('amplitude', found.frequencies[shown], amplitudes, DENOISED, width=1)
+    figure = charts.figure([line], 'Hz', 'g')
+    figure['xAxis'] |= {'min': 0, 'max': min(_HIGHEST, float(found.frequencies[-1]))}
+    charts.mark_apart(figure, {f'{each.frequency:.0f}': each.frequency for each in found.lines})
+    return figure
+
+
+def spectrum(
+    force: NDArray[np.float64],
+    sample_rate: float,
+    belt_speed: float = math.nan,
+    platform: float = math.nan,
+) -> Spectrum | None:
+    """Compute the spectrum of the empty belt from samples (n,) in kg; None if they are too few.
+
+    `sample_rate` and the natural frequency of the `platform` are in Hz, the belt speed is in m/s.
+    Lines are attributed to rollers by the speed and to the platform by its frequency.
+    """
+    count = len(force)
+    if count < _LEAST:
+        return None
+    taper = np.hanning(count)
+    transform = np.fft.rfft((force - force.mean()) * taper)
+    amplitudes: NDArray[np.float64] = 2 * np.abs(transform) / taper.sum()
+    frequencies = np.asarray(np.fft.rfftfreq(count, 1 / sample_rate), np.float64)
+    peaks = [
+        k
+        for k in range(3, len(amplitudes) - 1)
+        if amplitudes[k] == amplitudes[k - 1 : k + 2].max()
+        and amplitudes[k] > _PROMINENCE * _surrounding(amplitudes, k)
+    ]
+    strongest = sorted(peaks, key=lambda k: -amplitudes[k])[:_MAX_LINES]
+    lines = []
+    for k in sorted(strongest):
+        frequency = float(frequencies[k])
+        guess = _guess(frequency, belt_speed, platform)
+        lines.append(Line(frequency, float(amplitudes[k]), guess))
+    return Spectrum(frequencies, amplitudes, tuple(lines))
+
+
+def _surrounding(amplitudes: NDArray[np.float64], k: int) -> float:
+    return float(np.median(amplitudes[max(k - _SURROUNDING, 1) : k + _SURROUNDING + 1]))
+
+
+def _guess(frequency: float, belt_speed: float, platform: float) -> str:
+    """Return the possible cause of a line, of which only the frequency is measured."""
+    mains = [known for known in _MAINS if abs(frequency - known) <= _NEAR * known]
+    if mains:
+        return f'mains or a motor at {mains[0]:g} Hz: check the shield of the cable'
+    if abs(frequency - platform) <= _PLATFORM * platform:
+        return f'the platform itself, whose natural frequency is about {platform:.0f} Hz'
+    guess = 'floor or building' if frequency < _FLOOR else 'motor or roller'
+    if belt_speed > 0:
+        diameter = 1000 * belt_speed / (math.pi * frequency)
+        guess += (
+            f'; a roller of {diameter:.0f} mm turns at this rate, {2 * diameter:.0f} mm at half'
+        )
+    return guess

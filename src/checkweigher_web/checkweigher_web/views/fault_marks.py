@@ -1,0 +1,362 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What broke in the signal of a fault: for each reason the places in the signal, with a text."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core.printable import counted
+from checkweigher_core.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
+from checkweigher_core.records.reasons import Reason
+from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
+from checkweigher_web.lane import Item, Stretch
+
+_BEFORE_RISE = 0.3  # s of empty belt that a rise is compared with
+_GAP = 1.5  # sample periods between two samples, beyond which samples are lost
+_FLICKER = 0.25  # shortest product, relative to the longest time that an eye was blocked
+_EYES = {Eye.INFEED: 'infeed eye', Eye.OUTFEED: 'outfeed eye'}
+# The edges of an item: the eye, and whether the item blocks it.
+EDGES = {
+    't1': (Eye.INFEED, True),
+    't2': (Eye.INFEED, False),
+    't3': (Eye.OUTFEED, True),
+    't4': (Eye.OUTFEED, False),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A text for the signal from `begin` to `end`, in ns.
+
+    A moment has equal ends. `edge` is the one of `EDGES` that was expected there and did not come.
+    """
+
+    text: str
+    begin: int
+    end: int
+    edge: str = ''
+
+
+class Scene:
+    """The raw signal around an item, and its edges.
+
+    Attributes
+    ----------
+    times : dict of str to int
+        t1 to t4 in ns, as far as they are known.
+    force : array of shape (n,)
+        Signal in kg from the zero of calibration.
+    usual_speed : float
+        Belt speed of the items before in m/s, or NaN.
+    """
+
+    def __init__(self, item: Item, stretch: Stretch, load_cell: LoadCell) -> None:
+        self.reasons = item.verdict.reasons
+        self.stretch = stretch
+        self.load_cell = load_cell
+        force = (stretch.counts - load_cell.zero_counts) / load_cell.counts_per_kg
+        self.force = np.asarray(force, np.float64)
+        known = item.estimate
+        t2 = None if known is None else known.t2
+        times = {'t1': item.verdict.t1, 't2': t2, 't3': item.verdict.t3, 't4': item.t4}
+        self.times = {name: stamp for name, stamp in times.items() if stamp is not None}
+        self.usual_speed = item.usual_speed
+        if math.isnan(self.usual_speed) and known is not None:
+            self.usual_speed = known.line_speed
+
+    def between(self, begin: int, end: int) -> NDArray[np.float64]:
+        """Return the signal from `begin` to `end` in ns: (m,) in kg."""
+        time = self.stretch.time
+        return self.force[(begin <= time) & (time <= end)]
+
+    def mean(self, begin: int, end: int) -> float:
+        """Return the mean of the signal from `begin` to `end` in ns, in kg; NaN without samples."""
+        force = self.between(begin, end)
+        return float(np.mean(force)) if len(force) else math.nan
+
+    def span(self, first: str, last: str) -> tuple[int, int] | None:
+        """Return the times of two edges of the item, or None if one is not known."""
+        if first not in self.times or last not in self.times:
+            return None
+        return self.times[first], self.times[last]
+
+    def edges_of(self, eye: Eye) -> list[EyeEdge]:
+        """Return the edges of an eye in order of their stamps."""
+        edges = (edge for edge in self.stretch.edges if edge.eye == eye)
+        return sorted(edges, key=lambda edge: edge.stamp)
+
+
+def fault_marks(scene: Scene) -> list[Mark]:
+    """Return what is wrong in the signal of an item, in the order of its reasons."""
+    found = [_FINDERS[Reason(each)](scene) for each in scene.reasons if each in _FINDERS]
+    return [mark for marks in found for mark in marks]
+
+
+def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
+    """Return the time in ns for which the belt was empty before an item, and its mean in kg.
+
+    The mean is counted from the zero of calibration.
+    """
+    end = scene.times.get('t1')
+    if end is None:
+        return None
+    left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if edge.stamp < end]
+    begin = max([int(scene.stretch.time[0]), *left])
+    reading = scene.mean(begin, end)
+    return None if math.isnan(reading) else (begin, end, reading)
+
+
+def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Return the load as it should rise by the eyes: time (n,) in ns, and force (n,) in kg.
+
+    Returns None unless the rise contradicts the eyes.
+    """
+    rise, rest = scene.span('t1', 't2'), scene.span('t2', 't3')
+    if Reason.EDGE_MISMATCH not in scene.reasons or rise is None or rest is None:
+        return None
+    empty, level = scene.mean(int(scene.stretch.time[0]), rise[0]), scene.mean(*rest)
+    if math.isnan(empty + level):
+        return None
+    time = scene.stretch.time[scene.stretch.time <= rest[1]]
+    share = np.clip((time - rise[0]) / max(rise[1] - rise[0], 1), 0.0, 1.0)
+    return time, empty + (level - empty) * share
+
+
+Finder = Callable[[Scene], Iterable[Mark]]
+
+
+def _over(first: str, last: str, describe: Callable[[Scene, int, int], str]) -> Finder:
+    """Return a finder that marks the time between two edges with a text, unless that is empty."""
+
+    def find(scene: Scene) -> Iterator[Mark]:
+        span = scene.span(first, last)
+        text = '' if span is None else describe(scene, *span)
+        if span is not None and text:
+            yield Mark(text, *span)
+
+    return find
+
+
+def _missing_edges(scene: Scene) -> Iterator[Mark]:
+    expected = _expected_times(scene)
+    missing = [name for name in ('t1', 't2', 't3') if name not in scene.times]
+    if not missing:
+        yield from _equal_edges(scene)
+    for name in missing:
+        eye, blocked = EDGES[name]
+        text = f'{_EYES[eye]}: {name} is missing, it did not {"block" if blocked else "clear"}'
+        if name in expected:
+            yield Mark(f'{text}; expected here', expected[name], expected[name], name)
+        elif scene.times:
+            last = max(scene.times.values())
+            yield Mark(f'{text} after this', last, last)
+
+
+def _equal_edges(scene: Scene) -> Iterator[Mark]:
+    """Mark two edges in a row in which an eye did the same."""
+    for eye in Eye:
+        for one, other in pairwise(scene.edges_of(eye)):
+            if one.blocked == other.blocked:
+                what = 'blocked' if one.blocked else 'cleared'
+                text = f'{_EYES[eye]}: {what} twice; the edge between is missing'
+                yield Mark(text, one.stamp, other.stamp)
+
+
+def _expected_times(scene: Scene) -> dict[str, int]:
+    """Return when the edges of the item should have come, by the speed of the items before."""
+    times, found, speed = scene.times, dict[str, int](), scene.usual_speed
+    if speed > 0:
+        transit = round(NANOSECONDS * scene.load_cell.weigh_length / speed)
+        if 't1' in times:
+            found['t3'] = times['t1'] + transit
+        if 't3' in times:
+            found['t1'] = times['t3'] - transit
+    ends = scene.span('t1', 't2') or scene.span('t3', 't4')
+    entered = times.get('t1', found.get('t1'))
+    if ends is not None and entered is not None:
+        found['t2'] = entered + ends[1] - ends[0]
+    return found
+
+
+def _two_products(scene: Scene) -> list[Mark]:
+    return [*_neighbours(scene)] or [*_over('t2', 't3', _change)(scene)]
+
+
+def _neighbours(scene: Scene) -> Iterator[Mark]:
+    """Mark the time in which the eyes saw another product on the belt."""
+    span = scene.span('t1', 't3')
+    if span is None:
+        return
+    begin, end = span
+    for edge in scene.edges_of(Eye.INFEED):
+        if edge.blocked and begin < edge.stamp < end:
+            yield Mark('the next product is on the belt as well', edge.stamp, end)
+    left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if begin < edge.stamp < end]
+    if left:
+        yield Mark('the product before is still on the belt', begin, left[-1])
+
+
+def _change(scene: Scene, begin: int, end: int) -> str:
+    load = scene.between(begin, end)
+    if len(load) < 4:
+        return ''
+    change = float(np.mean(load[-(len(load) // 4) :]) - np.mean(load[: len(load) // 2]))
+    return (
+        f'the load changes by {GRAMS * change:+.1f} g: something came onto the belt or left '
+        'it that the eyes did not show'
+    )
+
+
+def _chatter(scene: Scene) -> Iterator[Mark]:
+    for eye in Eye:
+        edges = scene.edges_of(eye)
+        stamps = np.array([edge.stamp for edge in edges], np.int64)
+        if len(stamps) < 3:
+            continue
+        lengths = np.diff(stamps)
+        blocked = lengths[[edge.blocked for edge in edges[:-1]]]
+        longest = blocked.max() if len(blocked) else lengths.max()
+        for begin, end in runs(lengths < _FLICKER * longest):
+            span = 1e-6 * (stamps[end] - stamps[begin])
+            text = f'{_EYES[eye]}: switches {end - begin + 1} times in {span:.1f} ms'
+            yield Mark(text, int(stamps[begin]), int(stamps[end]))
+
+
+def _speed(scene: Scene, begin: int, end: int) -> str:
+    if end <= begin:
+        return ''
+    speed = scene.load_cell.weigh_length / seconds(end - begin)
+    text = f'from eye to eye in {1e-6 * (end - begin):.0f} ms: {60 * speed:.1f} m/min'
+    if math.isfinite(scene.usual_speed) and scene.usual_speed != speed:
+        text += f'; the item before: {60 * scene.usual_speed:.1f} m/min'
+    return text
+
+
+def _length(scene: Scene, begin: int, end: int) -> str:
+    text = f'the infeed eye is blocked for {1e-6 * (end - begin):.0f} ms'
+    belt, out = scene.load_cell.weigh_length, scene.times.get('t3', begin)
+    if out > begin:
+        length = belt * (end - begin) / (out - begin)
+        text += f': {1e3 * length:.0f} mm on a belt of {1e3 * belt:.0f} mm'
+    return text
+
+
+def _short_window(scene: Scene, begin: int, end: int) -> str:
+    return f'fully on the belt for {counted(len(scene.between(begin, end)), "sample")}'
+
+
+def _lost_samples(scene: Scene) -> Iterator[Mark]:
+    time, period = scene.stretch.time, NANOSECONDS / scene.load_cell.sample_rate
+    for place in np.flatnonzero(np.diff(time) > _GAP * period):
+        begin, end = int(time[place]), int(time[place + 1])
+        count = round((end - begin) / period) - 1
+        yield Mark(f'{counted(count, "sample")} lost in {1e-6 * (end - begin):.1f} ms', begin, end)
+
+
+def _saturation(scene: Scene) -> Iterator[Mark]:
+    time, counts, cell = scene.stretch.time, scene.stretch.counts, scene.load_cell
+    ends = {'lowest': counts <= cell.min_counts, 'highest': counts >= cell.max_counts}
+    for name, outside in ends.items():
+        for begin, end in runs(outside):
+            text = f'{counted(end - begin, "sample")} at the {name} value of the converter'
+            yield Mark(text, int(time[begin]), int(time[end - 1]))
+
+
+def _sample(place: int, text: str) -> Finder:
+    """Return a finder that marks one sample of the signal."""
+
+    def find(scene: Scene) -> list[Mark]:
+        stamp = int(scene.stretch.time[place])
+        return [Mark(text, stamp, stamp)]
+
+    return find
+
+
+def _load(text: str) -> Finder:
+    """Return a finder that marks the time of rest with the mean load in a text."""
+
+    def describe(scene: Scene, begin: int, end: int) -> str:
+        load, capacity = GRAMS * scene.mean(begin, end), GRAMS * scene.load_cell.capacity
+        return '' if math.isnan(load) else text.format(load=load, capacity=capacity)
+
+    return _over('t2', 't3', describe)
+
+
+def _zero(scene: Scene) -> Iterator[Mark]:
+    found = empty_belt(scene)
+    if found is not None:
+        begin, end, reading = found
+        text = f'the empty belt reads {GRAMS * reading:+.1f} g from the zero of calibration'
+        yield Mark(text, begin, end)
+
+
+def _late_edges(scene: Scene) -> Iterator[Mark]:
+    latest = 0
+    for edge in scene.stretch.edges:  # in the order in which they came
+        if edge.stamp < latest:
+            behind = 1e-6 * (latest - edge.stamp)
+            text = f'{_EYES[edge.eye]}: this edge came after one that is {behind:.1f} ms younger'
+            yield Mark(text, edge.stamp, edge.stamp)
+        latest = max(latest, edge.stamp)
+
+
+def _mismatch(scene: Scene) -> Iterator[Mark]:
+    rise, out = scene.span('t1', 't2'), scene.times.get('t3')
+    if rise is None:
+        return
+    seen = RiseLag() if out is None else _rise(scene, *rise, out)
+    if not seen.is_known:
+        yield Mark('the rise does not follow the eyes', *rise)
+        return
+    way = 'later' if seen.lag > 0 else 'earlier'
+    shift = round(NANOSECONDS * seen.lag)
+    text = f'the load rises {1e3 * abs(seen.lag):.1f} ms {way} than the eyes say'
+    yield Mark(text, min(rise[0], rise[0] + shift), max(rise[0], rise[0] + shift))
+
+
+def _rise(scene: Scene, t1: int, t2: int, t3: int) -> RiseLag:
+    time = scene.stretch.time
+    used = (time >= t1 - round(NANOSECONDS * _BEFORE_RISE)) & (time <= t3)
+    since = (time[used] - t1) / NANOSECONDS
+    if len(since) < 2 or since[0] >= 0:
+        return RiseLag()
+    return rise_lag(scene.force[used], since, seconds(t2 - t1), seconds(t3 - t1))
+
+
+def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return begin and end of each run of true values."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]
+
+
+# Other reasons have no place in the signal; their hints say what to check.
+_FINDERS: dict[Reason, Finder] = {
+    Reason.DISTANCE_FAULT: _two_products,
+    Reason.MISSING_EDGE: _missing_edges,
+    Reason.CHATTERING_EYE: _chatter,
+    Reason.PRODUCT_TOO_LONG: _over('t1', 't2', _length),
+    Reason.PRODUCT_TOO_SHORT: _over('t1', 't2', _length),
+    Reason.PRODUCT_ASKEW: _over('t1', 't2', _length),
+    Reason.BELT_SPEED: _over('t1', 't3', _speed),
+    Reason.BELT_SPEED_CHANGED: _over('t1', 't3', _speed),
+    Reason.BELT_STOPPED: _over('t1', 't3', _speed),
+    Reason.SPEED_NOT_TRAINED: _over('t1', 't3', _speed),
+    Reason.WINDOW_TOO_SHORT: _over('t2', 't3', _short_window),
+    Reason.SAMPLES_LOST: _lost_samples,
+    Reason.CLOCK_JUMP: _lost_samples,
+    Reason.SATURATION: _saturation,
+    Reason.STREAM_ENDED: _sample(-1, 'the samples end here'),
+    Reason.SOURCE_RESTARTED: _sample(-1, 'the source began again after this'),
+    Reason.START_UP: _sample(0, 'the samples begin here'),
+    Reason.NO_LOAD: _load('the load is {load:.1f} g: nothing rests on the belt'),
+    Reason.OVERLOAD: _load('the load is {load:.1f} g, the capacity of the cell {capacity:.0f} g'),
+    Reason.NO_CONVERGENCE: _load('no level was found here; the mean is {load:.1f} g'),
+    Reason.ZERO_OUT_OF_RANGE: _zero,
+    Reason.LATE_EDGE: _late_edges,
+    Reason.EDGE_MISMATCH: _mismatch,
+}

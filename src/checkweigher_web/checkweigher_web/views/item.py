@@ -1,0 +1,99 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The latest item: mass and verdict, or why nothing is weighed any more."""
+
+from collections.abc import Sequence
+import math
+
+from nicegui import ui
+
+from checkweigher_core.records import GRAMS
+from checkweigher_core.ros.ports import STAGES
+from checkweigher_core.ros.status_board import Row
+from checkweigher_web.lane import Item
+from checkweigher_web.views.view import FAST, View
+from checkweigher_web.words import decided, grams, when, why
+
+_WEIGHS = ('driver', *STAGES)
+# Reasons of a standstill by the state of the driver.
+_ENDED = {
+    'inactive': 'weighing is stopped',
+    'finished': 'weighing has ended, for the source has',
+    'failed': 'weighing has ended, for the source has failed',
+}
+
+
+class ItemView(View):
+    """Mass and verdict of the latest item, in letters that are read from two metres.
+
+    They are grey while the lane does not weigh.
+    """
+
+    title = 'Item'
+    columns = 1, 5
+    period = FAST
+    style = """
+.decision { font-size: min(11cqi, 4.5rem); line-height: 1.25; font-weight: 700; color: #fff;
+  padding: 0 1rem; border-radius: 8px; }
+.mass { font-size: min(19cqi, 9rem); line-height: 1.15; font-weight: 700; white-space: nowrap;
+  font-variant-numeric: tabular-nums; letter-spacing: -0.02em; }
+.decision.ACCEPT { background: var(--green); }
+:is(.decision.UNDER, .decision.OVER) { background: var(--amber); }
+.decision.FAULT { background: var(--red); }
+.NONE { background: #595f69; }
+.mass.still { color: var(--muted); }
+.stop:not(:empty) { border: 2px solid var(--red); border-radius: 8px; padding: 0.5rem 0.75rem; }
+"""
+
+    def _build(self) -> None:
+        self._still = ui.label('').classes('level-ERROR').props('role=status')
+        self._decision = ui.label('no item yet').classes('decision NONE')
+        self._mass = ui.label('–').classes('mass')
+        self._about = ui.label('').classes('about')
+        self._why = ui.label('').classes('level-ERROR')
+        self._stop = ui.label('').classes('stop level-ERROR').props('role=alert')
+
+    def _state(self) -> object:
+        return self.lane.version, standstill(self.look.nodes())
+
+    def _show(self) -> None:
+        still, stop, item = standstill(self.look.nodes()), self.lane.stop, self.drawing.latest()
+        self._stop.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
+        self._still.set_text(still)
+        if item is None:
+            return
+        verdict = item.verdict
+        if still:
+            self._still.set_text(f'{still}, last item at {when(verdict)}')
+        self._decision.set_text(decided(verdict))
+        self._decision.classes(replace=f'decision {"NONE" if still else verdict.decision.name}')
+        self._mass.set_text(grams(verdict.mass, ' g', digits=2))
+        self._mass.classes(replace='mass still' if still else 'mass')
+        self._about.set_text(about(item))
+        self._why.set_text(why(verdict))
+
+
+def about(item: Item) -> str:
+    """Return what is known of an item besides its mass."""
+    verdict, known = item.verdict, item.estimate
+    parts = [f'item {verdict.item_id}', *(['gross'] if math.isfinite(verdict.mass) else [])]
+    if math.isfinite(verdict.std_dev):
+        parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
+    if known is not None:
+        if math.isfinite(known.belt_speed):
+            parts.append(f'{60 * known.belt_speed:.1f} m/min')
+        parts.append(known.estimator)
+    if math.isfinite(item.reference):
+        parts.append(f'reference {GRAMS * item.reference:.2f} g')
+    return ', '.join(parts)
+
+
+def standstill(rows: Sequence[Row]) -> str:
+    """Return why a lane does not weigh, by the diagnostics of its nodes; '' while it does."""
+    nodes = [(row.node.rpartition('/')[2], row) for row in rows]
+    silence = max((row.silence for node, row in nodes if node in _WEIGHS), default=0.0)
+    if silence:
+        return f'silent for {silence:.0f} s'
+    source = [row for node, row in nodes if (node, row.aspect) == ('driver', 'Source')]
+    state = dict(source[0].values).get('state', '') if source else ''
+    return _ENDED.get(state, '')

@@ -1,0 +1,108 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The counts of product and batch, and the packers' rules for the batch."""
+
+import math
+
+from checkweigher_core.records import GRAMS, FillerFeedback, Statistics, Verdict
+from checkweigher_dsp.rejection.batch_rules import ROUNDING, BatchTally
+from checkweigher_web.elements import Table
+from checkweigher_web.views.view import View
+from checkweigher_web.words import grams, number
+
+
+class ProductionView(View):
+    """Counts of product and batch, and how the rules for the batch stand."""
+
+    title = 'Production'
+    columns = 1, 3
+
+    def _build(self) -> None:
+        self._counts = Table(('what', 'value'))
+        self._rules = Table(('rule for the batch', 'how it stands'))
+
+    def _show(self) -> None:
+        statistics, item = self.lane.statistics, self.drawing.latest()
+        self._counts.show(production(statistics, self.lane.filler))
+        self._rules.show(batch_rules(statistics, None if item is None else item.verdict))
+
+
+def production(
+    statistics: Statistics | None, filler: FillerFeedback | None
+) -> list[tuple[str, str]]:
+    """Return the counts of product and batch by name, and the correction of the filler."""
+    if statistics is None:
+        return [('', 'no statistics: the node product does not run')]
+    known = statistics
+    counts = {
+        'product': known.product or 'none',
+        'batch': known.batch or 'none',
+        'items': known.items,
+        'accepted': known.accepted,
+        'under': known.under,
+        'over': known.over,
+        'faults': known.faults,
+        **dict(zip(known.reasons, known.reason_counts, strict=True)),
+        'net mean, g': grams(known.mean),
+        'std dev, g': grams(known.std_dev),
+        'giveaway, g': grams(known.giveaway),
+        'below TU1': known.below_tu1,
+        'below TU2': known.below_tu2,
+        'items/min': number(known.throughput, 1),
+    }
+    return [*((name, str(value)) for name, value in counts.items()), *_correction(known, filler)]
+
+
+def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[str, str]]:
+    if filler is None or filler.product != known.product:  # of the product before
+        return []
+    text = f'{GRAMS * filler.correction:+.3f}, at a median of {grams(filler.median)}'
+    return [('filler correction, g', f'{text}; limited' if filler.limited else text)]
+
+
+def batch_rules(statistics: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
+    """Return the packers' rules for the batch on the line, each with its present state.
+
+    `statistics` has the rules of the recipe, the `latest` verdict the counts of the rules.
+    """
+    known = statistics
+    if known is None or not math.isfinite(known.nominal):
+        return []
+    tally = BatchTally() if latest is None else BatchTally.of(latest)
+    if tally.key != (known.product, known.batch):  # nothing has passed yet
+        tally = BatchTally(known.product, known.batch)
+    none_below = f'{_kept(not known.below_tu2)}{known.below_tu2} accepted'
+    return [
+        ('net mean at least nominal', _mean_rule(known, tally)),
+        (f'share below TU1, {grams(known.tu1)} g net', _tu1_rule(known, tally)),
+        (f'none below TU2, {grams(known.tu2)} g net', none_below),
+    ]
+
+
+def _mean_rule(known: Statistics, tally: BatchTally) -> str:
+    if not known.mean_value:
+        return f'not asked by the recipe; the mean is {grams(known.mean)} g'
+    if not tally.accepted:
+        return 'nothing accepted yet'
+    mean = known.nominal + tally.surplus / tally.accepted
+    kept = _kept(mean >= known.nominal * (1 - ROUNDING))
+    return f'{kept}{grams(mean)} g of {grams(known.nominal)} g; an item may lack ' + grams(
+        max(tally.surplus, 0.0), ' g'
+    )
+
+
+def _tu1_rule(known: Statistics, tally: BatchTally) -> str:
+    quota = known.tu1_quota
+    if not math.isfinite(quota):
+        part = number(100 * known.share_below_tu1, 2, ' %')
+        return f'not asked by the recipe; {known.below_tu1} accepted, {part}'
+    share = tally.below_tu1 / tally.accepted if tally.accepted else 0.0
+    what = 'is accepted' if tally.has_room(quota) else 'is rejected, TU1Quota'
+    return (
+        f'{_kept(share <= quota * (1 + ROUNDING))}{tally.below_tu1} of {tally.accepted} accepted, '
+        f'{100 * share:.2f} % of at most {100 * quota:g} %; the next one {what}'
+    )
+
+
+def _kept(kept: bool) -> str:
+    return '✓ ' if kept else '✗ '

@@ -1,0 +1,30 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The table of the views."""
+
+from checkweigher_web.views.control_charts import MeansView, SpreadsView
+from checkweigher_web.views.diagnostics import DiagnosticsView
+from checkweigher_web.views.empty_belt import EmptyBeltView
+from checkweigher_web.views.faults import FaultsView
+from checkweigher_web.views.item import ItemView
+from checkweigher_web.views.item_list import ItemListView
+from checkweigher_web.views.masses import MassesView
+from checkweigher_web.views.production import ProductionView
+from checkweigher_web.views.signal import SignalView
+from checkweigher_web.views.view import View
+from checkweigher_web.views.zero import ZeroView
+
+# In the order of the page, each by the class of its panel in CSS.
+VIEWS: dict[str, type[View]] = {
+    'item': ItemView,
+    'signal': SignalView,
+    'list': ItemListView,
+    'diagnostics': DiagnosticsView,
+    'faults': FaultsView,
+    'production': ProductionView,
+    'masses': MassesView,
+    'means': MeansView,
+    'spreads': SpreadsView,
+    'zero': ZeroView,
+    'belt': EmptyBeltView,
+}

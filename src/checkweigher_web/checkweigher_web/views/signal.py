@@ -1,0 +1,217 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The signal of an item: its window, or for a fault the raw signal with what broke."""
+
+from collections.abc import Sequence
+import math
+
+from nicegui import json, ui
+import numpy as np
+
+from checkweigher_core.records import GRAMS, Eye, LoadCell, WeighWindow
+from checkweigher_web import charts
+from checkweigher_web.charts import ALARM, DENOISED, LEVEL, RAW, REFERENCE, Options
+from checkweigher_web.drawing import Drawing, row_key
+from checkweigher_web.elements import Figure, show_lines
+from checkweigher_web.lane import Item
+from checkweigher_web.views.fault_marks import EDGES, Mark, Scene, expected_rise, fault_marks
+from checkweigher_web.views.view import FAST, View
+from checkweigher_web.words import said, when, why
+
+_EYES = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour, and row in the figure
+_LEAD = 0.5  # part of the figure before t1, as a fraction of t3 - t1
+
+Edge = tuple[float, bool, bool]  # time in ms, whether the eye was blocked, whether it was seen
+Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both ends were seen
+
+
+class SignalView(View):
+    """The signal of the latest item, or of the one that the viewer has chosen."""
+
+    title = 'Signal'
+    columns = 1, 7
+    period = FAST
+    style = """
+ol.marks { margin: 0; padding-left: 1.5rem; color: var(--red); font-weight: 600; }
+ol.marks:empty { display: none; }
+"""
+
+    def _build(self) -> None:
+        self._item: Item | None = None
+        self._marked: tuple[str, ...] = ()
+        self._about = ui.label('').classes('about')
+        self._figure = Figure('signal of the item')
+        self._why = ui.label('').classes('level-ERROR')
+        self._marks = ui.element('ol').classes('marks')
+        with ui.element('div').classes('in-a-row'):
+            # In a recorded shift the latest item is the one at which its slider stands.
+            text = 'show this item' if self.look.board is None else 'show the latest item'
+            self._latest = ui.button(text, on_click=lambda: self.look.choose(''))
+            self._latest.props('outline no-caps dense padding="xs sm"')
+            if self.look.keep is not None:
+                keep = ui.button('keep this item', on_click=self._keep)
+                keep.props('outline no-caps dense padding="xs sm"')
+
+    def _show(self) -> None:
+        chosen = self.look.chosen
+        self._latest.set_visibility(bool(chosen))
+        listed = self.drawing.items(only_faults=self.look.only_faults)
+        item = next((each for each in listed if chosen in ('', row_key(each.key))), None)
+        if item is None:
+            return
+        self._item = item
+        verdict, (figure, marks) = item.verdict, drawn(self.drawing, item)
+        self._about.set_text(f'item {verdict.item_id} at {when(verdict)}: {said(verdict)}')
+        self._why.set_text(why(verdict))
+        self._figure.show(figure)
+        if marks != self._marked:
+            self._marked = marks
+            show_lines(self._marks, marks)
+
+    async def _keep(self) -> None:
+        if self.look.keep is not None and self._item is not None:
+            await self.look.keep(self._item)
+
+
+def drawn(drawing: Drawing, item: Item) -> tuple[str, tuple[str, ...]]:
+    """Return the figure of an item as JSON, and what broke; both grow with the samples."""
+    made = drawing.once('signals', drawing.lane.version, dict)
+    if item.key not in made:
+        known, cell = drawing.lane.with_signals(item), drawing.lane.load_cell
+        figure, marks = signal_chart(known, cell)
+        made[item.key] = json.dumps(figure), tuple(mark.text for mark in marks)
+    return made[item.key]
+
+
+def signal_chart(item: Item, load_cell: LoadCell | None) -> tuple[Options, list[Mark]]:
+    """Return the signal of an item: its window, or the raw signal around a fault with its marks."""
+    if item.stretch is not None and load_cell is not None:
+        scene = Scene(item, item.stretch, load_cell)
+        marks = fault_marks(scene)
+        return _scene_chart(scene, marks), marks
+    if item.window is not None and len(item.window.counts):
+        return _window_chart(item, item.window), []
+    return charts.nothing('no signal: it came before this page was open'), []
+
+
+def _window_chart(item: Item, window: WeighWindow) -> Options:
+    origin = window.t1 or window.stamp
+    time = (window.stamp - origin) / 1e6 + 1e3 / window.sample_rate * np.arange(len(window.counts))
+    series = [charts.line('raw', time, GRAMS * window.force, RAW, width=1)]
+    if len(window.denoised):
+        series.append(charts.line('denoised', time, GRAMS * window.denoised, DENOISED, width=2))
+    ends = time[[window.window_begin, max(window.window_end - 1, 0)]]
+    mass, margin = GRAMS * item.verdict.mass, 2 * GRAMS * item.verdict.std_dev
+    if math.isfinite(mass):
+        level = charts.line('mass', ends, np.full(2, mass), LEVEL, width=3)
+        corners = zip((mass - margin, mass + margin), ends, strict=True)
+        band = [{'yAxis': y, 'xAxis': x} for y, x in corners]
+        shade = {'color': LEVEL, 'opacity': 0.15}
+        level['markArea'] = {'silent': True, 'data': [band], 'itemStyle': shade}
+        series.append(level)
+    if math.isfinite(item.reference):
+        known = np.full(2, GRAMS * item.reference)
+        whole = time[[0, -1]]
+        series.append(charts.line('reference', whole, known, REFERENCE, width=1, dash='dashed'))
+    marks = {'t1': window.t1, 't2': window.t2, 't3': window.t3, 't4': item.t4}
+    places = {name: (stamp - origin) / 1e6 for name, stamp in marks.items() if stamp is not None}
+    series[0]['markLine'] = charts.mark_lines(places)
+    figure = charts.figure(series, 'ms after t1', 'g')
+    transit = places.get('t3', ends[1])
+    figure['xAxis'] |= {'min': max(time[0], -_LEAD * transit), 'max': max(places.values())}
+    return figure
+
+
+def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
+    """Return the raw signal around an item with what broke, above the states of the eyes."""
+    first, origin = next(
+        iter(scene.times.items()), ('the first sample', int(scene.stretch.time[0]))
+    )
+    time = (scene.stretch.time - origin) / 1e6
+    raw = charts.line('raw', time, GRAMS * scene.force, RAW, width=1)
+    _number(raw, marks, origin)
+    series = [raw]
+    expected = expected_rise(scene)
+    if expected is not None:
+        x, y = (expected[0] - origin) / 1e6, GRAMS * expected[1]
+        series.append(charts.line('load by the eyes', x, y, REFERENCE, width=2, dash='dashed'))
+    missing = {mark.edge: (mark.begin - origin) / 1e6 for mark in marks if mark.edge}
+    places = [float(time[0]), float(time[-1]), *missing.values()]
+    shown = min(places), max(places)
+    figure = charts.figure(series, '', 'g')
+    figure['legend']['data'] = [each['name'] for each in series]
+    _add_rows_of_eyes(figure, shown, f'ms after {first}')
+    for eye in _EYES:
+        seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
+        lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
+        edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
+        # An eye whose first edge clears was blocked before, unless its blocking edge is unknown.
+        begun = 't1' if eye == Eye.INFEED else 't3'
+        was_seen = begun in scene.times or begun in missing
+        bars = _bars(sorted(edges), _EYES[eye][1], shown, was_seen=was_seen)
+        figure['series'] += _row_of_eye(eye, bars, list(lost.values()))
+    return figure
+
+
+def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
+    """Mark on the raw signal what broke, by numbers from 1: spans as areas, moments as lines."""
+    numbered = [
+        (str(number), (mark.begin - origin) / 1e6, (mark.end - origin) / 1e6)
+        for number, mark in enumerate(marks, 1)
+    ]
+    raw['markArea'] = charts.red_areas(mark for mark in numbered if mark[1] < mark[2])
+    lines = charts.mark_lines({name: begin for name, begin, end in numbered if begin == end})
+    lines['lineStyle'] = {'color': ALARM, 'width': 2, 'type': 'solid'}
+    lines['label'] |= {'color': ALARM, 'fontWeight': 'bold', 'fontSize': 14}
+    raw['markLine'] = lines
+
+
+def _add_rows_of_eyes(figure: Options, shown: tuple[float, float], name: str) -> None:
+    """Add a row for each eye below a figure, on the same axis of time."""
+    upper = figure['xAxis'] | {'min': shown[0], 'max': shown[1]}
+    lower = upper | {'gridIndex': 1, 'name': name}
+    eyes = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1}
+    sides = {'left': 80, 'right': 30}
+    figure['grid'] = [
+        sides | {'top': 40, 'bottom': 110},
+        sides | {'height': 50, 'bottom': 45},
+    ]
+    figure['xAxis'] = [upper | {'axisLabel': {'show': False}}, lower]
+    figure['yAxis'] = [figure['yAxis'], eyes | {'axisTick': {'show': False}}]
+
+
+def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_seen: bool) -> Bars:
+    """Return a bar for each time in which an eye was blocked, at a place on the y axis.
+
+    The edges are in order of time, with those that the eye missed; `shown` is the range of the
+    figure in ms. `was_seen` is for an eye that is blocked from the beginning.
+    """
+    bars: Bars = {True: [], False: []}
+    since = (shown[0], was_seen) if edges and not edges[0][1] else None
+    for at, blocks, is_seen in edges:
+        if blocks:
+            since = since or (at, is_seen)
+        elif since is not None:
+            bars[since[1] and is_seen] += [[since[0], row], [at, row], [None, None]]
+            since = None
+    if since is not None:
+        bars[since[1]] += [[since[0], row], [shown[1], row]]
+    return bars
+
+
+def _row_of_eye(eye: Eye, bars: Bars, lost: Sequence[float]) -> list[Options]:
+    """Return the row of an eye: bars, dashed if an end was not seen, and missed edges."""
+    color, row = _EYES[eye]
+    own = {'xAxisIndex': 1, 'yAxisIndex': 1, 'silent': True}
+    bar = own | {'type': 'line', 'showSymbol': False, 'color': color, 'connectNulls': False}
+    solid = {'width': 12, 'cap': 'butt'}
+    name = f'{eye.name.lower()} eye blocked'
+    series = [bar | {'name': name, 'data': bars[True], 'lineStyle': solid}]
+    if bars[False]:
+        dashed = {'lineStyle': solid | {'type': [6, 4], 'opacity': 0.6}}
+        series.append(bar | dashed | {'name': f'{name}, as expected', 'data': bars[False]})
+    if lost:
+        at = np.array(lost)
+        missing = charts.symbols('missing edge', at, np.full_like(at, row), 'diamond', 16)
+        series.append(missing | own)
+    return series
