@@ -15,16 +15,16 @@ from running import run_command
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
-# The same examples whichever tests are run, and no failure because a machine is slow.
-settings.register_profile(
-    'checkweigher',
-    derandomize=True,
-    deadline=None,
-    database=None,
-    max_examples=50,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-settings.load_profile('checkweigher')
+# `make test` tries the same examples whichever tests run; no test fails because a machine is slow.
+_COMMON = {'deadline': None, 'max_examples': 50, 'suppress_health_check': [HealthCheck.too_slow]}
+settings.register_profile('test', derandomize=True, database=None, **_COMMON)
+# `make soak` draws anew, and tries first what failed before: .hypothesis keeps it.
+settings.register_profile('soak', derandomize=False, print_blob=True, **_COMMON)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose the examples of hypothesis."""
+    settings.load_profile('soak' if config.getoption('markexpr') == 'soak' else 'test')
 
 
 @pytest.fixture(autouse=True)
