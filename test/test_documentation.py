@@ -76,7 +76,7 @@ def test_the_parameter_file_says_the_defaults():
             assert not (isinstance(value, float) and math.isnan(value))
 
 
-@pytest.mark.parametrize('command', [name for name, *_ in COMMANDS])
+@pytest.mark.parametrize('command', COMMANDS)
 def test_the_docs_show_every_command(command: str):
     text = ''.join(page.read_text() for page in (*PAGES, ROOT / 'bags/README.md'))
     assert re.search(rf'checkweigher {command}\b|`{command}`', text), command

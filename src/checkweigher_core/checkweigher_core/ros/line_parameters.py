@@ -11,9 +11,8 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
-from checkweigher_core.ros.graph.place import PARTICIPANT, is_held
+from checkweigher_core.ros.graph.place import PARTICIPANT, full_name, is_held
 from checkweigher_core.ros.node_parameters import ros_parameters
-from checkweigher_dsp.nodes.strangers import full_name
 
 Values = dict[str, object]
 

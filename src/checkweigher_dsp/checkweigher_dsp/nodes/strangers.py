@@ -3,13 +3,13 @@
 """Nodes that publish a topic of the line beside the node of the line that makes it."""
 
 from collections.abc import Iterable
-from typing import Any
 
 from rclpy.node import Node
 
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
+from checkweigher_core.ros.graph.place import full_name
 
 _WATCHED = tuple(port for port in ports.ALL if port.maker in ports.NODES)
 _UNNAMED = '_NODE_NAME_UNKNOWN_'  # of an endpoint that DDS has found before its node
@@ -60,8 +60,3 @@ class StrangerWatch:
         return conclude(
             'Publishers', 'each topic of the line has one maker', concerns if self.found else ()
         )
-
-
-def full_name(endpoint: Any) -> str:
-    """Return the full name of the node of an endpoint."""
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'

@@ -70,7 +70,9 @@ def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int
     from checkweigher_bringup.settings import line_parameters
 
     if given.report is not None and not given.report.is_file():
-        raise UserError(f'--report {given.report}: there is no file; evaluate --html writes it')
+        raise UserError(
+            f'--report {given.report}: there is no such file; evaluate --html writes it'
+        )
     parameters = line_parameters(given.params, given.estimator, lane)
     recording = read_with_warning(given.bag, lane)
     from checkweigher_web.server import serve_shift
