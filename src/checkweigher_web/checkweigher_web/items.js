@@ -17,7 +17,7 @@ export default {
         </tr>
       </tbody>
     </table>`,
-  props: { heads: Array, rows: String, chosen: String },
+  props: { heads: Array, rows: { type: String, default: "[]" }, chosen: String },
   emits: ["choose"],
   computed: {
     list() {

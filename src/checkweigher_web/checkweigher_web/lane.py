@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The latest items of a lane with their signals, and the latest messages of its nodes."""
 
-from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 import math
 import threading
@@ -17,7 +16,6 @@ from checkweigher_core.recording import Event, Recording
 from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
-    Eye,
     EyeEdge,
     FillerFeedback,
     LoadCell,
@@ -31,6 +29,7 @@ from checkweigher_core.records import (
 )
 from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.mass_series import MassSeries
+from checkweigher_web.raw_signal import RawSignal, Stretch
 
 MAX_ITEMS = 500
 _MAX_WINDOWS = 50
@@ -41,15 +40,6 @@ _AROUND = 3 * NANOSECONDS // 10  # ns before the first and after the last edge o
 
 # t1 and t3 of an item. Its number is no key, because numbers start at 1 when a node is restarted.
 Key = tuple[int | None, int | None]
-
-
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """Raw samples with the edges among them; `time` (n,) in ns, `counts` (n,)."""
-
-    time: NDArray[np.int64]
-    counts: NDArray[np.int32]
-    edges: tuple[EyeEdge, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +58,14 @@ class Item:
     def key(self) -> Key:
         """Key of the item, which is unique."""
         return _key(self.verdict)
+
+    @property
+    def times(self) -> dict[str, int]:
+        """t1 to t4 in ns, as far as they are known."""
+        t1, t3 = self.key
+        t2 = None if self.estimate is None else self.estimate.t2
+        times = {'t1': t1, 't2': t2, 't3': t3, 't4': self.t4}
+        return {name: stamp for name, stamp in times.items() if stamp is not None}
 
 
 class Lane:
@@ -154,56 +152,50 @@ class Lane:
         with self._lock:
             return [tuple(self._latest[kind]) for kind in kinds]
 
-    def _samples(self) -> tuple[LoadCell | None, list[SampleBlock], list[EyeEdge]]:
-        """Return the load cell, and the blocks and edges that are held."""
+    def _signal(self) -> RawSignal | None:
+        """Return the samples and edges that are held; None without samples."""
         with self._lock:
-            return self.load_cell, list(self._blocks), list(self._latest[EyeEdge])
+            cell, blocks, edges = self.load_cell, list(self._blocks), list(self._latest[EyeEdge])
+        if cell is None or not blocks:
+            return None
+        return RawSignal(cell, blocks, edges)
 
     def with_signals(self, item: Item) -> Item:
         """Return an item with its window, or a fault with the samples around it."""
         (windows,) = self._of(WeighWindow)
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
-        return with_window(item, window, self.load_cell, self.stretch)
-
-    def stretch(self, begin: int, end: int) -> Stretch | None:
-        """Return the raw signal from `begin` to `end` in ns, or None if there is no sample."""
-        load_cell, blocks, edges = self._samples()
-        if load_cell is None:
-            return None
-        stamps = [block.stamp for block in blocks]
-        among = slice(max(bisect_right(stamps, begin) - 1, 0), bisect_right(stamps, end))
-        return stretch_of(load_cell, blocks[among], edges, begin, end)
+        return with_window(item, window, self._signal())
 
     def empty_belt(self) -> NDArray[np.float64]:
         """Return the longest part of the signal without an item: (n,) in kg."""
-        load_cell, blocks, edges = self._samples()
-        if load_cell is None or not blocks:
+        signal = self._signal()
+        if signal is None:
             return np.zeros(0)
-        since = blocks[-1].stamp - SHOWN * NANOSECONDS
-        return emptiest(load_cell, [each for each in blocks if each.stamp >= since], edges)
+        end = signal.blocks[-1].stamp
+        return signal.empty_belt(end - round(SHOWN * NANOSECONDS), end)
 
     def load(self) -> float:
         """Return the present load on the belt in kg; NaN without samples."""
-        load_cell, blocks, _ = self._samples()
-        if load_cell is None or not blocks:
+        signal = self._signal()
+        if signal is None:
             return math.nan
-        begin = blocks[-1].stamp - _MOMENT
-        counts = np.concatenate([block.counts for block in blocks if block.stamp >= begin])
-        return float((counts.mean() - load_cell.zero_counts) / load_cell.counts_per_kg)
+        cell, begin = signal.load_cell, signal.blocks[-1].stamp - _MOMENT
+        counts = np.concatenate([each.counts for each in signal.blocks if each.stamp >= begin])
+        return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
         """Return the samples and edges that are held, from the first time with both; or None."""
         (references,) = self._of(Reference)
-        load_cell, blocks, edges = self._samples()
-        if load_cell is None or not blocks:
+        signal = self._signal()
+        if signal is None:
             return None
-        begin = blocks[0].stamp
+        begin, edges = signal.blocks[0].stamp, signal.edges
         if len(edges) == _MAX_EDGES:  # earlier ones were dropped
             begin = max(begin, edges[0].stamp)
-        if blocks[-1].stamp < begin:
+        if signal.blocks[-1].stamp < begin:
             return None
-        events: tuple[Event, ...] = (*blocks, *edges, *references)
-        return Recording.from_events(load_cell, (e for e in events if e.stamp >= begin))
+        events: tuple[Event, ...] = (*signal.blocks, *edges, *references)
+        return Recording.from_events(signal.load_cell, (e for e in events if e.stamp >= begin))
 
 
 def joined(
@@ -222,87 +214,27 @@ def joined(
 def with_window(
     item: Item,
     window: WeighWindow | None,
-    load_cell: LoadCell | None,
-    stretch: Callable[[int, int], Stretch | None],
+    signal: RawSignal | None,
 ) -> Item:
-    """Return an item with its window, and with the samples around it if they show more.
-
-    `stretch` returns the raw signal between two stamps in ns.
-    """
+    """Return an item with its window, and with the samples around it if they show more."""
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
-    if load_cell is None or (weighed and window is not None and len(window.counts)):
+    if signal is None or not item.times or (weighed and window is not None and len(window.counts)):
         return item
-    span = span_of(item, load_cell)
-    return item if span is None else replace(item, stretch=stretch(*span))
+    return replace(item, stretch=signal.stretch(*_span_of(item, signal.load_cell)))
 
 
-def stretch_of(
-    load_cell: LoadCell,
-    blocks: Sequence[SampleBlock],
-    edges: Iterable[EyeEdge],
-    begin: int,
-    end: int,
-) -> Stretch | None:
-    """Return the raw signal from `begin` to `end` in ns, or None if there is no sample."""
-    if not blocks:
-        return None
-    period = NANOSECONDS / load_cell.sample_rate
-    time = np.concatenate(
-        [block.stamp + (np.arange(len(block.counts)) * period).astype(int) for block in blocks]
-    )
-    counts = np.concatenate([block.counts for block in blocks])
-    inside = (begin <= time) & (time <= end)
-    if not inside.any():
-        return None
-    among = tuple(edge for edge in edges if begin <= edge.stamp <= end)
-    return Stretch(time[inside], counts[inside], among)
-
-
-def emptiest(
-    load_cell: LoadCell, blocks: Sequence[SampleBlock], edges: Iterable[EyeEdge]
-) -> NDArray[np.float64]:
-    """Return the longest part of the signal without an item: (n,) in kg, without its mean."""
-    if not blocks:
-        return np.zeros(0)
-    ordered = sorted(edges, key=lambda edge: edge.stamp)
-    gap = longest_gap(ordered, blocks[0].stamp, blocks[-1].stamp)
-    found = stretch_of(load_cell, blocks, (), *gap)
-    if found is None:
-        return np.zeros(0)
-    force = found.counts / load_cell.counts_per_kg
-    return np.asarray(force - force.mean())
-
-
-def span_of(item: Item, load_cell: LoadCell) -> tuple[int, int] | None:
-    """Return begin and end of the signal around an item in ns; None if none of its times is known.
+def _span_of(item: Item, load_cell: LoadCell) -> tuple[int, int]:
+    """Return begin and end of the signal around an item, in ns.
 
     For an item that one eye missed the time at that eye is estimated from the usual speed.
     """
-    known, stamps = item.estimate, [*item.key, item.t4]
-    stamps += [known.t2] if known is not None else []
-    times = [stamp for stamp in stamps if stamp is not None]
-    if not times:
-        return None
+    times, speed = item.times.values(), item.usual_speed
     begin, end = min(times), max(times)
-    speed = item.usual_speed
     if speed > 0 and None in item.key:
         transit = round(NANOSECONDS * load_cell.weigh_length / speed)
         begin, end = min(begin, end - transit), max(end, begin + transit)
     return begin - _AROUND, end + _AROUND
-
-
-def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the longest time without an item on the belt, in ns."""
-    longest, since = (begin, begin), begin
-    for edge in edges:
-        if edge.eye == Eye.INFEED and edge.blocked:
-            if edge.stamp - since > longest[1] - longest[0]:
-                longest = since, edge.stamp
-            since = end  # until it has left
-        elif edge.eye == Eye.OUTFEED and not edge.blocked:
-            since = max(edge.stamp, begin)
-    return (since, end) if end - since > longest[1] - longest[0] else longest
 
 
 def _key(record: Verdict | MassEstimate | WeighWindow) -> Key:

@@ -12,7 +12,7 @@ from nicegui import ui
 from checkweigher_core.health.findings import Level
 from checkweigher_core.printable import counted
 from checkweigher_core.ros.status_board import LaneRow, by_lane
-from checkweigher_web.elements import STYLE, Table, panel
+from checkweigher_web.elements import STYLE, Cell, Table, panel
 from checkweigher_web.lane import Lane
 from checkweigher_web.listening import Watch
 from checkweigher_web.words import number
@@ -33,10 +33,11 @@ _HEADS = (
 
 @dataclass(frozen=True, slots=True)
 class LaneView:
-    """A row of the page of all lanes: namespace of the lane, and texts by `_HEADS`."""
+    """A row of the page of all lanes: namespace and state of the lane, and cells by `_HEADS`."""
 
     name: str
-    texts: tuple[str, ...]
+    level: Level
+    cells: tuple[Cell, ...]
 
 
 class Overview:
@@ -75,10 +76,11 @@ def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]]) -> LaneVi
     known = None if lane is None else lane.statistics
     product, throughput = ('', math.nan) if known is None else (known.product, known.throughput)
     host = ', '.join(sorted(hosts.get(name, ())))
-    about = row.level.name, name or '(no namespace)', host, product, number(throughput, 1)
+    link = name or '(no namespace)', f'/lane/{name}'
     worst = row.worst.replace('; ', ' \u2192 ', 1) or 'all is well'
-    texts = (*about, *map(str, row.counts), worst)
-    return LaneView(name, tuple(text or '\u2013' for text in texts))
+    texts = host, product, number(throughput, 1), *map(str, row.counts), worst
+    shown = (text or '\u2013' for text in texts)
+    return LaneView(name, row.level, (row.level.name, link, *shown))
 
 
 def show_overview(lanes: Overview) -> None:
@@ -86,14 +88,14 @@ def show_overview(lanes: Overview) -> None:
     ui.add_css(STYLE)
     with ui.element('main').classes('lanes'), panel('Lanes'):
         headline = ui.label('').classes('about')
-        table = Table(_HEADS, linked=_HEADS.index('lane'))
+        table = Table(_HEADS)
 
     def update() -> None:
         if lanes.only() is not None:
             ui.navigate.reload()  # one lane is shown by itself
         shown = lanes.views()
         headline.set_text(_headline(shown))
-        table.show((view.texts for view in shown), [f'/lane/{view.name}' for view in shown])
+        table.show(view.cells for view in shown)
 
     ui.timer(_PERIOD, update)  # from at once
 
@@ -114,5 +116,5 @@ def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
 def _headline(shown: Sequence[LaneView]) -> str:
     if not shown:
         return 'no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?'
-    well = sum(view.texts[0] == Level.OK.name for view in shown)
+    well = sum(view.level is Level.OK for view in shown)
     return f'{counted(len(shown), "lane")}, {well} of them well'

@@ -43,8 +43,8 @@ class PlaybackPage:
             self._slider.on('input', lambda event: self._go(event.args - 1), js_handler=emit)
             with ui.element('div').classes('in-a-row'):
                 for text, move in (
-                    ('previous item', partial(self._step, -1)),
-                    ('next item', partial(self._step, 1)),
+                    ('previous item', lambda: self._go(self._playback.place - 1)),
+                    ('next item', lambda: self._go(self._playback.place + 1)),
                     ('previous fault', partial(self._go_to_fault, False)),
                     ('next fault', partial(self._go_to_fault, True)),
                 ):
@@ -68,9 +68,6 @@ class PlaybackPage:
         self._show_place()
         if whole:
             self._timer.deactivate()
-
-    def _step(self, step: int) -> None:
-        self._go(self._playback.place + step)
 
     def _go(self, place: int) -> None:
         self._playback.go(place)

@@ -1,13 +1,20 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// A table of many rows, which come as one text: the texts of each row, column by column.
+// A table whose rows come as one text: the cells of each row, column by column. A cell is a text,
+// or a text and the address that it links to. A row that begins with a level has its colour there.
+const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
+
 export default {
   template: `
     <table class="plain">
       <thead><tr><th v-for="head in heads" scope="col">{{ head }}</th></tr></thead>
       <tbody>
-        <tr v-for="texts in list">
-          <td v-for="(text, place) in texts" :data-head="heads[place]">{{ text }}</td>
+        <tr v-for="cells in list">
+          <td v-for="(cell, place) in cells" :data-head="heads[place]"
+              :class="place === 0 ? colour(cell) : ''">
+            <a v-if="Array.isArray(cell)" class="nicegui-link" :href="cell[1]">{{ cell[0] }}</a>
+            <div v-else-if="cell">{{ cell }}</div>
+          </td>
         </tr>
       </tbody>
     </table>`,
@@ -15,6 +22,11 @@ export default {
   computed: {
     list() {
       return JSON.parse(this.rows);
+    },
+  },
+  methods: {
+    colour(cell) {
+      return LEVELS.includes(cell) ? `level-${cell}` : "";
     },
   },
 };

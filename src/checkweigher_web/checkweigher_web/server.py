@@ -3,8 +3,7 @@
 """The server of the page: one process, by default on the loopback address."""
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 import errno
 from functools import partial
@@ -79,10 +78,11 @@ def serve(
     PageError, CertificateError, SettingsError
         If the site cannot be served.
     """
-    with _listening(site) as (found, listener), ExitStack() as stack:
+    found = site.checked()
+    with _listen(found) as listener, ExitStack() as stack:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown)
-        access, app = _application(found)
+        access, app = _application(found, listener)
         if keep is not None and not access.users.now():
             raise PageError('--keep: needs a user: checkweigher user add NAME --role R')
         spinner = Spinner()
@@ -114,8 +114,9 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
     PageError, CertificateError, SettingsError
         If the site cannot be served.
     """
-    with _listening(site) as (found, listener):
-        access, app = _application(found)
+    found = site.checked()
+    with _listen(found) as listener:
+        access, app = _application(found, listener)
         if report is not None:
             headers = {'Content-Security-Policy': REPORT_POLICY}
             answer = HTMLResponse(report.read_bytes(), headers=headers)
@@ -128,17 +129,6 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
 
         shift.start()
         _run(app, access, listener)
-
-
-@contextmanager
-def _listening(site: Site) -> Iterator[tuple[Site, socket.socket]]:
-    """Listen at a site, and yield it with its port."""
-    site = site.checked()
-    listener = _listen(site)
-    try:
-        yield replace(site, port=listener.getsockname()[1]), listener
-    finally:
-        listener.close()
 
 
 def _listen(site: Site) -> socket.socket:
@@ -198,9 +188,9 @@ def _add_pages(
         show_lane(look)
 
 
-def _application(site: Site) -> tuple[Access, FastAPI]:
-    """Return users and sessions of a site, and the application with its login."""
-    access = Access(site)
+def _application(site: Site, listener: socket.socket) -> tuple[Access, FastAPI]:
+    """Return users and sessions of a site with its port, and the application with its login."""
+    access = Access(replace(site, port=listener.getsockname()[1]))
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_login(app, access, STYLE)
     return access, app

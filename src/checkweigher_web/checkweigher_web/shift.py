@@ -4,7 +4,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from tempfile import TemporaryFile
 import threading
 from typing import Any
@@ -28,27 +28,15 @@ from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.accuracy.results import ResultJoiner
-from checkweigher_web.lane import (
-    MAX_ITEMS,
-    Item,
-    Stretch,
-    emptiest,
-    joined,
-    stretch_of,
-    with_window,
-)
+from checkweigher_web.lane import MAX_ITEMS, Item, joined, with_window
 from checkweigher_web.mass_series import MassSeries
+from checkweigher_web.raw_signal import RawSignal
 
 _BELT = 20 * NANOSECONDS  # time before an item that may show the empty belt, in ns
 _AROUND = NANOSECONDS  # ns around a window, because its samples may lag behind its stamp
 
 
-@dataclass(frozen=True, slots=True)
-class _Cut:
-    """A window without its samples, and their number."""
-
-    window: WeighWindow
-    count: int
+_Cut = tuple[WeighWindow, int]  # a window without its samples, and their number
 
 
 class Shift:
@@ -60,22 +48,24 @@ class Shift:
         Items until now, without signals.
     faults : list of int
         Indices of the faults.
+    signal : RawSignal
+        Samples on disk, and the edges.
     begin, end, weighed : int
         First and last stamp, and the stamp up to which it is weighed, in ns.
     """
 
     def __init__(self, recording: Recording, parameters: LineParameters) -> None:
-        self.recording = replace(recording, blocks=_on_disk(recording.blocks))
+        blocks = _on_disk(recording.blocks)
+        self.recording = replace(recording, blocks=blocks)
+        self.signal = RawSignal(recording.load_cell, blocks, recording.edges)
         self.parameters = parameters
         self.items: list[Item] = []
         self.faults: list[int] = []
         self.begin = self.weighed = recording.blocks[0].stamp
         self.is_whole = False
-        self._stamps = [edge.stamp for edge in recording.edges]
-        self._blocks = BlockColumns.of(self.recording.blocks)
         self._cuts: list[_Cut | None] = []
         self._denoiser = Denoiser(parameters.denoise)
-        self.end = int(self._blocks.stamps[-1])
+        self.end = int(blocks.stamps[-1])
 
     def index(self) -> None:
         """Weigh the recording; views show the items until now."""
@@ -91,7 +81,7 @@ class Shift:
         for weighing in line.weigh_all(self._followed()):
             window, cut = weighing.window, None
             if window is not None and len(window.counts):
-                cut = _Cut(replace(window, counts=np.zeros(0, np.int32)), len(window.counts))
+                cut = replace(window, counts=np.zeros(0, np.int32)), len(window.counts)
             self._cuts.append(cut)
             yield weighing.verdict, weighing.estimate
 
@@ -112,41 +102,19 @@ class Shift:
     def with_signals(self, place: int) -> Item:
         """Return the item at an index with its window, or a fault with the samples around it."""
         item, cut = self.items[place], self._cuts[place]
-        window = None if cut is None else self._read(cut)
-        return with_window(item, window, self.recording.load_cell, self.stretch)
+        window = None if cut is None else self._read(*cut)
+        return with_window(item, window, self.signal)
 
-    def stretch(self, begin: int, end: int) -> Stretch | None:
-        """Return the raw signal from `begin` to `end` in ns, or None if there is no sample."""
-        blocks = self.blocks_between(begin, end)
-        return stretch_of(self.recording.load_cell, blocks, self.edges(begin, end), begin, end)
-
-    def empty_belt(self, stamp: int) -> NDArray[np.float64]:
-        """Return the longest part of the signal without an item before a stamp: (n,) in kg."""
-        begin = stamp - _BELT
-        blocks = self.blocks_between(begin, stamp)
-        return emptiest(self.recording.load_cell, blocks, self.edges(begin, stamp))
-
-    def edges(self, begin: int, end: int) -> tuple[EyeEdge, ...]:
-        """Return the edges from `begin` to `end` in ns."""
-        edges, stamps = self.recording.edges, self._stamps
-        return edges[bisect_left(stamps, begin) : bisect_right(stamps, end)]
-
-    def blocks_between(self, begin: int, end: int) -> tuple[SampleBlock, ...]:
-        """Return the blocks that cover the samples from `begin` to `end` in ns."""
-        stamps = self._blocks.stamps
-        first = max(int(np.searchsorted(stamps, begin, 'right')) - 1, 0)
-        return self._blocks[first : int(np.searchsorted(stamps, end, 'right'))]
-
-    def _read(self, cut: _Cut) -> WeighWindow | None:
-        window, rate = cut.window, self.recording.load_cell.sample_rate
-        length = round(NANOSECONDS * cut.count / rate)
-        blocks = self.blocks_between(window.stamp - _AROUND, window.stamp + length + _AROUND)
+    def _read(self, window: WeighWindow, count: int) -> WeighWindow | None:
+        """Return a window with its samples, denoised; None if they are not all there."""
+        length = round(NANOSECONDS * count / self.recording.load_cell.sample_rate)
+        blocks = self.signal.between(window.stamp - _AROUND, window.stamp + length + _AROUND)
         if not blocks:
             return None
         index = np.concatenate([b.first_index + np.arange(len(b.counts)) for b in blocks])
         counts = np.concatenate([block.counts for block in blocks])
-        inside = (window.first_index <= index) & (index < window.first_index + cut.count)
-        if np.count_nonzero(inside) != cut.count:
+        inside = (window.first_index <= index) & (index < window.first_index + count)
+        if np.count_nonzero(inside) != count:
             return None
         return self._denoiser.denoise(replace(window, counts=counts[inside]))
 
@@ -214,12 +182,11 @@ class Playback:
 
     def empty_belt(self) -> NDArray[np.float64]:
         """Return the longest part of the signal without an item before this one: (n,) in kg."""
-        items = self.shift.items
-        if not items:
+        latest = next(iter(self.items()), None)
+        stamp = None if latest is None else latest.verdict.t3 or latest.verdict.t1
+        if stamp is None:
             return np.zeros(0)
-        verdict = items[min(self.place, len(items) - 1)].verdict
-        stamp = verdict.t3 or verdict.t1
-        return np.zeros(0) if stamp is None else self.shift.empty_belt(stamp)
+        return self.shift.signal.empty_belt(stamp - _BELT, stamp)
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:

@@ -29,8 +29,11 @@ def why(verdict: Verdict) -> str:
 
 
 def when(verdict: Verdict) -> str:
-    """Return the time at which an item was weighed."""
-    return clock(verdict.t3 or verdict.t1)
+    """Return the local time at which an item was weighed, or a dash if it is not known."""
+    stamp = verdict.t3 or verdict.t1
+    if stamp is None:
+        return '–'
+    return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
 
 
 def grams(mass: float, unit: str = '', digits: int = 3) -> str:
@@ -41,13 +44,6 @@ def grams(mass: float, unit: str = '', digits: int = 3) -> str:
 def number(value: float, digits: int, unit: str = '') -> str:
     """Return a number with its unit, or a dash for NaN."""
     return f'{value:.{digits}f}{unit}' if math.isfinite(value) else '–'
-
-
-def clock(stamp: int | None) -> str:
-    """Return the local time of a stamp."""
-    if stamp is None:
-        return '–'
-    return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
 
 
 def hint(reason: str) -> str:

@@ -13,7 +13,8 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import weigh
-from checkweigher_web.lane import MAX_ITEMS, Lane, longest_gap
+from checkweigher_web.lane import MAX_ITEMS, Lane
+from checkweigher_web.raw_signal import longest_gap
 
 
 @pytest.fixture(scope='module')

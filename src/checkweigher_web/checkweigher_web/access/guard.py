@@ -132,20 +132,26 @@ class Guard:
             if str(error) != _UNANSWERED:
                 raise
 
-    def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:
-        """Return the refusal of a connection, or None."""
+    def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
+        """Return the refusal of a connection by another name or from another site, or None."""
         site, host = self._access.site, connection.headers.get('host', '')
-        origin = connection.headers.get('origin')
-        reads = connection.scope.get('method') in ('GET', 'HEAD')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)
+        origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
         # Browsers tell the origin wherever something may change.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
+        return None
+
+    def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:
+        """Return the refusal of a connection, or None."""
+        reads = connection.scope.get('method') in ('GET', 'HEAD')
+        foreign = self._foreign(connection, reads=reads)
         path = connection.scope['path']
-        if identifier or site.open or path in _PUBLIC or path.startswith(_ASSETS):
-            return None
+        known = identifier or self._access.site.open or path in _PUBLIC or path.startswith(_ASSETS)
+        if foreign is not None or known:
+            return foreign
         if reads and not path.startswith(_SOCKET):
             return RedirectResponse(LOGIN, 303)
         return Response('log in first', 403)

@@ -15,7 +15,7 @@ from rclpy.logging import get_logger
 
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
-from checkweigher_web.access.users import NOBODY, User
+from checkweigher_web.access.users import NOBODY
 
 _LARGEST = 4096  # bytes of a form
 _PAGE = """<!doctype html>
@@ -59,8 +59,11 @@ class _Forms:
         self._log = get_logger('page')
         self._turn = asyncio.Lock()  # a login takes 0.1 s and 64 MiB
         self._form_cookie = f'{access.cookie}-form'
-        secure = access.site.secure
-        self._cookie: dict[str, Any] = {'httponly': True, 'samesite': 'strict', 'secure': secure}
+        self._cookie: dict[str, Any] = {
+            'httponly': True,
+            'samesite': 'strict',
+            'secure': access.site.secure,
+        }
 
     async def show(self) -> Response:
         """Show the form."""
@@ -97,8 +100,8 @@ class _Forms:
             answer = self._form(said, 429)
             answer.headers['Retry-After'] = f'{wait + 1:.0f}'
             return answer
-        user = await asyncio.to_thread(self._user, name, password)
-        if user is None:
+        user = self._access.users.find(name) or NOBODY
+        if not await asyncio.to_thread(user.has_password, password):
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
             return self._form('Name or password are wrong.', 403)
@@ -110,10 +113,6 @@ class _Forms:
         answer.set_cookie(self._access.cookie, session, **self._cookie)
         answer.delete_cookie(self._form_cookie, **self._cookie)
         return answer
-
-    def _user(self, name: str, password: str) -> User | None:
-        user = self._access.users.find(name) or NOBODY
-        return user if user.has_password(password) else None
 
     async def log_out(self, request: Request) -> Response:
         """End the session."""

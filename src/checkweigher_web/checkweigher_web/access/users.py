@@ -114,12 +114,14 @@ def read_users(path: Path) -> dict[str, User]:
 def _read(path: Path) -> UsersFile:
     try:
         if os.stat(path).st_mode & _OF_OTHERS:
-            text = f'{path}: other users of this machine may use it; run: chmod 600 {path}'
-            raise UsersError(text)
+            raise UsersError(
+                f'{path}: other users of this machine may use it; run: chmod 600 {path}'
+            )
         text = path.read_text(encoding='utf-8')
     except FileNotFoundError:
-        text = f'{path}: there is no such file; checkweigher user add NAME --role R makes it'
-        raise UsersError(text) from None
+        raise UsersError(
+            f'{path}: there is no such file; checkweigher user add NAME --role R makes it'
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise UsersError(f'{path}: cannot be read: {error}') from None
     return read_settings(path, UsersFile) if text.startswith('{') else _older(path, text)
@@ -134,8 +136,9 @@ def _older(path: Path, text: str) -> UsersFile:
             try:
                 users[name] = settings_of(User, {'role': role, 'hash': known}, name)
             except SettingsError as error:
-                text = f'{path}: line {number}: {error}; a line is NAME:ROLE:HASH'
-                raise UsersError(text) from None
+                raise UsersError(
+                    f'{path}: line {number}: {error}; a line is NAME:ROLE:HASH'
+                ) from None
     return UsersFile(users=users)
 
 

@@ -63,7 +63,7 @@ class EmptyBeltView(View):
         if self.lane.load_cell is None:
             return
         figure, lines = self.drawing.once('belt', self._state(), self._draw)
-        self._figure.show(figure)
+        self._figure.show_text(figure)
         self._lines.show(
             (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in lines
         )
@@ -116,12 +116,9 @@ def spectrum(
         if amplitudes[k] == amplitudes[k - 1 : k + 2].max()
         and amplitudes[k] > _PROMINENCE * _surrounding(amplitudes, k)
     ]
-    strongest = sorted(peaks, key=lambda k: -amplitudes[k])[:_MAX_LINES]
-    lines = []
-    for k in sorted(strongest):
-        frequency = float(frequencies[k])
-        guess = _guess(frequency, belt_speed, platform)
-        lines.append(Line(frequency, float(amplitudes[k]), guess))
+    strongest = sorted(sorted(peaks, key=lambda k: -amplitudes[k])[:_MAX_LINES])
+    found = zip(frequencies[strongest].tolist(), amplitudes[strongest].tolist(), strict=True)
+    lines = (Line(each, size, _guess(each, belt_speed, platform)) for each, size in found)
     return Spectrum(frequencies, amplitudes, tuple(lines))
 
 

@@ -14,7 +14,8 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
-from checkweigher_web.lane import Item, Stretch
+from checkweigher_web.lane import Item
+from checkweigher_web.raw_signal import Stretch
 
 _BEFORE_RISE = 0.3  # s of empty belt that a rise is compared with
 _GAP = 1.5  # sample periods between two samples, beyond which samples are lost
@@ -61,13 +62,10 @@ class Scene:
         self.load_cell = load_cell
         force = (stretch.counts - load_cell.zero_counts) / load_cell.counts_per_kg
         self.force = np.asarray(force, np.float64)
-        known = item.estimate
-        t2 = None if known is None else known.t2
-        times = {'t1': item.verdict.t1, 't2': t2, 't3': item.verdict.t3, 't4': item.t4}
-        self.times = {name: stamp for name, stamp in times.items() if stamp is not None}
+        self.times = item.times
         self.usual_speed = item.usual_speed
-        if math.isnan(self.usual_speed) and known is not None:
-            self.usual_speed = known.line_speed
+        if math.isnan(self.usual_speed) and item.estimate is not None:
+            self.usual_speed = item.estimate.line_speed
 
     def between(self, begin: int, end: int) -> NDArray[np.float64]:
         """Return the signal from `begin` to `end` in ns: (m,) in kg."""

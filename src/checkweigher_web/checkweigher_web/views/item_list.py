@@ -40,12 +40,12 @@ class ItemListView(View):
 """
 
     def _build(self) -> None:
-        ui.checkbox('faults only', on_change=lambda change: self.look.list_faults(change.value))
+        ui.checkbox('faults only').bind_value_to(self.look, 'only_faults')
         with ui.element('div').classes('items').props('tabindex=0 aria-label="list of items"'):
             self._list = ItemList(_HEADS, self.look.choose)
 
     def _show(self) -> None:
-        self._list.show(rows_of(self.drawing, only_faults=self.look.only_faults))
+        self._list.show_text(rows_of(self.drawing, only_faults=self.look.only_faults))
         self._list.choose(self.look.chosen)
 
 

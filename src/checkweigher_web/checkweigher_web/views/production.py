@@ -27,13 +27,10 @@ class ProductionView(View):
         self._rules.show(batch_rules(statistics, None if item is None else item.verdict))
 
 
-def production(
-    statistics: Statistics | None, filler: FillerFeedback | None
-) -> list[tuple[str, str]]:
+def production(known: Statistics | None, filler: FillerFeedback | None) -> list[tuple[str, str]]:
     """Return the counts of product and batch by name, and the correction of the filler."""
-    if statistics is None:
+    if known is None:
         return [('', 'no statistics: the node product does not run')]
-    known = statistics
     counts = {
         'product': known.product or 'none',
         'batch': known.batch or 'none',
@@ -60,12 +57,11 @@ def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[
     return [('filler correction, g', f'{text}; limited' if filler.limited else text)]
 
 
-def batch_rules(statistics: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
+def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
     """Return the packers' rules for the batch on the line, each with its present state.
 
-    `statistics` has the rules of the recipe, the `latest` verdict the counts of the rules.
+    The `known` statistics have the rules of the recipe, the `latest` verdict has their counts.
     """
-    known = statistics
     if known is None or not math.isfinite(known.nominal):
         return []
     tally = BatchTally() if latest is None else BatchTally.of(latest)

@@ -12,7 +12,7 @@ from checkweigher_core.records import GRAMS, Eye, LoadCell, WeighWindow
 from checkweigher_web import charts
 from checkweigher_web.charts import ALARM, DENOISED, LEVEL, RAW, REFERENCE, Options
 from checkweigher_web.drawing import Drawing, row_key
-from checkweigher_web.elements import Figure, show_lines
+from checkweigher_web.elements import Figure, Lines
 from checkweigher_web.lane import Item
 from checkweigher_web.views.fault_marks import EDGES, Mark, Scene, expected_rise, fault_marks
 from checkweigher_web.views.view import FAST, View
@@ -38,11 +38,10 @@ ol.marks:empty { display: none; }
 
     def _build(self) -> None:
         self._item: Item | None = None
-        self._marked: tuple[str, ...] = ()
         self._about = ui.label('').classes('about')
         self._figure = Figure('signal of the item')
         self._why = ui.label('').classes('level-ERROR')
-        self._marks = ui.element('ol').classes('marks')
+        self._marks = Lines().classes('marks')
         with ui.element('div').classes('in-a-row'):
             # In a recorded shift the latest item is the one at which its slider stands.
             text = 'show this item' if self.look.board is None else 'show the latest item'
@@ -63,10 +62,8 @@ ol.marks:empty { display: none; }
         verdict, (figure, marks) = item.verdict, drawn(self.drawing, item)
         self._about.set_text(f'item {verdict.item_id} at {when(verdict)}: {said(verdict)}')
         self._why.set_text(why(verdict))
-        self._figure.show(figure)
-        if marks != self._marked:
-            self._marked = marks
-            show_lines(self._marks, marks)
+        self._figure.show_text(figure)
+        self._marks.show(marks)
 
     async def _keep(self) -> None:
         if self.look.keep is not None and self._item is not None:

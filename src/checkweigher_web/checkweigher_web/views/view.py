@@ -37,10 +37,6 @@ class Look:
         """Choose an item by its key; '' for the latest one."""
         self.chosen = key
 
-    def list_faults(self, only_faults: bool) -> None:
-        """List the faults alone, or all items."""
-        self.only_faults = only_faults
-
     def nodes(self) -> list[Row]:
         """Return the diagnostics of the nodes of the lane, made once a second for all viewers."""
         return self.drawing.once('nodes', int(time.monotonic()), self._nodes)
@@ -124,4 +120,4 @@ class FigureView(View):
         return self.drawing.of_items()
 
     def _show(self) -> None:
-        self._figure.show(self.figure(self.drawing))
+        self._figure.show_text(self.figure(self.drawing))

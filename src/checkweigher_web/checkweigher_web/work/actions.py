@@ -156,8 +156,9 @@ async def operation(services: LaneServices) -> Operation:
 
 async def operate(services: LaneServices, wanted: Operation) -> str:
     """Set speed, feed and masses of a simulated machine."""
-    values = {_OPERATION + name: value for name, value in asdict(wanted).items()}
-    await _set(services, 'driver', values)
+    await _set(
+        services, 'driver', {_OPERATION + name: value for name, value in asdict(wanted).items()}
+    )
     return f'it does so within two seconds: {wanted}'
 
 
@@ -188,14 +189,17 @@ def _in_grams(text: str) -> str:
 
 async def batch_folder(services: LaneServices) -> Path:
     """Return the folder of the batch records; raise `RefusedError` if there is none."""
-    missing = 'keeps no records: set its parameter batch_folder'
-    return await _path(services, 'batch_folder', missing)
+    return await _path(services, 'batch_folder', 'keeps no records: set its parameter batch_folder')
 
 
 async def audit_log(services: LaneServices) -> Path:
     """Return the audit log of a lane; raise `RefusedError` if it has none."""
-    missing = 'writes no audit log: set its parameter audit_log, or run the line with --folder'
-    return (await _path(services, 'audit_log', missing)).absolute()
+    path = await _path(
+        services,
+        'audit_log',
+        'writes no audit log: set its parameter audit_log, or run the line with --folder',
+    )
+    return path.absolute()
 
 
 async def _path(services: LaneServices, name: str, missing: str) -> Path:

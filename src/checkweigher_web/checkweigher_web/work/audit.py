@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The audit log of a lane: its state, its seals and the latest changes."""
 
-import json
 from pathlib import Path
 
 from nicegui import ui
 
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import Rows
+from checkweigher_web.elements import Table
 from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import HEADS, AuditView
 from checkweigher_web.work.dialogs import Desk, Dialog, field
@@ -37,7 +36,7 @@ class AuditDialog(Dialog):
             self._wanted.props('debounce=300').on_value_change(self.update)
             self._count = ui.label('').classes('about count').props('role=status')
             with ui.element('div').classes('audit').props('tabindex=0 aria-label="entries"'):
-                self._rows = Rows(HEADS)
+                self._rows = Table(HEADS)
         self.button('Read again', self.update)
 
     async def update(self) -> None:
@@ -65,5 +64,4 @@ class AuditDialog(Dialog):
         self._seals.set_text(view.seals)
         self._seals.classes(replace=f'seals {_LEVELS[view.seals_hold]}')
         self._count.set_text(f'{self._log}: {view.count}' if view.count else '')
-        self._rows.set_visibility(bool(view.rows))
-        self._rows.show(json.dumps(view.rows))
+        self._rows.show(view.rows)

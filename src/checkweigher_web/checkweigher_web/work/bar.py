@@ -25,9 +25,13 @@ from checkweigher_web.work.simulated_machine import operate
 from checkweigher_web.work.verification import VerificationGuide
 
 _PERIOD = 1.0  # s
+_ZERO = 'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.'
+_START = 'Weighing starts. The machine may move: see that nobody reaches into it.'
+_STOP = (
+    'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it is '
+    'started and its stop is reset.'
+)
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
-# Label, least role and function of each dialog. A further action is a row here.
-_BUTTONS: tuple[tuple[str, Role, _Begin], ...]
 
 
 def work_bar(desk: Desk) -> None:
@@ -126,27 +130,6 @@ def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
     return begin
 
 
-_zero = _confirmed(
-    'Zero',
-    'zero',
-    actions.zero,
-    'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.',
-)
-_stop = _confirmed(
-    'Stop',
-    'stop weighing',
-    actions.stop,
-    'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it '
-    'is started and its stop is reset.',
-)
-_start = _confirmed(
-    'Start',
-    'start weighing',
-    actions.start,
-    'Weighing starts. The machine may move: see that nobody reaches into it.',
-)
-
-
 async def _reset(desk: Desk, services: LaneServices) -> None:
     stop = desk.lane.stop
     why = 'No stop is requested. ' if stop is None else f'{stop.reason}: {stop.hint}. '
@@ -174,12 +157,13 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
 
 
-_BUTTONS = (
+# Label, least role and function of each dialog. A further action is a row here.
+_BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Product', Role.OPERATOR, _product),
     ('New batch', Role.OPERATOR, _batch),
-    ('Zero', Role.OPERATOR, _zero),
-    ('Start', Role.OPERATOR, _start),
-    ('Stop', Role.OPERATOR, _stop),
+    ('Zero', Role.OPERATOR, _confirmed('Zero', 'zero', actions.zero, _ZERO)),
+    ('Start', Role.OPERATOR, _confirmed('Start', 'start weighing', actions.start, _START)),
+    ('Stop', Role.OPERATOR, _confirmed('Stop', 'stop weighing', actions.stop, _STOP)),
     ('Reset stop', Role.OPERATOR, _reset),
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
-from checkweigher_web.elements import show_lines
+from checkweigher_web.elements import Lines
 from checkweigher_web.words import grams
 from checkweigher_web.work.dialogs import (
     Action,
@@ -41,22 +41,24 @@ class Calibration(Guide):
         with self.body:
             ui.label(_STEPS)
             self._load = ui.label('').classes('load')
-            ui.timer(_PERIOD, self._show_load)
             self._mass = field('Mass', unit='g')
             self._uncertainty = field('Standard uncertainty of the mass', '0', 'g')
-            self._read = ui.element('ol').classes('read').props('aria-label="what was read"')
+            self._read = Lines().classes('read').props('aria-label="what was read"')
             self._largest = field('Largest residual (empty for any)', unit='g')
             self.reason = reason_field(desk)
+            ui.timer(_PERIOD, self._show)
         read_empty = partial(services.message, ports.CALIBRATE_ZERO)
         self.button('Read empty belt', partial(self._take, 'empty belt', read_empty))
         self.button('Read mass', self._read_mass)
         cancel = partial(services.message, ports.CANCEL_CALIBRATION)
-        forget = 'forget what was read for a calibration'
-        self.button('Begin again', partial(self._end, forget, cancel))
+        self.button(
+            'Begin again', partial(self._end, 'forget what was read for a calibration', cancel)
+        )
         self.button('Write calibration', self._write)
-        show_lines(self._read, services.readings)
 
-    def _show_load(self) -> None:
+    def _show(self) -> None:
+        """Show the present load, and what was read."""
+        self._read.show(self.services.readings)
         self._load.set_text(f'On the belt now: {grams(self.desk.lane.load(), " g", 1)}')
 
     async def _read_mass(self) -> None:
@@ -73,7 +75,7 @@ class Calibration(Guide):
             note(self.services.readings, load, text)
             return text
 
-        await self._perform(f'read {load} for a calibration', noted)
+        await self.perform(f'read {load} for a calibration', noted)
 
     async def _write(self) -> None:
         largest = number(self._largest, empty=0.0) / GRAMS
@@ -89,14 +91,8 @@ class Calibration(Guide):
         await self._end('write calibration', write)
 
     async def _end(self, what: str, end: Action) -> None:
-        if await self._perform(what, end):
+        if await self.perform(what, end):
             self.services.readings.clear()
-            show_lines(self._read, ())
-
-    async def _perform(self, what: str, action: Action) -> bool:
-        done = await self.perform(what, action)
-        show_lines(self._read, self.services.readings)
-        return done
 
 
 def note(readings: list[str], load: str, said: str) -> None:

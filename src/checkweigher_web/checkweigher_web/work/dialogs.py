@@ -42,8 +42,7 @@ class Desk:
     @property
     def role(self) -> Role:
         """Present role of the person, whose session may have ended."""
-        session = self._access.session_of(self._client)
-        return Role.VIEWER if session is None else session.user.role
+        return self._access.role_of(self._client) or Role.VIEWER
 
     async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
         """Perform an action if the role of the person allows it; see `LaneServices.act`."""
@@ -125,8 +124,9 @@ class Guide(Dialog):
 
     def service_button(self, text: str, what: str, service: str) -> ui.button:
         """Add a button that calls a service; `what` are the words for the audit log."""
-        call = partial(self.services.message, service)
-        return self.button(text, partial(self.perform, what, call))
+        return self.button(
+            text, partial(self.perform, what, partial(self.services.message, service))
+        )
 
     async def perform(self, what: str, action: Action) -> bool:
         """Perform an action with the reason that was filled in; return whether it was done."""

@@ -62,7 +62,6 @@ class DynamicSettingGuide(Guide):
         self._restarting = self.service_button(
             'Start the line again', 'start the line again', ports.RESTART_LINE
         )
-        self._show([])
         for button in (self._ending, self._taking, self._restarting):
             button.set_visibility(False)
 

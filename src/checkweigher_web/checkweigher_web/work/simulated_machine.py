@@ -23,9 +23,6 @@ async def operate(desk: Desk, services: LaneServices) -> None:
     """Ask what is to be set at the machine."""
     now = await actions.operation(services)
 
-    def feed() -> ui.checkbox:
-        return ui.checkbox('Feed: products come', value=now.feed)
-
     def value(label: str, given: float, unit: str) -> ui.input:
         return field(label, f'{given:g}' if given else '', unit)
 
@@ -38,7 +35,7 @@ async def operate(desk: Desk, services: LaneServices) -> None:
         return f'simulated machine: {wanted}', partial(actions.operate, services, wanted)
 
     fields = (
-        feed,
+        partial(ui.checkbox, 'Feed: products come', value=now.feed),
         partial(value, 'Belt speed (empty: as configured)', 60 * now.speed, 'm/min'),
         partial(value, 'Mass of each product (empty: as configured)', GRAMS * now.mass, 'g'),
         partial(value, 'Mass that stands on the belt', GRAMS * now.load, 'g'),

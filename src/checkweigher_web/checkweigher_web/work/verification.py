@@ -22,7 +22,7 @@ from checkweigher_validation.verification.plan import (
     read_plan,
 )
 from checkweigher_validation.verification.steps import Step, steps_of
-from checkweigher_web.elements import Table, show_lines
+from checkweigher_web.elements import Lines, Table
 from checkweigher_web.work.dialogs import Desk, Guide, field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import LaneServices, Outcome
@@ -67,7 +67,7 @@ class VerificationGuide(Guide):
                 # Apart from the state of the verifier, which may come after a plan is chosen.
                 self._found = ui.label('').classes('found').props('role=status')
             self._state = ui.label('').classes('state').props('role=status')
-            self._lines = ui.element('ul').classes('read lines')
+            self._lines = Lines().classes('read lines')
             self._lines.props('tabindex=0 aria-label="what came in this step, the latest first"')
             with ui.element('div').classes('steps').props('tabindex=0 aria-label="steps"'):
                 self._table = Table(('step', 'what to do, or the result'))
@@ -92,8 +92,7 @@ class VerificationGuide(Guide):
             return
         self._said = said
         self._state.set_text(_state(said))
-        if before is None or before.lines != said.lines:
-            show_lines(self._lines, reversed(said.lines))
+        self._lines.show(reversed(said.lines))
         # A plan that was chosen before the first message of the verifier keeps the table.
         chosen = before is None and said.state is ProgressState.IDLE and self._plan.value
         if said.steps and not chosen:

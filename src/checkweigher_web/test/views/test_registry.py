@@ -44,7 +44,7 @@ def test_a_view_shows_what_there_is_and_what_was_chosen(kind: type[View], name: 
             view.update()
             for item in look.drawing.items()[-1:]:
                 look.choose(row_key(item.key))
-                look.list_faults(True)
+                look.only_faults = True
                 view.update()
 
     if kind.live if look.board is not None else kind.recorded:

@@ -1,0 +1,12 @@
+// Copyright 2026 Checkweigher maintainers
+// SPDX-License-Identifier: Apache-2.0
+// A list of lines of text, which come as one text.
+export default {
+  template: `<ol><li v-for="line in list">{{ line }}</li></ol>`,
+  props: { lines: { type: String, default: "[]" } },
+  computed: {
+    list() {
+      return JSON.parse(this.lines);
+    },
+  },
+};

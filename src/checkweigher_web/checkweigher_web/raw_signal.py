@@ -1,0 +1,75 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Raw samples with the edges among them, as a page holds them for a lane or a recorded shift."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core.recording import BlockColumns
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Raw samples with the edges among them; `time` (n,) in ns, `counts` (n,)."""
+
+    time: NDArray[np.int64]
+    counts: NDArray[np.int32]
+    edges: tuple[EyeEdge, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RawSignal:
+    """The held samples of a load cell in order of time, and the edges as they came."""
+
+    load_cell: LoadCell
+    blocks: Sequence[SampleBlock]
+    edges: Sequence[EyeEdge]
+
+    def between(self, begin: int, end: int) -> tuple[SampleBlock, ...]:
+        """Return the blocks that cover the samples from `begin` to `end` in ns."""
+        stamps = BlockColumns.of(self.blocks).stamps
+        first = max(int(np.searchsorted(stamps, begin, 'right')) - 1, 0)
+        return tuple(self.blocks[first : int(np.searchsorted(stamps, end, 'right'))])
+
+    def stretch(self, begin: int, end: int) -> Stretch | None:
+        """Return the samples and edges from `begin` to `end` in ns, or None without samples."""
+        blocks, period = self.between(begin, end), NANOSECONDS / self.load_cell.sample_rate
+        if not blocks:
+            return None
+        time = np.concatenate(
+            [block.stamp + (np.arange(len(block.counts)) * period).astype(int) for block in blocks]
+        )
+        counts = np.concatenate([block.counts for block in blocks])
+        inside = (begin <= time) & (time <= end)
+        if not inside.any():
+            return None
+        among = tuple(edge for edge in self.edges if begin <= edge.stamp <= end)
+        return Stretch(time[inside], counts[inside], among)
+
+    def empty_belt(self, since: int, until: int) -> NDArray[np.float64]:
+        """Return the longest part without an item between two stamps: (n,) in kg, of mean 0."""
+        blocks = self.between(since, until)
+        edges = sorted((e for e in self.edges if e.stamp <= until), key=lambda edge: edge.stamp)
+        gap = longest_gap(edges, blocks[0].stamp, blocks[-1].stamp) if blocks else (since, until)
+        found = self.stretch(*gap)
+        if found is None:
+            return np.zeros(0)
+        force = found.counts / self.load_cell.counts_per_kg
+        return np.asarray(force - force.mean())
+
+
+def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
+    """Return the longest time without an item on the belt, in ns."""
+    longest, since = (begin, begin), begin
+    for edge in edges:
+        if edge.eye == Eye.INFEED and edge.blocked:
+            if edge.stamp - since > longest[1] - longest[0]:
+                longest = since, edge.stamp
+            since = end  # until it has left
+        elif edge.eye == Eye.OUTFEED and not edge.blocked:
+            since = max(edge.stamp, begin)
+    return (since, end) if end - since > longest[1] - longest[0] else longest
