@@ -39,13 +39,14 @@ def test_a_view_shows_what_there_is_and_what_was_chosen(kind: type[View], name: 
     look = LOOKS[name]()
 
     async def show() -> None:
-        with Client(ui.page('/')):
+        with Client(ui.page('/')) as client:
             view = kind(look)
             view.update()
             for item in look.drawing.items()[-1:]:
                 look.choose(row_key(item.key))
                 look.only_faults = True
                 view.update()
+        client.delete()
 
     if kind.live if look.board is not None else kind.recorded:
         asyncio.run(show())
