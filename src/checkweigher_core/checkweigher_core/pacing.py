@@ -5,7 +5,6 @@
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import islice
-import threading
 
 from checkweigher_core.recording import Event
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
@@ -41,7 +40,7 @@ class FlowControl:
 
     The lag is computed from the counts that the segmenter reports, so that it does not depend on
     the depth of the queues. Samples and edges are counted separately because they have separate
-    topics, one of which may be delayed. The methods may be called from any thread.
+    topics, one of which may be delayed. The caller holds a lock if several threads use it.
     """
 
     max_duration: float = 1.0  # s of signal; below the delay of edges that the segmenter accepts
@@ -50,7 +49,6 @@ class FlowControl:
     max_items: int = 100  # between segmenter and verdict
 
     def __post_init__(self) -> None:
-        self._lock = threading.RLock()
         self.samples_sent = 0
         self.items_judged = 0
         self._edges: deque[int] = deque()  # stamps of the edges on their way
@@ -59,38 +57,34 @@ class FlowControl:
 
     def sent(self, event: Event) -> None:
         """Count an event that is about to be sent."""
-        with self._lock:
-            if isinstance(event, SampleBlock):
-                self.samples_sent += len(event.counts)
-            elif isinstance(event, EyeEdge):
-                self._edges.append(event.stamp)
+        if isinstance(event, SampleBlock):
+            self.samples_sent += len(event.counts)
+        elif isinstance(event, EyeEdge):
+            self._edges.append(event.stamp)
 
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Process the total counts of the segmenter."""
-        with self._lock:
-            if samples < self._samples_taken or edges < self._edges_taken:
-                # The segmenter was restarted and does not get what was sent before.
-                self._samples_missed = self.samples_sent - samples
-                self.items_judged = items
-                self._edges.clear()
-            self._edges = deque(islice(self._edges, max(edges - self._edges_taken, 0), None))
-            self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
+        if samples < self._samples_taken or edges < self._edges_taken:
+            # The segmenter was restarted and does not get what was sent before.
+            self._samples_missed = self.samples_sent - samples
+            self.items_judged = items
+            self._edges.clear()
+        self._edges = deque(islice(self._edges, max(edges - self._edges_taken, 0), None))
+        self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
 
     def judged(self) -> None:
         """Count a verdict."""
-        with self._lock:
-            self.items_judged += 1
+        self.items_judged += 1
 
     def may_send(self, event: Event, sample_rate: float) -> bool:
         """Return whether an event may be sent now."""
-        with self._lock:
-            if isinstance(event, SampleBlock):
-                limit = min(self.max_duration * sample_rate, self.max_blocks * len(event.counts))
-                if self._samples_on_their_way > limit:
-                    return False
-                if self._items_cut - self.items_judged > self.max_items:
-                    return False
-            return not self.awaits_edges(event, sample_rate)
+        if isinstance(event, SampleBlock):
+            limit = min(self.max_duration * sample_rate, self.max_blocks * len(event.counts))
+            if self._samples_on_their_way > limit:
+                return False
+            if self._items_cut - self.items_judged > self.max_items:
+                return False
+        return not self.awaits_edges(event, sample_rate)
 
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
         """Return whether an event must wait until the segmenter has taken earlier edges.
@@ -98,19 +92,17 @@ class FlowControl:
         A block must wait if its samples are so late that the segmenter would ignore the edge. An
         edge must wait while the queue may be full.
         """
-        with self._lock:
-            if isinstance(event, SampleBlock):
-                end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
-                return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self.max_duration
-            return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
+        if isinstance(event, SampleBlock):
+            end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
+            return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self.max_duration
+        return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
         """Count edges as lost if all samples have been taken; return the number of edges."""
-        with self._lock:
-            lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
-            if lost:
-                self._edges.clear()
-            return lost
+        lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
+        if lost:
+            self._edges.clear()
+        return lost
 
     @property
     def _samples_on_their_way(self) -> int:

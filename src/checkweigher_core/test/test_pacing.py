@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Due times and the lead of the driver, against numbers by hand."""
 
-import sys
-import threading
-
 import numpy as np
 import pytest
 
@@ -195,33 +192,3 @@ def test_a_new_segmenter_may_be_heard_late():
     assert _may_send(flow)
     _send(flow, 10)
     assert not _may_send(flow)
-
-
-def test_one_thread_may_send_while_another_takes():
-    # Each turn the sender asks for as often as it can, so that an answer falls in between.
-    flow = FlowControl()
-    count, failures = 3000, []
-
-    def send():
-        try:
-            for number in range(count):
-                while not flow.may_send(_block(number * SECOND, 100), RATE):
-                    pass
-                flow.sent(_edge(number))
-                flow.sent(_block(number * SECOND, 100))
-        except Exception as error:
-            failures.append(error)
-
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        sender = threading.Thread(target=send)
-        sender.start()
-        while sender.is_alive():
-            samples = flow.samples_sent
-            flow.taken(samples, samples // 100, 0)
-        sender.join()
-    finally:
-        sys.setswitchinterval(interval)
-    assert failures == []
-    assert flow.samples_sent == 100 * count

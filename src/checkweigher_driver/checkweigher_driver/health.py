@@ -13,8 +13,8 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 class DriverWatch:
     """State of the source `name` and of its stream, for the diagnostics.
 
-    Times are in s on a clock that never steps back. All methods except `findings` may be called
-    from the thread that reads the source.
+    Times are in s on a clock that never steps back. The thread that reads the source has the lock
+    of the process while it calls a method.
     """
 
     def __init__(self, name: str) -> None:

@@ -8,7 +8,7 @@ import math
 from checkweigher_core.health.findings import MINUTE, Finding, RecentValues, conclude, warn_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
-MAX_INBOX = 20_000  # blocks or edges in a queue
+_MAX_BLOCKS = 20_000  # from which rate and pace are computed
 RATE_SPAN = 10.0  # s, for which rates are computed
 SHORTEST_SPAN = 2.0  # s, below which a rate is not known
 _REPLAY = 0.1  # relative difference of pace, above which the stamps are those of a replay
@@ -39,8 +39,7 @@ class ClockWatch:
         """Discard the clock of the previous stream."""
         self._origin: int | None = None
         self._began = 0.0
-        self._blocks: deque[tuple[float, int, int]] = deque(maxlen=MAX_INBOX)
-        self._edges: deque[tuple[float, int]] = deque(maxlen=MAX_INBOX)
+        self._blocks: deque[tuple[float, int, int]] = deque(maxlen=_MAX_BLOCKS)
         self._delays = RecentValues(RATE_SPAN)
         self._edge_delays = RecentValues(MINUTE)
         self._bins = RecentValues(_CLOCK_SPAN)
@@ -68,14 +67,12 @@ class ClockWatch:
             self._bin = begin, min(least, delay)
 
     def add_edge(self, came: float, edge: EyeEdge) -> None:
-        """Add an edge of a photo-eye, from any thread."""
-        self._edges.append((came, edge.stamp))
+        """Add an edge of a photo-eye; edges before the first block have no delay."""
+        if self._origin is not None:
+            self._edge_delays.add(came, came - (edge.stamp - self._origin) / NANOSECONDS)
 
     def look(self, now: float) -> None:
-        """Process the edges that have come, and remove old values."""
-        for came, stamp in [self._edges.popleft() for _ in range(len(self._edges))]:
-            if self._origin is not None:
-                self._edge_delays.add(came, came - (stamp - self._origin) / NANOSECONDS)
+        """Remove old values."""
         for values in (self._delays, self._bins, self._edge_delays):
             values.forget(now)
         while self._blocks and self._blocks[0][0] <= now - RATE_SPAN:

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples and edges as they come: rate, gaps, saturation, photo-eyes."""
 
-from collections import deque
 import math
 
 import numpy as np
 
-from checkweigher_core.health.clock import MAX_INBOX, RATE_SPAN, SHORTEST_SPAN, ClockWatch
+from checkweigher_core.health.clock import RATE_SPAN, SHORTEST_SPAN, ClockWatch
 from checkweigher_core.health.findings import (
     MINUTE,
     Concern,
@@ -59,14 +58,12 @@ _WARNINGS = {
 class SampleWatch:
     """Statistics of the blocks of samples: their rate, gaps and clock.
 
-    Any thread may add a block. That only appends it to a queue, so that it takes the stream no
-    time; `look` processes the queue once a second.
+    Values older than a minute are removed by `look`.
     """
 
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
         self.clock = ClockWatch(load_cell.sample_rate)
-        self._inbox: deque[tuple[float, SampleBlock]] = deque(maxlen=MAX_INBOX)
         self._last = -math.inf
         self._end: int | None = None
         self._last_stamp = 0
@@ -75,38 +72,27 @@ class SampleWatch:
         self._counts = dict.fromkeys(_COUNTED, 0)
         self._recent = {what: RecentValues() for what in _COUNTED}
 
-    def add(self, now: float, block: SampleBlock) -> None:
-        """Add a block that came at `now`, s."""
-        self._inbox.append((now, block))
-
     def restart(self) -> None:
         """Reset index and clock for another stream."""
-        self._inbox.clear()
         self._end = None
         self.clock.restart()
 
     def look(self, now: float) -> None:
-        """Process the blocks that have come."""
-        blocks = [self._inbox.popleft() for _ in range(len(self._inbox))]
-        if len(blocks) == MAX_INBOX:  # blocks that the queue dropped are not lost in the stream
-            self.restart()
-        for came, block in blocks:
-            if len(block.counts):
-                self._take(came, block)
-        if blocks:
-            counts = np.concatenate([block.counts for _, block in blocks])
-            limits = self.load_cell
-            bad = (counts <= limits.min_counts) | (counts >= limits.max_counts)
-            self._note(_SATURATED, blocks[-1][0], int(np.count_nonzero(bad)))
+        """Remove old values."""
         for values in (self._arrivals, *self._recent.values()):
             values.forget(now)
         self.clock.look(now)
 
-    def _take(self, came: float, block: SampleBlock) -> None:
-        size, first = len(block.counts), block.first_index
+    def add(self, came: float, block: SampleBlock) -> None:
+        """Add a block that came at `came`, s."""
+        size, first, limits = len(block.counts), block.first_index, self.load_cell
+        if not size:
+            return
+        bad = (block.counts <= limits.min_counts) | (block.counts >= limits.max_counts)
+        self._note(_SATURATED, came, int(np.count_nonzero(bad)))
         self._last = came
         self._arrivals.add(came, size)
-        self._block = size / self.load_cell.sample_rate
+        self._block = size / limits.sample_rate
         if self._end is not None and first != self._end:
             if first > self._end:
                 self._note(_GAPS, came, 1)
@@ -173,26 +159,23 @@ class EyeWatch:
         self.restart()
 
     def add(self, now: float, edge: EyeEdge) -> None:
-        """Add an edge that came at `now`, s, from any thread."""
-        self._inbox.append((now, edge))
+        """Add an edge that came at `now`, s."""
+        eye = Eye(edge.eye)
+        self._last = now
+        self._counts[eye] += 1
+        self._recent[eye].add(now, 1.0)
+        if edge.blocked:
+            self._blocked.setdefault(eye, now)
+        else:
+            self._blocked.pop(eye, None)
 
     def restart(self) -> None:
         """Reset the states of the eyes for another stream."""
-        self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=MAX_INBOX)
         self._recent = {eye: RecentValues() for eye in Eye}
         self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
-        """Process the edges that have come."""
-        for came, edge in [self._inbox.popleft() for _ in range(len(self._inbox))]:
-            eye = Eye(edge.eye)
-            self._last = came
-            self._counts[eye] += 1
-            self._recent[eye].add(came, 1.0)
-            if edge.blocked:
-                self._blocked.setdefault(eye, came)
-            else:
-                self._blocked.pop(eye, None)
+        """Remove old edges."""
         for values in self._recent.values():
             values.forget(now)
 

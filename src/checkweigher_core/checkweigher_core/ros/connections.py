@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from checkweigher_core.health.findings import Concern, Finding, Level, RecentValues, conclude
+from checkweigher_core.ros.graph.place import full_name
 from checkweigher_core.ros.outputs import Input, Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port, fits, misfit
@@ -65,7 +66,7 @@ class Connections:
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
             if not (why := misfit(*pair)):
                 continue
-            who = f'{other.node_namespace.rstrip("/")}/{other.node_name}'
+            who = full_name(other)
             does = 'publishes' if is_input else 'subscribes to'
             text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
             if text not in self._told:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 import math
 from pathlib import Path
-import queue
 import time
 from typing import Any
 
@@ -19,6 +18,7 @@ from checkweigher_core.changes import CALIBRATION
 from checkweigher_core.parameters import ParameterError, SettingsError
 from checkweigher_core.records import GRAMS, EyeEdge, LoadCell, SampleBlock
 from checkweigher_core.ros import ports
+from checkweigher_core.ros.line_parameters import in_time
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_driver.calibration.file import (
     check_calibrated_source,
@@ -34,7 +34,6 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 from checkweigher_driver.source_stream import SentStream
 
-_LOOK_PERIOD = 0.05  # s
 _SILENCE = 5.0  # s beyond the patience of a reading, after which no samples come
 
 # Fields that StaticCalibration and the response of finish_calibration share.
@@ -64,14 +63,9 @@ class CalibrationServices:
         self._sent = sent
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        # Of a call that waits while a load is read: answer, deadline and events to process.
-        self._waiting: Future | None = None
-        self._until = 0.0  # s
-        self._events: queue.SimpleQueue[SampleBlock | EyeEdge] = queue.SimpleQueue()
-        self._timer = node.create_timer(_LOOK_PERIOD, self._look)
-        self._timer.cancel()
+        self._waiting: Future | None = None  # answer of a call that waits while a load is read
         # A separate group, so that samples go on while an answer waits for them.
-        group = ReentrantCallbackGroup()
+        group = self._group = ReentrantCallbackGroup()
         node.create_service(Trigger, ports.CALIBRATE_ZERO, self._on_zero, callback_group=group)
         node.create_service(
             CalibrateSpan, ports.CALIBRATE_SPAN, self._on_span, callback_group=group
@@ -108,9 +102,18 @@ class CalibrationServices:
         self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Process an event that was published. Any thread may call it."""
-        if self._waiting is not None:
-            self._events.put(event)
+        """Process an event that was published. The caller has the lock of the process."""
+        session = self._session
+        if session is None or self._waiting is None:
+            return
+        try:
+            found = session.add(event, time.monotonic())
+        except CalibrationError as error:
+            self._refuse(str(error))
+            return
+        if found is not None:
+            reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
+            self._answer((True, f'{reading}; {len(session.points)} read by now', found))
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
         """Return session and file of a driver that can be calibrated."""
@@ -148,41 +151,28 @@ class CalibrationServices:
             session, _ = self._checked()
             session.begin(mass, uncertainty, self._sent().latest_edges)
         except ValueError as error:
-            self._node.warn(f'calibration: {error}')
-            return False, str(error), None
-        self._until = time.monotonic() + self._parameters.patience + _SILENCE
-        self._events = queue.SimpleQueue()
+            return self._refused(str(error))
         self._waiting = Future()
-        self._timer.reset()
-        answer: _Answer = await self._waiting
-        return answer
-
-    def _look(self) -> None:
-        """Process the events that have come while a load is read."""
-        session = self._session
-        if session is None or self._waiting is None:
-            return
-        try:
-            while not self._events.empty():
-                found = session.add(self._events.get(), time.monotonic())
-                if found is not None:
-                    reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-                    self._answer((True, f'{reading}; {len(session.points)} read by now', found))
-                    return
-            if time.monotonic() > self._until:
-                raise CalibrationError('no samples come; check cable and power of the load cell')
-        except CalibrationError as error:
+        # The thread of the source completes it, while the executor may wait.
+        self._waiting.add_done_callback(lambda _: self._node.executor.wake())
+        patience = self._parameters.patience + _SILENCE
+        answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
+        if answer is None:
+            self._waiting = None
             session.cancel()
-            self._refuse(str(error))
+            return self._refused('no samples come; check cable and power of the load cell')
+        return answer
 
     def _refuse(self, text: str) -> None:
         """Answer a call that waits for a load that was not read."""
         if self._waiting is not None:
-            self._node.warn(f'calibration: {text}')
-            self._answer((False, text, None))
+            self._answer(self._refused(text))
+
+    def _refused(self, text: str) -> _Answer:
+        self._node.warn(f'calibration: {text}')
+        return False, text, None
 
     def _answer(self, answer: _Answer) -> None:
-        self._timer.cancel()
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set_result(answer)

@@ -24,7 +24,7 @@ class GivenNumbers:
     Parameters
     ----------
     node : str
-        Full name of the node.
+        Full name of the node, empty to keep no numbers.
     domain : int
         ROS domain.
     path : str
@@ -40,11 +40,13 @@ class GivenNumbers:
         Reason why the file cannot be used, empty if it can.
     """
 
-    def __init__(self, node: str, domain: int, path: str = '', most: int = 1) -> None:
+    def __init__(self, node: str = '', domain: int = 0, path: str = '', most: int = 1) -> None:
         self.numbers: frozenset[int] = frozenset()
         self.trouble = ''
         self._most = most
         self._file: int | None = None
+        if not node:
+            return
         try:
             file = Path(path) if path else state_file(f'{node.strip("/")}.{domain}.numbers')
             file.parent.mkdir(parents=True, exist_ok=True)

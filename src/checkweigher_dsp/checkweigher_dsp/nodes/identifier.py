@@ -19,17 +19,17 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.health.learning import describe, learning_finding
-from checkweigher_dsp.nodes.learned_record import LearnedRecord
+from checkweigher_dsp.nodes.learned_record import NONE, LearnedRecord
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):
     """Node that estimates the mass of each denoised window."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        self._record = LearnedRecord(NONE)  # before the parameters, which may be refused
         super().__init__(IdentifierParameters, overrides=overrides)
         self._estimates = self.held_output(ports.MASS_ESTIMATE, ports.VERDICT)
         self._workload = WorkloadWatch()
-        self._record: LearnedRecord | None = None
         self._identifier = Identifier(self.parameters)
         self._audited: dict[tuple[float, float], tuple[bool, str]] = {}
         self._kept: tuple[object, ...] = ()
@@ -46,16 +46,14 @@ class IdentifierNode(StageNode[IdentifierParameters]):
 
     def destroy_node(self) -> None:
         """Destroy the node, after what it has learned is in its file."""
-        if self._record is not None:
-            self._record.close()
+        self._record.close()
         super().destroy_node()
 
     def on_parameters(self) -> None:
         """Use a changed estimator."""
         known = self._identifier.learned
         if self.parameters.learn and not known.kinds:
-            if self._record is not None:
-                self._record.close()
+            self._record.close()
             wanted = self.parameters.learning.record
             self._record = LearnedRecord(wanted, self.get_fully_qualified_name())
             known = self._record.read() or known
@@ -90,8 +88,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._identifier.forget()
         self._audited.clear()
         self._kept = ()
-        if self._record is not None:
-            self._record.write(self._identifier.learned, now=True)
+        self._record.write(self._identifier.learned, now=True)
         response.success, response.message = True, f'{count} speeds and lengths forgotten'
         return response
 
@@ -102,8 +99,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         if kept == self._kept:
             return
         self._kept = kept
-        if self._record is not None:
-            self._record.write(known)
+        self._record.write(known)
         for kind in known.kinds:
             state = kind.weighs, str(kind.change or '')
             if state == self._audited.get((kind.speed, kind.length), (False, '')):
@@ -123,12 +119,14 @@ class IdentifierNode(StageNode[IdentifierParameters]):
     def diagnose(self, now: float) -> list[Finding]:
         """Return the findings on the masses, the time they take, and what was learned."""
         known = self.parameters
-        trouble = self._record.trouble if self._record is not None else ''
         return [
             self._convergence.finding(now, known.max_relative_std_dev),
             self._workload.finding(now),
             learning_finding(
-                self._identifier.learned, known.learning, on=known.learn, trouble=trouble
+                self._identifier.learned,
+                known.learning,
+                on=known.learn,
+                trouble=self._record.trouble,
             ),
         ]
 

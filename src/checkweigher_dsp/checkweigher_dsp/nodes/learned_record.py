@@ -10,7 +10,7 @@ from checkweigher_core.settings_files import read_settings, write_settings
 from checkweigher_core.state_files import state_file
 from checkweigher_dsp.estimation.learning.learner import LearnedKinds
 
-_NONE = '-'
+NONE = '-'
 
 
 class LearnedRecord:
@@ -32,12 +32,12 @@ class LearnedRecord:
         Why the file cannot be used now, empty if it can.
     """
 
-    def __init__(self, wanted: str, node: str) -> None:
+    def __init__(self, wanted: str, node: str = '') -> None:
         self.trouble = ''
         self._path: Path | None = None
         self._writer = ThreadPoolExecutor(1, 'learned record')  # so that no item waits for a disk
         try:
-            if wanted != _NONE:
+            if wanted != NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
         except RuntimeError as error:  # this user has no home folder
             self._fail(error)

@@ -58,13 +58,12 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        self._numbers: GivenNumbers | None = None  # before the parameters, which may be refused
+        self._numbers = GivenNumbers()  # before the parameters, which may be refused
         super().__init__(RejectParameters, overrides=overrides)
         self._verdicts = self.held_output(ports.VERDICT)
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers, MAX_JUDGED)
-        judged = () if self._numbers is None else self._numbers.numbers
-        self._stage = RejectStage(self.parameters, judged=judged)
+        self._stage = RejectStage(self.parameters, judged=self._numbers.numbers)
         self._monitor = RejectMonitor(self.parameters)
         self._stream_clock = StreamClock(running=self.parameters.deadlines)
         self._stream = 0
@@ -132,8 +131,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if hasattr(self, '_permission'):
             self._permission.end()
         super().destroy_node()
-        if self._numbers is not None:
-            self._numbers.close()
+        self._numbers.close()
 
     def on_parameters(self) -> None:
         """Use the changed parameters."""
@@ -310,9 +308,11 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _publish(self, verdicts: list[Verdict]) -> None:
         for number in self._stage.take_passed_over():
-            self._keep(number)
+            self._numbers.give(number)
         for verdict in verdicts:
-            self._keep(verdict.item_id)  # before it is published, so that none is given twice
+            self._numbers.give(
+                verdict.item_id
+            )  # before it is published, so that none is given twice
             self._verdicts.send(verdict)  # before all else, because the rejector waits
             self._verdict_watch.add(time.monotonic(), verdict)
             self.count(verdict.decision.name)
@@ -323,11 +323,6 @@ class RejectNode(ManagedStageNode[RejectParameters]):
                 self.count('late verdicts')
                 self.warn(f'item {verdict.item_id}: its verdict came after its reject time')
             self._monitor.add_verdict(verdict)
-
-    def _keep(self, number: int) -> None:
-        """Write the number of an item with a verdict."""
-        if self._numbers is not None:
-            self._numbers.give(number)
 
     @property
     def _request(self) -> StopRequest | None:

@@ -26,6 +26,7 @@ from checkweigher_core.records import (
 )
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
+from checkweigher_core.ros.line_parameters import in_time
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.health.segmenter import SegmenterWatch
@@ -51,14 +52,14 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        self._numbers: GivenNumbers | None = None  # set before parameters that may be refused
+        self._numbers = GivenNumbers()  # before the parameters, which may be refused
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
         self._count = 0  # number of the last item before the present stream
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers)
-            if self._numbers.last:  # continue at the next thousand, which shows the restart
-                thousands = self._numbers.last // NUMBERS_AT_ONCE + 1
-                self._count = thousands * NUMBERS_AT_ONCE - 1
+        if self._numbers.last:  # continue at the next thousand, which shows the restart
+            thousands = self._numbers.last // NUMBERS_AT_ONCE + 1
+            self._count = thousands * NUMBERS_AT_ONCE - 1
         self._segmenter: Segmenter | None = None
         self._watch = SegmenterWatch(self.parameters, time.monotonic())
         self._early: deque[SampleBlock | EyeEdge] = deque(maxlen=_MAX_EARLY)
@@ -84,16 +85,13 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._end_timer = OneShotTimer(self, self._finish_incomplete)
         self._stall_timer = OneShotTimer(self, self._go_by_edges)
         self._zero_requests: list[Future] = []
-        self._zero_timer = OneShotTimer(self, self._refuse_zero)
         # A callback group of its own, so that samples are processed while an answer waits.
-        self.create_service(
-            Trigger, ports.ZERO, self._on_zero, callback_group=ReentrantCallbackGroup()
-        )
+        self._zero_group = ReentrantCallbackGroup()
+        self.create_service(Trigger, ports.ZERO, self._on_zero, callback_group=self._zero_group)
 
     def destroy_node(self) -> None:
         """Destroy the node and close the file of its numbers."""
-        if self._numbers is not None:
-            self._numbers.close()
+        self._numbers.close()
         super().destroy_node()
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
@@ -109,15 +107,12 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         answer.add_done_callback(lambda _: self.executor.wake())
         self._zero_requests.append(answer)
         self._segmenter.zero_keeper.request()
-        self._zero_timer.set(_in(_ZERO_PATIENCE))
-        response.success, response.message = await answer
+        none = False, f'no answer from the belt within {_ZERO_PATIENCE:g} s: not zeroed'
+        found = await in_time(self, self._zero_group, answer, _ZERO_PATIENCE)
+        response.success, response.message = found or none
         return response
 
-    def _refuse_zero(self) -> None:
-        self._answer_zero(False, f'no answer from the belt within {_ZERO_PATIENCE:g} s: not zeroed')
-
     def _answer_zero(self, done: bool, text: str) -> None:
-        self._zero_timer.clear()
         requests, self._zero_requests = self._zero_requests, []
         for request in requests:
             request.set_result((done, text))
@@ -248,7 +243,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _publish(self, segmenter: Segmenter, windows: list[WeighWindow]) -> None:
         """Publish the announcements of items, then windows."""
         for item in segmenter.take_announced():
-            if self._numbers is not None and not item.complete:
+            if not item.complete:
                 self._numbers.give(item.item_id)  # on disk before it is published
             self._items.send(replace(item, stream=self._stream))
         for window in windows:

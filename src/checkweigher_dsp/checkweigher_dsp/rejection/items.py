@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The announced items that wait for their verdict, and the numbers of those that have it."""
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -44,8 +43,7 @@ class PendingItems:
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
         self.pending: dict[int, PendingItem] = {}
-        self._judged: deque[int] = deque(sorted(judged)[-MAX_JUDGED:])
-        self._has_verdict = set(self._judged)
+        self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:])  # in the order of the verdicts
         self.passed_over: list[int] = []
         self._forgotten = 0  # largest number with a verdict that is not kept any more
         self.largest = max(self._judged, default=0)
@@ -64,17 +62,16 @@ class PendingItems:
 
     def has_verdict(self, number: int) -> bool:
         """Return whether the item of a number has its verdict."""
-        return number in self._has_verdict or number <= self._forgotten
+        return number in self._judged or number <= self._forgotten
 
     def judge(self, number: int) -> None:
         """Remove an item, because it has its verdict."""
         self.pending.pop(number, None)
-        self._judged.append(number)
-        self._has_verdict.add(number)
+        self._judged[number] = None
         self.largest = max(self.largest, number)
         if len(self._judged) > MAX_JUDGED:
-            forgotten = self._judged.popleft()
-            self._has_verdict.discard(forgotten)
+            forgotten = next(iter(self._judged))
+            del self._judged[forgotten]
             self._forgotten = max(self._forgotten, forgotten)
 
     def pass_over(self, number: int) -> None:
