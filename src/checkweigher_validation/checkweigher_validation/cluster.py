@@ -3,7 +3,7 @@
 """Jobs on the workers of a Dask cluster; dask.distributed need not be installed."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from functools import partial
 import logging
@@ -35,12 +35,11 @@ class _Cluster(Workers):
         self.lost = KilledWorker
         self._client = client
         self._addresses = addresses
-        self._executor = client.get_executor(pure=False, workers=addresses)
+        self._executor: Executor = client.get_executor(pure=False, workers=addresses)
         self._gone: float | None = None  # time since when there is no worker
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
-        future: Future[Any] = self._executor.submit(job)
-        return future
+        return self._executor.submit(job)
 
     def check(self) -> None:
         try:

@@ -81,8 +81,7 @@ def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     """
     count = signal.shape[-1] // block
     used = signal[..., signal.shape[-1] - count * block :]
-    means: NDArray[np.float64] = used.reshape(*signal.shape[:-1], count, block).mean(axis=-1)
-    return means
+    return np.asarray(used.reshape(*signal.shape[:-1], count, block).mean(axis=-1))
 
 
 def predict(

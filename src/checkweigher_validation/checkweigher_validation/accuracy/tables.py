@@ -9,6 +9,8 @@ import json
 import math
 from typing import Any
 
+import numpy as np
+
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
@@ -60,11 +62,7 @@ def json_text(evaluation: Evaluation) -> str:
 def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
     """Return each condition with every error as plain values, None where one is not known."""
     return [
-        {
-            **{name: _known(value) for name, value in _values(one).items()},
-            'errors_kg': one.errors.tolist(),
-            'stated_std_devs_kg': [_known(value) for value in one.std_devs.tolist()],
-        }
+        plain_values({**_values(one), 'errors_kg': one.errors, 'stated_std_devs_kg': one.std_devs})
         for one in _ordered(evaluation)
     ]
 
@@ -121,8 +119,15 @@ def _values(one: ConditionResult) -> dict[str, Any]:
     }
 
 
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def plain_values(value: Any) -> Any:
+    """Return a value for JSON; None for a number that is not finite."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {name: plain_values(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_values(each) for each in value]
+    return plain_values(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 def _csv_row(values: dict[str, Any]) -> dict[str, Any]:

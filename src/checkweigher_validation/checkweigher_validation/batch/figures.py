@@ -15,6 +15,7 @@ from checkweigher_production.control_chart import ControlChart, control_chart
 from checkweigher_production.prepackages import LARGEST, SMALLEST, BatchJudgement, judge_batch
 from checkweigher_production.recipes import Product
 from checkweigher_production.reference_method import ReferenceTest, SamplingPlan, reference_test
+from checkweigher_validation.accuracy.tables import plain_values
 from checkweigher_validation.batch.batch import Batch, Part
 
 _MOST_BINS = 60
@@ -108,7 +109,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'filler': batch.corrections,
         'changes': [asdict(entry) for entry in batch.changes],
     }
-    return {name: _known(value) for name, value in content.items()}
+    return plain_values(content)
 
 
 def _part_as_json(part: PartFigures) -> dict[str, Any]:
@@ -128,14 +129,3 @@ def _part_as_json(part: PartFigures) -> dict[str, Any]:
         'rules': rules and asdict(rules) | {'share_below_tu1': rules.share_below_tu1},
         'reference_test': test and asdict(test) | {'plan': test.plan.value},
     }
-
-
-def _known(value: Any) -> Any:
-    """Return a value for JSON; None for a number that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {name: _known(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_known(each) for each in value]
-    return _known(value.tolist()) if isinstance(value, np.ndarray) else value

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, WeighWindow
+from checkweigher_dsp.denoising.window_batch import transit
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.tuning.calibration import index
 
@@ -39,9 +40,7 @@ def attainable_errors(
 
 def _samples(window: WeighWindow) -> int:
     """Return the number of samples between t1 and t3."""
-    assert window.t1 is not None
-    assert window.t3 is not None
-    return int((window.t3 - window.t1) / NANOSECONDS * window.sample_rate)
+    return int(transit(window) * window.sample_rate)
 
 
 def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:

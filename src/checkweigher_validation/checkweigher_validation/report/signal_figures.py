@@ -30,6 +30,9 @@ _SPECTRUM_LIMIT = 120.0  # Hz
 _SPECTRUM_POINTS = 8192
 _ENERGY_SHARE = 0.99
 
+# Position of a note at the upper edge of a diagram, as an offset in points.
+_AT_TOP: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
+
 
 def pass_figure(example: Example) -> Figure:
     """Draw a pass with its four times (figure 2 of the paper)."""
@@ -66,8 +69,7 @@ def spectrum_figure(example: Example) -> Figure:
         limit = energy_limit(example)
         axes.axvline(limit, **DOTTED)
         text = f'{100 * _ENERGY_SHARE:.0f} % of the energy\nbelow {limit:.1f} Hz'
-        place: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
-        axes.annotate(text, (limit, 1), (5, -3), **place, color=MUTED, fontsize=8, va='top')
+        axes.annotate(text, (limit, 1), (5, -3), **_AT_TOP, color=MUTED, fontsize=8, va='top')
     top = GRAMS * amplitude.max()
     axes.set(xlim=(0, _SPECTRUM_LIMIT), ylim=(top / 3e4, top * 1.5))
     axes.set(xlabel='frequency, Hz', ylabel='amplitude, g/Hz')
@@ -133,11 +135,10 @@ def energy_limit(example: Example) -> float:
 def _draw_pass(axes: Axes, example: Example) -> None:
     """Draw times, window and axes of a pass."""
     _draw_window(axes, example)
-    place: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
     for name in ('t1', 't2', 't3', 't4'):
         time = MILLISECONDS * (getattr(example, name) - example.t1)
         axes.axvline(time, **DOTTED)
-        axes.annotate(name, (time, 1), (0, 3), **place, ha='center', color=INK)
+        axes.annotate(name, (time, 1), (0, 3), **_AT_TOP, ha='center', color=INK)
     axes.set(xlabel='time from t1, ms', ylabel='g', xmargin=0)
 
 

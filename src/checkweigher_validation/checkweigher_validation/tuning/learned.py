@@ -181,14 +181,14 @@ class TunedLearned(Tunable):
         alone = fit(_evidence(self.group, window), prior.last(layout.window))
         if np.count_nonzero(self._led) < _FEWEST:
             return alone, None
-        return alone, fit(_evidence(self.group, layout, self._led), prior)
+        return alone, fit(_evidence(self.group, layout).select(self._led), prior)
 
     def _prior(self, layout: Layout) -> Prior:
         elsewhere = np.zeros((layout.count, layout.count))
         for group in self.others:
             led = _is_led(group, self.known)
             if np.count_nonzero(led) >= _FEWEST:
-                scatter = _evidence(group, layout, led).scatter
+                scatter = _evidence(group, layout).select(led).scatter
                 variance = np.trace(scatter) / layout.count / np.count_nonzero(led)
                 elsewhere += scatter / max(variance, _LEAST_VARIANCE)
         settle = self.base.segmenter.settle_time
@@ -218,11 +218,10 @@ def empty_belt_covariances(
     return pooled_autocovariance(segments, layout.count)
 
 
-def _evidence(group: SpeedGroup, layout: Layout, rows: NDArray[np.bool_] | None = None) -> Evidence:
-    """Return what the passes of a group show, or some of them."""
+def _evidence(group: SpeedGroup, layout: Layout) -> Evidence:
+    """Return the features of the passes of a group."""
     features = np.array([pass_features(each.window, layout) for each in group.passes])
-    known = Evidence(features, group.masses)
-    return known if rows is None else known.select(rows)
+    return Evidence(features, group.masses)
 
 
 def _is_led(group: SpeedGroup, known: LearnedParameters) -> NDArray[np.bool_]:

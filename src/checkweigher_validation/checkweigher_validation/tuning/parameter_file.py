@@ -41,19 +41,6 @@ def parameter_file(
         Reason for selecting the first one, a line.
     """
     made = made or datetime.now(UTC)
-    first, *_ = tuned.values()
-    sections = {
-        entry.name: _changed(getattr(first.parameters, entry.name))
-        for entry in fields(first.parameters)
-    }
-    identifier: dict[str, object] = {'estimator': first.estimator, **sections['identifier']}
-    for name, each in tuned.items():
-        own = f'{name}.'
-        identifier = {key: value for key, value in identifier.items() if not key.startswith(own)}
-        identifier[name] = _plain(getattr(each.parameters.identifier, name).as_mapping())
-        if any(key.startswith('denoise.') for speed in each.speeds for key in speed.lists):
-            sections['denoise'] = _plain(each.parameters.denoise.as_mapping())
-    sections['identifier'] = identifier
     lines = [
         '# Made by checkweigher tune; use it as --params, or as params_file of a launch.',
         f'# {made.isoformat(timespec="seconds")}',
@@ -73,12 +60,32 @@ def parameter_file(
         *((f'# chosen: {reason}',) if reason else ()),
     ]
     content = {
-        f'/**/{node}': {'ros__parameters': values} for node, values in sections.items() if values
+        f'/**/{node}': {'ros__parameters': values}
+        for node, values in _sections(tuned).items()
+        if values
     }
     body = yaml.safe_dump(
         content, default_flow_style=None, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
     return '\n'.join(lines) + '\n' + body
+
+
+def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
+    """Return the parameters of each node that are in the file."""
+    first, *_ = tuned.values()
+    sections = {
+        entry.name: _changed(getattr(first.parameters, entry.name))
+        for entry in fields(first.parameters)
+    }
+    changed = sections['identifier'].items()
+    others = {key: value for key, value in changed if key.partition('.')[0] not in tuned}
+    sections['identifier'] = {'estimator': first.estimator, **others}
+    for name, each in tuned.items():
+        own = getattr(each.parameters.identifier, name).as_mapping()
+        sections['identifier'][name] = _plain(own)
+        if any(key.startswith('denoise.') for speed in each.speeds for key in speed.lists):
+            sections['denoise'] = _plain(each.parameters.denoise.as_mapping())
+    return sections
 
 
 def accuracy_lines(text: str) -> list[str]:

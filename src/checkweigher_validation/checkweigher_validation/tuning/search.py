@@ -79,13 +79,6 @@ def search(
         places = zip(axes, position.tolist(), strict=True)
         return evaluate(position, {axis.name: value_at(axis, place) for axis, place in places})
 
-    def descend(origin: Point, step: float, evaluations: int) -> None:
-        if evaluations > len(axes) + 1:
-            options: dict[str, Any] = {'maxfev': evaluations, 'xatol': 1e-3, 'fatol': 1e-9}
-            options['initial_simplex'] = _simplex(origin, step)
-            bounds = [(0, 1)] * len(axes)
-            minimize(at, origin, method='Nelder-Mead', bounds=bounds, options=options)
-
     start = np.array([start_position(axis) for axis in axes])
     evaluate(start, {axis.name: axis.start for axis in axes})
     if axes and budget > 1:
@@ -95,11 +88,11 @@ def search(
         origins = _best_apart(tried)
         share = (budget - len(tried)) // (len(origins) + 1)
         for origin in origins:
-            descend(origin, _FIRST_STEP, share)
+            _descend(at, origin, _FIRST_STEP, share)
         step = _FIRST_STEP
         while budget - len(tried) > len(axes) + 1:
             step /= 2
-            descend(min(tried, key=itemgetter(0))[1], step, budget - len(tried))
+            _descend(at, min(tried, key=itemgetter(0))[1], step, budget - len(tried))
     least, _, values = min(tried, key=itemgetter(0))
     return values, least
 
@@ -113,7 +106,16 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
     return chosen[:_DESCENTS]
 
 
-def _simplex(origin: Point, step: float) -> Point:
-    """Return a simplex with a corner at `origin` that stays between 0 and 1."""
-    inward = np.where(origin + step <= 1, step, -step)
-    return np.vstack((origin, origin + np.diag(inward)))
+def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
+    """Search by Nelder and Mead, if there are more evaluations than the first simplex takes."""
+    if evaluations > len(origin) + 1:
+        # A simplex with a corner at the origin that stays between 0 and 1.
+        inward = np.where(origin + step <= 1, step, -step)
+        options: dict[str, Any] = {
+            'initial_simplex': np.vstack((origin, origin + np.diag(inward))),
+            'maxfev': evaluations,
+            'xatol': 1e-3,
+            'fatol': 1e-9,
+        }
+        bounds = [(0, 1)] * len(origin)
+        minimize(at, origin, method='Nelder-Mead', bounds=bounds, options=options)

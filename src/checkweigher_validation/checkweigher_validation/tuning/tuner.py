@@ -118,29 +118,17 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
-    tasks = _tasks(groups, lines, budget)
-    found, broken = _run(_jobs(tasks), n_jobs, 'tuning')
+    tasks = _tasks(groups, lines)
+    found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
     for (task, _), error in broken.items():
-        failed.setdefault(task.estimator, error)
+        failed.setdefault(task.name, error)
     if failed and not (skip_failing and len(failed) < len(estimators)):
         raise next(iter(failed.values()))
     tuned: dict[str, list[TunedSpeed]] = {name: [] for name in estimators if name not in failed}
     for task in tasks:
-        if task.estimator in tuned:
-            checks = [found[task, fold] for fold in _folds(task.group)]
-            tuned[task.estimator].append(_with_held_out(found[task, None], checks))
+        if task.name in tuned:
+            tuned[task.name].append(_with_held_out(task, found))
     return {name: _assemble(name, speeds, lines[name]) for name, speeds in tuned.items()}
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Task:
-    """An estimator to tune on the passes of one speed; `others` are those of the other speeds."""
-
-    estimator: str
-    group: SpeedGroup
-    base: LineParameters
-    budget: int
-    others: tuple[SpeedGroup, ...]
 
 
 def _check_passes(groups: Sequence[SpeedGroup]) -> None:
@@ -155,22 +143,23 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
         raise TuningError('no whole pass of known mass')
 
 
-def _tasks(
-    groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters], budget: int
-) -> list[_Task]:
+def _tasks(groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters]) -> list[Tunable]:
     return [
-        _Task(name, group, line, budget, tuple(other for other in groups if other is not group))
+        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
         for name, line in lines.items()
         for group in groups
     ]
 
 
-def _jobs(tasks: Sequence[_Task]) -> dict[tuple[_Task, int | None], Callable[[], Any]]:
+def _jobs(
+    tasks: Sequence[Tunable], budget: int
+) -> dict[tuple[Tunable, int | None], Callable[[], Any]]:
     """Return the jobs by task and fold; None tunes on all passes, the others check a fold."""
-    jobs: dict[tuple[_Task, int | None], Callable[[], Any]] = {}
-    jobs |= {(task, None): partial(_tune_speed, task) for task in tasks}
+    jobs: dict[tuple[Tunable, int | None], Callable[[], Any]] = {}
+    jobs |= {(task, None): partial(_tune_speed, task, budget) for task in tasks}
     for task in tasks:
-        jobs |= {(task, fold): partial(_check_fold, task, fold) for fold in _folds(task.group)}
+        folds_of = _folds(task.group)
+        jobs |= {(task, fold): partial(_check_fold, task, budget, fold) for fold in folds_of}
     return jobs
 
 
@@ -192,10 +181,12 @@ def _attempt(job: Callable[[], Any]) -> Any:
         return error
 
 
-def _with_held_out(learned: TunedSpeed, checks: Sequence[NDArray[np.float64]]) -> TunedSpeed:
+def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any]) -> TunedSpeed:
+    """Return the result of a task with the errors of the passes that were held out."""
+    checks = [found[task, fold] for fold in _folds(task.group)]
     errors, masses = np.concatenate(checks, axis=1)
-    learned = replace(
-        learned,
+    learned: TunedSpeed = replace(
+        found[task, None],
         held_out_index=index(errors, masses),
         held_out_errors=tuple(errors.tolist()),
         masses=tuple(masses.tolist()),
@@ -214,9 +205,9 @@ def _folds(group: SpeedGroup) -> range:
     return range(5 if count >= _FEWEST_FOR_FIFTHS else count)
 
 
-def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
+def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
     """Tune on all passes of a speed except a fold; return its errors and masses, (2, n), kg."""
-    group, budget = task.group, task.budget
+    group = task.group
     count = len(_folds(group))
     # The folds alternate in time, so that a drift and every mass are in all of them.
     held_out = folds(group.masses, count) == fold
@@ -226,22 +217,20 @@ def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
     )
     # With half the evaluations on half the passes all checks together cost as much as the tuning.
     budget = max(budget // 2, 1) if count < len(group.passes) else budget
-    learned = _tune_speed(replace(task, group=learn, budget=budget))
-    parameters = _assemble(task.estimator, [learned], task.base).parameters
+    learned = _tune_speed(type(task)(task.name, learn, task.base, task.others), budget)
+    parameters = _assemble(task.name, [learned], task.base).parameters
     estimates = estimates_of(check, parameters)
     return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
 
 
-def _tune_speed(task: _Task) -> TunedSpeed:
-    estimator, group, budget = task.estimator, task.group, task.budget
-    tunable = TUNABLES[estimator](estimator, group, task.base, task.others)
-    masses = group.masses
+def _tune_speed(tunable: Tunable, budget: int) -> TunedSpeed:
+    group, masses = tunable.group, tunable.group.masses
     values, badness = tunable.search(
         lambda values: calibrated_index(tunable.estimates(values), masses), budget
     )
     if not math.isfinite(badness):
         raise TuningError(
-            f'{estimator} finds no mass in some of the {len(masses)} passes at '
+            f'{tunable.name} finds no mass in some of the {len(masses)} passes at '
             f'{60 * group.speed:.1f} m/min, with all parameters that were tried'
         )
     estimates = tunable.estimates(values)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from importlib.resources import files
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.records import GRAMS
@@ -63,13 +63,12 @@ class Mass(Settings):
         return self.uncertainty_g / GRAMS
 
 
-@dataclass(frozen=True, slots=True)
-class Passes:
+class Passes(NamedTuple):
     """Passes of one load at one belt speed."""
 
     load: Mass
     speed: float  # m/s
-    count: int
+    passes: int
 
 
 @dataclass(frozen=True)

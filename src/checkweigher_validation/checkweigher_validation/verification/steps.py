@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from checkweigher_validation.verification.plan import MINUTE, Mass, Passes, Plan
+from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
 
 
 class StepKind(StrEnum):
@@ -81,16 +81,16 @@ def _steps(plan: Plan) -> Iterator[Step]:
     for number in range(1, readings + 1):
         yield Step(f'zero_{number}', StepKind.ZEROING if number == 1 else StepKind.ZERO)
     for number, section in enumerate(plan.outside, start=1):
-        yield _of(f'outside_{number}', StepKind.OUTSIDE, plan.passes_of(section, default=3))
+        yield Step(f'outside_{number}', StepKind.OUTSIDE, *plan.passes_of(section, default=3))
     for passes in plan.passes_in_motion:
-        yield _of(f'passes_{MINUTE * passes.speed:g}_{passes.load.name}', StepKind.PASSES, passes)
+        name = f'passes_{MINUTE * passes.speed:g}_{passes.load.name}'
+        yield Step(name, StepKind.PASSES, *passes)
     if aside := plan.eccentricity:
         passes = plan.passes_of(aside)
         for position in aside.positions:
-            name = f'eccentricity_{position}'
-            yield _of(name, StepKind.ECCENTRICITY, passes, position=position)
+            yield Step(f'eccentricity_{position}', StepKind.ECCENTRICITY, *passes, position)
     if plan.repeatability:
-        yield _of('repeatability', StepKind.REPEATABILITY, plan.passes_of(plan.repeatability))
+        yield Step('repeatability', StepKind.REPEATABILITY, *plan.passes_of(plan.repeatability))
     yield from _steps_at_rest(plan)
 
 
@@ -108,10 +108,4 @@ def _warm_up_steps(plan: Plan) -> Iterator[Step]:
         passes = plan.passes_of(plan.warm_up)
         for minutes in plan.warm_up.minutes:
             yield Step(f'warm_up_zero_{minutes:g}', StepKind.WARM_UP_ZERO, minutes=minutes)
-            yield _of(f'warm_up_{minutes:g}', StepKind.WARM_UP, passes, minutes=minutes)
-
-
-def _of(
-    name: str, kind: StepKind, passes: Passes, *, position: str = '', minutes: float | None = None
-) -> Step:
-    return Step(name, kind, passes.load, passes.speed, passes.count, position, minutes)
+            yield Step(f'warm_up_{minutes:g}', StepKind.WARM_UP, *passes, minutes=minutes)

@@ -15,7 +15,7 @@ def test_the_example_is_a_plan_in_si_with_weighings_by_load():
     assert (plan.minimum, plan.maximum) == pytest.approx((0.06, 0.6))
     assert [load.mass for load in plan.references.values()] == pytest.approx([0.0745, 0.1945, 0.5])
     assert {passes.speed for passes in plan.passes_in_motion} == {0.5, 1.0}
-    assert {passes.count for passes in plan.passes_in_motion} == {60}
+    assert {passes.passes for passes in plan.passes_in_motion} == {60}
     assert [each.nominal for each in plan.prepackages] == pytest.approx([0.25, 0.5])
     assert all(each.suitable for each in plan.prepackages)
     heavier = read_plan(
@@ -23,7 +23,7 @@ def test_the_example_is_a_plan_in_si_with_weighings_by_load():
         .replace('max_g: 600', 'max_g: 6000')
         .replace('e_g: 0.1', 'e_g: 1')
     )
-    assert {passes.load.name: passes.count for passes in heavier.passes_in_motion}['large'] == 30
+    assert {passes.load.name: passes.passes for passes in heavier.passes_in_motion}['large'] == 30
 
 
 def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():

@@ -299,10 +299,8 @@ def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
 
 def _residual(x: NDArray[np.float64], fit: AdaptiveIdentification) -> NDArray[np.float64]:
     """Return n of the difference equation, (windows, m - 2)."""
-    rest: NDArray[np.float64] = (
-        x[:, 2:] + fit.a1[:, None] * x[:, 1:-1] + fit.a2[:, None] * x[:, :-2]
-    ) - fit.b1[:, None]
-    return rest
+    response = x[:, 2:] + fit.a1[:, None] * x[:, 1:-1] + fit.a2[:, None] * x[:, :-2]
+    return np.asarray(response - fit.b1[:, None])
 
 
 def _whitening(residual: NDArray[np.float64], max_order: int) -> NDArray[np.float64]:

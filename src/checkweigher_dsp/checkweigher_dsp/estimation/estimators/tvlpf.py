@@ -66,21 +66,16 @@ class Tvlpf(Average):
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the output of the filter at t3."""
-        known, speed = self.parameters, window.belt_speed
+        known, speed, count = self.parameters, window.belt_speed, len(samples)
         weights = lowpass_weights(
-            len(samples),
+            count,
             max(1, round(known.at('sections', speed))),
             known.at('initial_cutoff', speed),
             known.at('final_cutoff', speed),
-            decay_of(known.at('half_life', speed), len(samples)),
+            0.5 ** (1 / (known.at('half_life', speed) * count)),
             window.sample_rate,
         )
         return float(np.add.reduce(samples * weights))
-
-
-def decay_of(half_life: float, count: int) -> float:
-    """Return r of a schedule from its half-life, as a share of a window of `count` samples."""
-    return float(0.5 ** (1 / (half_life * count)))
 
 
 @lru_cache(maxsize=256)

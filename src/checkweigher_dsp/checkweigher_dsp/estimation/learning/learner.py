@@ -162,9 +162,12 @@ def _compared(
 ) -> ItemKind:
     """Return a kind after an item was compared with the fit."""
     known = kind.fit
-    if known is None or kind.change is not None or passage.lead < known.lead:
-        return kind
-    if not is_comparable(known, passage.load):
+    if (
+        known is None
+        or kind.change is not None
+        or passage.lead < known.lead
+        or not is_comparable(known, passage.load)
+    ):
         return kind
     recent = (*kind.recent, known.residual(passage))[-RECENT:]
     change = find_change(known, recent, passage.duration, item_id)
