@@ -89,7 +89,6 @@ def _mean(part: PartFigures) -> str:
 
 
 def _judgement(part: PartFigures) -> Iterator[str]:
-
     rules, test = part.judgement, part.reference
     if rules is None or test is None:
         yield '  76/211/EEC has no limits for this nominal weight'

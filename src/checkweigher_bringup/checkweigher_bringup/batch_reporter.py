@@ -38,8 +38,7 @@ class BatchReporter(PortNode):
         while self._todo:
             result = self._todo.pop(0)
             files = write_files(Path(result.record), result.sha256)
-            reason = await self._record.write(REPORT, result.batch, files)
-            if reason:
+            if reason := await self._record.write(REPORT, result.batch, files):
                 self.warn(f'batch {result.batch!r}: its report is {reason}')
             self.get_logger().info(f'batch {result.batch!r}: {", ".join(files)}')
 

@@ -10,8 +10,6 @@ from checkweigher_core.printable import one_line
 class UserError(ValueError):
     """An error that the user can correct; its message is one line."""
 
-    exit_status = 2
-
 
 class LineError(UserError):
     """The line failed: an item got no verdict."""

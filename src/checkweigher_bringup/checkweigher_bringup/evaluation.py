@@ -220,9 +220,10 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
     """Return the heaviest pass of the slowest and of the fastest speed."""
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
-    heaviest = [max(group.passes, key=lambda each: each.mass) for group in ends]
-    pairs = zip(heaviest, ends, strict=True)
-    return tuple(example_of(each, group.speed, base.denoise) for each, group in pairs)
+    return tuple(
+        example_of(max(group.passes, key=lambda each: each.mass), group.speed, base.denoise)
+        for group in ends
+    )
 
 
 def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:

@@ -88,9 +88,15 @@ class ResultListener(PortNode):
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
     """Return an estimate with the fields that its verdict repeats."""
-    reasons = verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,))
-    estimate = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, reasons)
-    return replace(estimate, mass=verdict.mass, std_dev=verdict.std_dev)
+    return MassEstimate(
+        verdict.item_id,
+        verdict.t1,
+        None,
+        verdict.t3,
+        verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,)),
+        mass=verdict.mass,
+        std_dev=verdict.std_dev,
+    )
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:

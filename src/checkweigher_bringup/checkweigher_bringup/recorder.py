@@ -112,8 +112,7 @@ class RecorderNode(PortNode):
 
     def _on_verdict(self, verdict: Verdict) -> None:
         assert self.passes is not None
-        reference = self.passes.take(verdict)
-        if reference is not None:
+        if (reference := self.passes.take(verdict)) is not None:
             message = to_message(ports.REFERENCE_MASS, reference)
             self._put(ports.REFERENCE_MASS, serialize_message(message))
 
@@ -153,8 +152,9 @@ def record(
         count = bag.message_count
         if count == 0:
             topic = node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
-            text = f'nothing was recorded: no message came on {topic}; is the line running?'
-            raise UserError(f'{path}: {text}')
+            raise UserError(
+                f'{path}: nothing was recorded: no message came on {topic}; is the line running?'
+            )
     print(f'{path}: {count} messages' + (f', {passes.count} passes' if passes else ''))
 
 

@@ -83,8 +83,10 @@ def run_line(
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
             if node.count_drivers():
-                advice = 'stop it, or choose another --namespace or ROS_DOMAIN_ID'
-                raise UserError(f'a line runs here already; {advice}')
+                raise UserError(
+                    'a line runs here already; stop it, or choose another --namespace or '
+                    'ROS_DOMAIN_ID'
+                )
 
             def meanwhile() -> None:
                 if folder is not None and folder.take_restart():
@@ -108,8 +110,7 @@ def run_host(line: LineDescription, host: str) -> int:
         for share in shares:
             file = stack.enter_context(memory_file())
             write_parameter_file(file, {'product': share.product})
-            files = *share.params, file
-            command = node_command(_MODULE, share.lane, *files, nodes=share.nodes)
+            command = node_command(_MODULE, share.lane, *share.params, file, nodes=share.nodes)
             process = SupervisedProcess(share.name, partial(list, command))
             processes[share.name] = process
             process_of |= {f'/{share.lane}/{name}': process for name in share.nodes}
@@ -178,9 +179,9 @@ def _supervise(
     try:
         while not asked:
             now = time.monotonic()
-            # A list first: if one process fails, the others are supervised all the same.
-            going = {name: process.look(now) for name, process in processes.items()}
-            if not all(well for name, well in going.items() if name not in _NOT_NEEDED):
+            # All of them first: if one process fails, the others are supervised all the same.
+            failed = {name for name, process in processes.items() if not process.look(now)}
+            if failed - _NOT_NEEDED:
                 return CANNOT_START
             meanwhile()
         return 128 + asked[0]
@@ -199,10 +200,10 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
     """End all processes: of the line the driver first and reject last, then the others."""
-    names = [name for name in processes if name not in _NOT_NEEDED]
-    beside = [name for name in processes if name in _NOT_NEEDED]
-    for group in (names[:1], names[1:-1], names[-1:], beside):
-        for name in group:
-            processes[name].terminate()
-        for name in group:
-            processes[name].wait()
+    line = [process for name, process in processes.items() if name not in _NOT_NEEDED]
+    beside = [process for name, process in processes.items() if name in _NOT_NEEDED]
+    for group in (line[:1], line[1:-1], line[-1:], beside):
+        for process in group:
+            process.terminate()
+        for process in group:
+            process.wait()

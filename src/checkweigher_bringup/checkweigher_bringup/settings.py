@@ -61,8 +61,9 @@ def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list
     names: list[str] = []
     for name in given or default:
         if name not in (*ESTIMATORS, 'all'):
-            known = ', '.join(sorted(ESTIMATORS))
-            raise UserError(f'--estimator {name}: no such estimator; there are {known}')
+            raise UserError(
+                f'--estimator {name}: no such estimator; there are {", ".join(sorted(ESTIMATORS))}'
+            )
         names += (*default, *ESTIMATORS) if name == 'all' else (name,)
     return list(dict.fromkeys(names))
 
@@ -71,8 +72,9 @@ def check_namespace(name: str) -> str:
     """Return a ROS namespace without its leading slash; UserError if it is not valid."""
     name = name.strip('/')
     if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name):
-        rule = 'names are letters, digits and _, and do not begin with a digit'
-        raise UserError(f'--namespace {name}: {rule}')
+        raise UserError(
+            f'--namespace {name}: names are letters, digits and _, and do not begin with a digit'
+        )
     return name
 
 

@@ -65,8 +65,7 @@ class SupervisedProcess:
 
     def _record_end(self, now: float, status: int) -> None:
         at_once = now - self._started < STABLE
-        longer = min(2 * self._delay, LONGEST_DELAY)
-        self._delay = longer if at_once and self._reason else DELAY
+        self._delay = min(2 * self._delay, LONGEST_DELAY) if at_once and self._reason else DELAY
         # Its parameters were good if it has worked, so it is started again.
         self._has_worked |= not (self._reports or at_once)
         self._given_up = status == CANNOT_START and not self._has_worked

@@ -86,8 +86,9 @@ def _check(bag: str, found: BagPasses, rate: float) -> None:
             'bags of one machine belong together'
         )
     if not found.passes:
-        text = 'no pass of known mass; the bag needs reference_mass, stamped with t1'
-        raise UserError(f'{bag}: {text}')
+        raise UserError(
+            f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'
+        )
 
 
 def _description(found: BagPasses) -> str:

@@ -144,12 +144,10 @@ def make_host(context, lanes, host):
         raise RuntimeError('lanes and host belong together: the file, and a host of it')
     for name in (each for each in ARGUMENTS if each not in WITH_LANES):
         default = normalize_to_list_of_substitutions(DEFAULTS.get(name, ''))
-        usual = perform_substitutions(context, default)
-        if LaunchConfiguration(name).perform(context) != usual:
+        if LaunchConfiguration(name).perform(context) != perform_substitutions(context, default):
             raise RuntimeError(f'{name}: {lanes} says that; see docs/hosts.md')
     line = read_line(Path(lanes))
     kept = kept_running(context)
-    ends = partial(on_exit, respawn=kept['respawn'])
     environment = [SetEnvironmentVariable(*each) for each in line.environment().items()]
     nodes = [
         Node(
@@ -159,7 +157,7 @@ def make_host(context, lanes, host):
             arguments=list(share.nodes),
             parameters=[*map(str, share.params), own_file(share)],
             ros_arguments=[*LOG_LEVEL, *enclave_arguments(share.lane, 'line')],
-            on_exit=ends,
+            on_exit=partial(on_exit, respawn=kept['respawn']),
             **kept,
         )
         for share in line.shares(host)

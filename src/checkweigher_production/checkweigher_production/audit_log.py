@@ -15,7 +15,7 @@ Compare the log with a hash that was noted elsewhere to detect that (`verify` wi
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass, field, replace
 import errno
 import fcntl
@@ -24,7 +24,7 @@ import json
 import os
 from pathlib import Path
 import re
-from typing import Any, Self
+from typing import Any
 
 from checkweigher_core.changes import plain
 from checkweigher_core.input_files import read_input
@@ -32,6 +32,7 @@ from checkweigher_core.input_files import read_input
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
 MAX_LOG = 2**25  # bytes
+_Change = tuple[str, str, str, str, Any, Any]  # time to new value of an entry
 _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
 
 
@@ -83,6 +84,7 @@ class Verification:
     reason: str = ''  # description of the fault
     torn: bytes = b''  # beginning of an unfinished entry at the end
     unended: bool = False  # the last entry lacks only its end of line
+    sha256: str = ''  # of the file, hexadecimal
 
     @property
     def whole(self) -> bool:
@@ -101,7 +103,8 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
         head = _read_head(path)
         data = _read_file(path)
         if _read_head(path) == head:
-            return verify(data, head, known_hash)
+            digest = hashlib.sha256(data).hexdigest()
+            return replace(verify(data, head, known_hash), sha256=digest)
 
 
 def _read_file(path: Path) -> bytes:
@@ -125,8 +128,11 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
         chain.follow(data)
         _check_head(chain, head)
         if known_hash and known_hash not in {entry.hash for entry in chain.entries}:
-            reason = f'no entry has the hash {known_hash}: the log is not the one it was taken from'
-            raise _FaultError(chain.line, 'cut', reason)
+            raise _FaultError(
+                chain.line,
+                'cut',
+                f'no entry has the hash {known_hash}: the log is not the one it was taken from',
+            )
     except _FaultError as fault:
         return Verification(tuple(chain.entries), *fault.args)
     return Verification(tuple(chain.entries), torn=chain.torn, unended=chain.unended)
@@ -167,20 +173,22 @@ class _Chain:
             raise self._changed()
 
     def _changed(self) -> _FaultError:
-        reason = 'it is no entry, or not as it was written'
-        return _FaultError(self.line, 'changed', reason)
+        return _FaultError(self.line, 'changed', 'it is no entry, or not as it was written')
 
     def _check_place(self, entry: Entry) -> None:
         number, expected = entry.sequence, len(self.entries) + 1
         if entry.kind == TORN and not _records(entry, self.torn):
-            reason = 'the torn entry that it records is not there before it'
-            raise _FaultError(self.line, 'removed', reason)
+            raise _FaultError(
+                self.line, 'removed', 'the torn entry that it records is not there before it'
+            )
         if number > expected:
-            reason = f'entry {number} stands where entry {expected} should be'
-            raise _FaultError(self.line, 'removed', reason)
+            raise _FaultError(
+                self.line, 'removed', f'entry {number} stands where entry {expected} should be'
+            )
         if number < expected or entry.previous != _last_hash(self.entries):
-            reason = f'entry {number} does not follow the entry before it'
-            raise _FaultError(self.line, 'inserted', reason)
+            raise _FaultError(
+                self.line, 'inserted', f'entry {number} does not follow the entry before it'
+            )
 
 
 def _may_be_torn(end: bytes, expected: int) -> bool:
@@ -226,7 +234,7 @@ def _check_head(chain: _Chain, head: bytes) -> None:
         raise _FaultError(line - 1, 'cut', reason)
 
 
-class AuditLog:
+class AuditLog(AbstractContextManager['AuditLog', None]):
     """A log that is open for appending, locked against other processes.
 
     Before each entry, the log and `LOG.head` are compared with their last known state. A log that
@@ -279,9 +287,6 @@ class AuditLog:
         self._count, self.last_hash = len(found.entries), _last_hash(found.entries)
         self.size, self._state = len(data), os.fstat(self._file)
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -332,7 +337,7 @@ class AuditLog:
         try:
             self._finish(time, source)
             change = (time, source, kind, subject, plain(old), plain(new))
-            return self._write(*change, who=who or f'graph:{source}', why=why)
+            return self._write(change, who=who or f'graph:{source}', why=why)
         except OSError as error:
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
@@ -348,13 +353,11 @@ class AuditLog:
         if unended or torn:
             # The torn line is ended by the write that records it: a reader needs both.
             record = (time, source, TORN, 'last entry', None, _fingerprint(torn))
-            self._write(*record, before=b'\n' if torn else b'', who=f'graph:{source}')
+            self._write(record, before=b'\n' if torn else b'', who=f'graph:{source}')
 
-    def _write(self, *change: Any, before: bytes = b'', who: str, why: str = '') -> Entry:
+    def _write(self, change: _Change, *, before: bytes = b'', who: str, why: str = '') -> Entry:
         """Write the entry of a change after the bytes `before`."""
-        time, source, kind, subject, old, new = change
-        number, previous = self._count + 1, self.last_hash
-        entry = Entry(number, time, source, kind, subject, old, new, previous, who=who, why=why)
+        entry = Entry(self._count + 1, *change, self.last_hash, who=who, why=why)
         entry = replace(entry, hash=entry.digest())
         line = entry.line()
         if self.size + len(line) > MAX_LOG:

@@ -8,12 +8,14 @@ is such a note: number and hash of the last entry and the time of sealing, signe
 per line, in JSON. Persons who may write the log must not have access to that file or to the key.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -60,28 +62,24 @@ def private_key(path: Path) -> Ed25519PrivateKey:
     data = _read(path)
     if path.stat().st_mode & 0o077:
         raise AuditError(f'{path}: others may read this key; chmod 600 it, or make a new one')
-    try:
-        key = load_pem_private_key(data, password=None)
-    except (ValueError, TypeError, UnsupportedAlgorithm):
-        key = None
-    if not isinstance(key, Ed25519PrivateKey):
-        raise AuditError(
-            f'{path}: is not an Ed25519 private key without password; make one: {_MAKE_KEY}'
-        )
-    return key
+    what = f'private key without password; make one: {_MAKE_KEY}'
+    return _key(path, Ed25519PrivateKey, partial(load_pem_private_key, data, None), what)
 
 
 def public_key(path: Path) -> Ed25519PublicKey:
     """Read the public key from a PEM file; `AuditError` if it cannot be read or is not a key."""
-    data = _read(path)
+    what = f'public key; make it of the private one: {_MAKE_PUBLIC}'
+    return _key(path, Ed25519PublicKey, partial(load_pem_public_key, _read(path)), what)
+
+
+def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
+    """Return the key of a file; `AuditError` if it is not of a kind, which `what` describes."""
     try:
-        key = load_pem_public_key(data)
-    except (ValueError, UnsupportedAlgorithm):
+        key = load()
+    except (ValueError, TypeError, UnsupportedAlgorithm):
         key = None
-    if not isinstance(key, Ed25519PublicKey):
-        raise AuditError(
-            f'{path}: is not an Ed25519 public key; make it of the private one: {_MAKE_PUBLIC}'
-        )
+    if not isinstance(key, kind):
+        raise AuditError(f'{path}: is not an Ed25519 {what}')
     return key
 
 

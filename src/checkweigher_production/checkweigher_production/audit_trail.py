@@ -103,14 +103,12 @@ class AuditTrail:
 
     def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
         """Write a state that is about to be set, unless it is the last one."""
-        old = self.last(kind, subject)
-        if old != plain(value):
+        if (old := self.last(kind, subject)) != plain(value):
             self.note(kind, subject, old, value, by)
 
     def saw_state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
         """Write a state that was found, unless it is the last one."""
-        old = self.last(kind, subject)
-        if old != plain(value):
+        if (old := self.last(kind, subject)) != plain(value):
             self.saw(kind, subject, old, value, by)
 
     def found(self, node: str, values: Mapping[str, object]) -> None:

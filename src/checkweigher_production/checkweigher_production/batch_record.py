@@ -10,7 +10,7 @@ tries again until the lines are written. A record without an end is continued af
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 import errno
 import hashlib
 import json
@@ -21,7 +21,7 @@ import threading
 from typing import Any
 from urllib.parse import quote
 
-from checkweigher_core.records import Decision, Verdict
+from checkweigher_core.records import BatchResult, Decision, Verdict
 
 SUFFIX = '.jsonl'
 _RETRY = 1.0  # s
@@ -31,15 +31,6 @@ class RecordError(ValueError):
     """A record that cannot be used. The message names the file, the place and the fault."""
 
 
-@dataclass(frozen=True, slots=True)
-class EndedRecord:
-    """A complete record with the SHA-256 of its file."""
-
-    batch: str
-    path: Path
-    sha256: str
-
-
 def record_path(folder: Path, batch: str) -> Path:
     """Return the file of the record of a batch."""
     return folder / f'{quote(batch, safe=" ") or "unnamed"}{SUFFIX}'
@@ -47,18 +38,18 @@ def record_path(folder: Path, batch: str) -> Path:
 
 def last_record(folder: Path) -> Path | None:
     """Return the record that was written last, None if there is none."""
-    found = folder.glob(f'*{SUFFIX}')
-    return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
+    return max(folder.glob(f'*{SUFFIX}'), key=lambda path: path.stat().st_mtime_ns, default=None)
 
 
-def ended_record(path: Path) -> EndedRecord | None:
-    """Return a record with its hash if its batch has ended, else None."""
+def ended_record(path: Path) -> BatchResult | None:
+    """Return the result of a batch that has ended, with the stamp 0, else None."""
     begin = last = None
     for last in read_lines(path):
         begin = begin or last
     if begin is None or last is None or last['kind'] != 'end':
         return None
-    return EndedRecord(str(begin['batch']), path, hashlib.sha256(path.read_bytes()).hexdigest())
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return BatchResult(0, str(begin['batch']), str(path.resolve()), digest)
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
@@ -104,7 +95,7 @@ class RecordWriter:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.ended: queue.SimpleQueue[EndedRecord] = queue.SimpleQueue()
+        self.ended: queue.SimpleQueue[BatchResult] = queue.SimpleQueue()
         self.trouble = ''
         self._folder = folder
         self._closing = threading.Event()
@@ -180,7 +171,8 @@ class RecordWriter:
 
     def _finish(self) -> None:
         if self._file is not None:
-            self.ended.put(EndedRecord(self._batch, self._path, self._hash.hexdigest()))
+            path = str(self._path.resolve())
+            self.ended.put(BatchResult(0, self._batch, path, self._hash.hexdigest()))
             self._release()
 
     def _release(self) -> None:

@@ -153,8 +153,9 @@ class PerformanceTests:
     def begin(self, who: str, now: int) -> None:
         """Begin a test; raises `ValueError` as `plan_to_begin`."""
         self.plan_to_begin()
-        running = PerformanceState.RUNNING
-        self.state = replace(self.state, stamp=now, state=running, who=who, errors=(), text='')
+        self.state = replace(
+            self.state, stamp=now, state=PerformanceState.RUNNING, who=who, errors=(), text=''
+        )
 
     def cancel(self, now: int) -> None:
         """Break off the present test; the due time does not change."""
@@ -189,33 +190,32 @@ class PerformanceTests:
     def _judge(self, plan: PerformancePlan, now: int) -> PerformanceTest:
         product, batch = self.state.product, self.state.batch
         last, passed = self._known.get(product, (None, None))
-        judged = PerformanceTest(
-            stamp=now,
-            state=PerformanceState.IN_TIME,
+        passed_at = passed.time if passed else None
+        in_batch = passed is not None and passed.batch == batch
+        due = plan.due(passed_at, self._began, in_batch=in_batch, zone=self._zone)
+        stop_at = None if due is None else due + round(plan.grace * NANOSECONDS)
+        state, text = PerformanceState.IN_TIME, ''
+        if last is not None and not last.passed:
+            state, text = PerformanceState.FAILED, _why_failed(plan, last)
+        elif due is not None and now >= due:
+            overdue = stop_at is not None and now >= stop_at
+            state = PerformanceState.OVERDUE if overdue else PerformanceState.DUE
+            text = _why_due(plan, passed, in_batch=in_batch)
+        return PerformanceTest(
+            stamp=self.state.stamp if state is self.state.state else now,
+            state=state,
             product=product,
             batch=batch,
             mass=plan.mass,
             limit=plan.limit,
             passes=plan.passes,
+            last=passed_at,
+            due=due,
+            stop_at=stop_at,
+            who=last.who if last else '',
+            errors=last.errors if last else (),
+            text=text,
         )
-        if passed is not None:
-            judged = replace(judged, last=passed.time)
-        in_batch = passed is not None and passed.batch == batch
-        due = plan.due(judged.last, self._began, in_batch=in_batch, zone=self._zone)
-        if due is not None:
-            stop_at = due + round(plan.grace * NANOSECONDS)
-            judged = replace(judged, due=due, stop_at=stop_at)
-            if now >= due:
-                state = PerformanceState.DUE if now < stop_at else PerformanceState.OVERDUE
-                text = _why_due(plan, passed, in_batch=in_batch)
-                judged = replace(judged, state=state, text=text)
-        if last is not None:
-            judged = replace(judged, who=last.who, errors=last.errors)
-            if not last.passed:
-                text = _why_failed(plan, last)
-                judged = replace(judged, state=PerformanceState.FAILED, text=text)
-        same = judged.state is self.state.state
-        return replace(judged, stamp=self.state.stamp) if same else judged
 
 
 def passes(plan: PerformancePlan, errors: tuple[float, ...]) -> bool:

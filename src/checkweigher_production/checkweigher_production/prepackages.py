@@ -74,8 +74,10 @@ def tolerable_negative_error(nominal: float) -> float:
     Raises `ValueError` for any other quantity.
     """
     if not SMALLEST * (1 - ROUNDING) <= nominal <= LARGEST * (1 + ROUNDING):
-        span = f'{SMALLEST:g}..{LARGEST:g} kg, for which the directive has limits'
-        raise ValueError(f'nominal {nominal:g} kg is not in {span}')
+        raise ValueError(
+            f'nominal {nominal:g} kg is not in {SMALLEST:g}..{LARGEST:g} kg, for which the '
+            'directive has limits'
+        )
     _, share, constant = next(row for row in _ROWS if nominal <= row[0] * (1 + ROUNDING))
     return share * nominal + constant
 

@@ -186,11 +186,6 @@ def product_of(values: Mapping[str, Any]) -> Product:
     return settings_of(Product, values, values['name'], newer=True)
 
 
-def make_product(name: str, values: Mapping[str, Any]) -> Product:
-    """Return the product of a recipe; `SettingsError` names the first invalid key."""
-    return settings_of(Product, values, name)
-
-
 # These bounds detect masses that were given in g instead of kg. No product comes near to them.
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
@@ -229,8 +224,9 @@ def _parameters(given: Mapping[str, Any]) -> Changes:
         for name, each in flatten(section).items():
             place = 'parameters', node, *name.split('.')
             if node == 'reject' and name in _OWN:
-                why = 'no recipe sets it here; limits, length and speed stand beside nominal'
-                raise SettingsError(why, *place)
+                raise SettingsError(
+                    'no recipe sets it here; limits, length and speed stand beside nominal', *place
+                )
             if name not in known:
                 raise SettingsError(f'{node} has no such parameter', *place)
             try:

@@ -161,5 +161,4 @@ def _samples(defective: np.ndarray, plan: SamplingPlan) -> tuple[SampleResult, .
         return (SampleResult(size, int(defective.sum()), accept, accept + 1),)
     rows = next(rows for most, rows in _CONTENTS[plan] if size <= most)
     first, *second = (SampleResult(n, int(defective[:n].sum()), a, r) for n, a, r in rows)
-    undecided = first.accept < first.defective < first.reject
-    return (first, *second) if undecided else (first,)
+    return (first, *second) if first.accept < first.defective < first.reject else (first,)

@@ -11,10 +11,9 @@ import yaml
 
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import ProductOnLine
-from checkweigher_core.settings_files import plain
+from checkweigher_core.settings_files import plain, settings_of
 from checkweigher_production.recipes import (
     Product,
-    make_product,
     product_of,
     read_recipes,
 )
@@ -44,7 +43,7 @@ def write(tmp_path: Path, text: str) -> Path:
     [('TU1', 0.14325), ('TU2', 0.1365), (0.14, 0.14)],
 )
 def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, net: float):
-    product = make_product('crisps', {**GOOD, 'lower_limit': given})
+    product = settings_of(Product, {**GOOD, 'lower_limit': given}, 'crisps')
     reject = product.limits()
     assert product.lower_limit == pytest.approx(net, rel=EXACT)
     assert reject['lower_limit'] == pytest.approx(net + 0.004, rel=EXACT)
@@ -54,18 +53,18 @@ def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, ne
 
 
 def test_tu1_and_tu2_are_known_even_if_the_limits_are_given_directly():
-    product = make_product('crisps', {'nominal': 0.15, 'lower_limit': 0.149})
+    product = settings_of(Product, {'nominal': 0.15, 'lower_limit': 0.149}, 'crisps')
     assert (product.tu1, product.tu2) == pytest.approx((0.14325, 0.1365), rel=EXACT)
 
 
 def test_where_the_directive_has_no_row_there_is_no_tu1():
-    assert math.isnan(make_product('sack', {'nominal': 25.0}).tu1)
+    assert math.isnan(settings_of(Product, {'nominal': 25.0}, 'sack').tu1)
     with pytest.raises(SettingsError, match=r'sack\.lower_limit: 76/211/EEC has no TU1 .* 25 kg'):
-        make_product('sack', {'nominal': 25.0, 'lower_limit': 'TU1'})
+        settings_of(Product, {'nominal': 25.0, 'lower_limit': 'TU1'}, 'sack')
 
 
 def test_what_is_not_given_is_no_limit():
-    product = make_product('crisps', {'nominal': 0.15})
+    product = settings_of(Product, {'nominal': 0.15}, 'crisps')
     assert product.parameters == {}
     assert product.on_line('b7') == ProductOnLine(0, 'crisps', 'b7', needed=True, nominal=0.15)
     assert product.length == product.speed == (0.0, math.inf)
@@ -73,7 +72,7 @@ def test_what_is_not_given_is_no_limit():
 
 def test_the_reject_node_gets_the_rules_of_the_batch_with_the_packaging_on():
     rules = {'tu1_quota': 0.02, 'mean_value': True, 'filler': {'max_correction': 0.004}}
-    product = make_product('crisps', {**GOOD, **rules, 'lower_limit': None})
+    product = settings_of(Product, {**GOOD, **rules, 'lower_limit': None}, 'crisps')
     reject = product.limits()
     weights = reject['lower_limit'], reject['tu1'], reject['nominal']
     assert weights == pytest.approx((0.1405, 0.14725, 0.154), rel=EXACT)  # TU2, TU1, nominal
@@ -87,7 +86,7 @@ def test_a_test_product_and_a_target_may_be_up_to_half_off():
         'test': {**TEST, 'mass': 0.23, 'limit': 0.0229},  # of 154 g with the packaging
         'filler': {'max_correction': 0.15, 'target': 0.076},
     }
-    product = make_product('crisps', {**GOOD, **inner})
+    product = settings_of(Product, {**GOOD, **inner}, 'crisps')
     assert product.test is not None
     assert product.test.mass == 0.23
     assert product.parameters['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
@@ -139,7 +138,7 @@ def test_a_bad_recipe_is_refused_with_the_key_and_the_value(
     key: str, value: object, complaint: str
 ):
     with pytest.raises(SettingsError) as error:
-        make_product('crisps', {**GOOD, key: value})
+        settings_of(Product, {**GOOD, key: value}, 'crisps')
     assert str(error.value).startswith(complaint)
 
 
@@ -148,7 +147,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
         read_recipes(tmp_path / 'recipes.yaml')
     path = write(tmp_path, yaml.safe_dump({'products': {'crisps': GOOD, 'nuts': {'nominal': 1}}}))
     assert read_recipes(path) == {
-        'crisps': make_product('crisps', GOOD),
+        'crisps': settings_of(Product, GOOD, 'crisps'),
         'nuts': Product('nuts', 1.0, tu1=0.985, tu2=0.97),
     }
 
@@ -183,7 +182,7 @@ def test_a_file_of_a_newer_format_may_have_keys_that_are_not_known(tmp_path: Pat
     nuts = '{nominal: 0.2, colour: red, filler: {brand: x, max_correction: 0.01}}'
     text = f'format: 2\nshop: west\nproducts:\n  nuts: {nuts}\n'
     assert read_recipes(write(tmp_path, text)) == {
-        'nuts': make_product('nuts', {'nominal': 0.2, 'filler': {'max_correction': 0.01}})
+        'nuts': settings_of(Product, {'nominal': 0.2, 'filler': {'max_correction': 0.01}}, 'nuts')
     }
     with pytest.raises(SettingsError, match=r'line 2: shop: no such key; it may have products$'):
         read_recipes(write(tmp_path, text.replace('format: 2', 'format: 1')))
@@ -202,4 +201,4 @@ def test_the_recipe_in_a_record_of_before_is_read():
     inner = {'filler': {'max_correction': 0.004}}
     own = {'parameters': {'identifier': {'hann': {'gain': [1.01]}}}}
     product = product_of(json.loads(line))
-    assert product == make_product('crisps', {**rules, **inner, **own})
+    assert product == settings_of(Product, {**rules, **inner, **own}, 'crisps')

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 import pytest
 
 from checkweigher_core.records import NANOSECONDS, Decision, MassEstimate, Verdict
-from checkweigher_production.recipes import Product, make_product
+from checkweigher_core.settings_files import settings_of
+from checkweigher_production.recipes import Product
 from checkweigher_production.statistics import ProductionRecord, ProductionStatistics
 
 EXACT = 1e-12  # relative
@@ -21,7 +22,7 @@ START = 1_700_000_000 * NANOSECONDS
 @pytest.fixture(name='crisps')
 def _crisps() -> Product:
     """150 g: TU1 143.25 g, TU2 136.5 g."""
-    return make_product('crisps', {'nominal': 0.15, 'tare': 0.004, 'length': [0.1, 0.2]})
+    return settings_of(Product, {'nominal': 0.15, 'tare': 0.004, 'length': [0.1, 0.2]}, 'crisps')
 
 
 def verdict(mass: float, decision: Decision = Decision.ACCEPT, **others: object) -> Verdict:
@@ -137,5 +138,5 @@ def test_a_recipe_that_was_changed_counts_anew(crisps: Product):
     record = ProductionRecord()
     record.product = crisps
     record.current.add(verdict(0.154))
-    record.product = make_product('crisps', {'nominal': 0.16})
+    record.product = settings_of(Product, {'nominal': 0.16}, 'crisps')
     assert record.summary().items == 0

@@ -40,8 +40,7 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     if taken.lower() not in ('y', 'yes'):
         print(f'{output}: not written; the parameters are in {new}')
         return
-    version = replace_version(output, new)
-    print(f'{output}: version {version} written; start the line with it')
+    print(f'{output}: version {replace_version(output, new)} written; start the line with it')
 
 
 def _check(arguments: argparse.Namespace) -> None:

@@ -99,10 +99,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
     def _bags(self) -> dict[int, Path]:
         """Return the bags of passes by their numbers, in order."""
-        found = {}
-        for path in self._folder.glob('passes_*'):
-            if number := re.fullmatch(r'passes_(\d+)', path.name):
-                found[int(number.group(1))] = path
+        found = {
+            int(number.group(1)): path
+            for path in self._folder.glob('passes_*')
+            if (number := re.fullmatch(r'passes_(\d+)', path.name))
+        }
         return dict(sorted(found.items()))
 
     def _recorded(self) -> list[Path]:
@@ -188,8 +189,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
     def _show(self, request: Any, response: Any) -> str:
         """Show how accurate the learned parameters are."""
-        text = self._candidate().decode('utf-8', errors='replace')
-        return '\n'.join(accuracy_lines(text))
+        return '\n'.join(accuracy_lines(self._candidate().decode('utf-8', errors='replace')))
 
     async def _on_accept(self, request: Any, response: Any) -> Any:
         try:
@@ -285,14 +285,12 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         """Publish the result of a child that has finished or was cancelled."""
         said = self._said
         self._clean_up(failed=self._cancelled)
+        values: dict[str, Any] = {}
+        text = 'training cancelled' if self._cancelled else self._waiting()
         if said.state == DynamicSetting.RECORDING:
-            passes, wanted = int(said.passes), int(said.wanted)
-            text = f'{passes} of {wanted} passes of {GRAMS * said.mass:g} g recorded'
-            values = {'passes': passes, 'wanted': wanted, 'mass': said.mass}
-            self._tell(DynamicSetting.IDLE, text, **values)
-        else:
-            text = 'training cancelled' if self._cancelled else self._waiting()
-            self._tell(DynamicSetting.IDLE, text)
+            text = f'{said.passes} of {said.wanted} passes of {GRAMS * said.mass:g} g recorded'
+            values = {'passes': said.passes, 'wanted': said.wanted, 'mass': said.mass}
+        self._tell(DynamicSetting.IDLE, text, **values)
 
     def _clean_up(self, *, failed: bool) -> None:
         """Remove a bag without passes, or the parameters of a training that `failed`."""

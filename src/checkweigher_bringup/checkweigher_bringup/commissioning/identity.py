@@ -24,7 +24,7 @@ _PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 class Identity:
     """Identity of a machine, from its audit log and its parameters, which are written to a file.
 
-    Raises OSError or AuditError if the log cannot be read, or its chain is broken.
+    Raises AuditError if the log cannot be read, or its chain is broken.
     """
 
     def __init__(self, file: Path, audit: Path | None) -> None:
@@ -55,7 +55,7 @@ class Identity:
             digests, entries = _read_audit(self._audit)
             self._known |= digests
             changes += _changes_in_log(entries[self._entries :])
-        except (AuditError, OSError) as error:  # the procedure is worth its report all the same
+        except AuditError as error:  # the procedure is worth its report all the same
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
         return json.dumps(self._known)
@@ -100,15 +100,12 @@ def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entr
     """
     if path is None:
         return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()
-    while True:  # until no entry has come in between
-        before, found = path.read_bytes(), read_log(path)
-        if path.read_bytes() == before:
-            break
+    found = read_log(path)
     if not found.whole:
         raise AuditError(f'{path}: the chain is broken at line {found.bad_line}: {found.reason}')
     digests = {
         'audit_log': str(path),
-        'audit_log_sha256': hashlib.sha256(before).hexdigest(),
+        'audit_log_sha256': found.sha256,
         'audit_log_last_hash': found.entries[-1].hash if found.entries else None,
     }
     return digests, found.entries

@@ -64,8 +64,9 @@ class SampleFeed:
         try:
             message = self._messages.get(timeout=_PATIENCE)
         except queue.Empty:
-            text = f'no samples within {_PATIENCE:.0f} s from {self.name}; is the line running?'
-            raise UserError(text) from None
+            raise UserError(
+                f'no samples within {_PATIENCE:.0f} s from {self.name}; is the line running?'
+            ) from None
         if isinstance(message, str):
             raise UserError(f'{self.name}: {message}')
         if isinstance(message, LoadCell):

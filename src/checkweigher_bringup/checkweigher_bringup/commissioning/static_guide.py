@@ -59,9 +59,7 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
     check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))
-    values: dict[str, object] = {}
-    if arguments.params is not None:
-        values = source_values(arguments.params, arguments.source)
+    values = source_values(arguments.params, arguments.source) if arguments.params else {}
     kind = source_class(arguments.source)
     return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))
 

@@ -25,7 +25,6 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.ports import Port
 from checkweigher_driver.calibration.static_calibration import RestReading, Steadiness
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_recording.bags.definitions import serialize
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_recording.block_cutting import join_recording
@@ -78,13 +77,13 @@ def procedure_of_bags(
     )
     with BagWriter(output, ports.RECORDED) as writer:
         for port, record in told:
-            writer.put(port, begin, serialize(port, record, begin))
+            writer.put_record(port, begin, record)
         items = 0
         for bag, step, recording in found:
             for stamp, port, record in _records(bag, step, recording, plan, parameters, items):
                 if port is ports.VERDICT:
                     items = max(items, record.item_id)
-                writer.put(port, stamp, serialize(port, record, stamp))
+                writer.put_record(port, stamp, record)
 
 
 def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:

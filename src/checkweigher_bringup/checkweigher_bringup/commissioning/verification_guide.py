@@ -210,9 +210,8 @@ class _Guide:
     def _make(self, number: int, step: Step) -> bool:
         """Make a step; return false if it is to be made again."""
         self._wait_for_warm_up(step)
-        reason = self._operator.asked(number, step)
         node = self._node
-        if reason:
+        if reason := self._operator.asked(number, step):
             now = node.latest
             node.tell(VerificationStep(now, step.name, StepState.SKIPPED, None, reason))
             self._attempts.append(Attempt(step, now, now, skipped=reason))
@@ -245,8 +244,8 @@ class _Guide:
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')
-            said = ask(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
-            self._operator.tell(f'zero: {said}')
+            answer = ask(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
+            self._operator.tell(f'zero: {answer}')
         found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
         assert feed.latest is not None
         end = end_of_block(feed.latest, self._cell)

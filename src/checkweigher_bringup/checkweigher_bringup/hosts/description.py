@@ -65,8 +65,9 @@ class LineDescription:
     def shares(self, host: str) -> tuple[Share, ...]:
         """Return what a host runs; `SettingsError` if there is no such host."""
         if host not in self.hosts:
-            known = _list(self.hosts)
-            raise SettingsError(f'host {host}: not in the line description; it has {known}')
+            raise SettingsError(
+                f'host {host}: not in the line description; it has {", ".join(self.hosts)}'
+            )
         return tuple(lane[host] for lane in self.lanes if host in lane)
 
     def environment(self) -> dict[str, str]:
@@ -114,7 +115,7 @@ class _LaneEntry(Settings):
         for host in nodes:
             if host not in hosts:
                 place = ('nodes', host) if self.nodes else ('host',)
-                text = f'{host!r} is none of the hosts {_list(hosts)}'
+                text = f'{host!r} is none of the hosts {", ".join(hosts)}'
                 raise SettingsError(text, 'lanes', self.name, *place)
         params = tuple(_file(folder / each, 'lanes', self.name, 'params') for each in self.params)
         product = {'product': self.product} if self.product else {}
@@ -132,7 +133,7 @@ def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None
         raise SettingsError('names no node', 'nodes', host)
     for name in names:
         if name not in NODES:
-            raise SettingsError(f'{name!r} is none of {_list(NODES)}', 'nodes', host)
+            raise SettingsError(f'{name!r} is none of {", ".join(NODES)}', 'nodes', host)
         if placed.count(name) > 1:
             raise SettingsError(f'{name} is there twice', 'nodes', host)
 
@@ -143,9 +144,9 @@ def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
     for host, names in nodes.items():
         _check_share(host, names, placed)
     if missing := [name for name in NODES if name not in placed]:
-        raise SettingsError(f'no host has {_list(missing)}', 'nodes')
+        raise SettingsError(f'no host has {", ".join(missing)}', 'nodes')
     if not any({*names}.issuperset(AT_MACHINE) for names in nodes.values()):
-        text = f'{_list(AT_MACHINE)} are on several hosts; put them on the one at the machine'
+        text = f'{", ".join(AT_MACHINE)} are on several hosts; put them on the one at the machine'
         raise SettingsError(text, 'nodes')
 
 
@@ -167,7 +168,7 @@ class LineFile(Settings):
         if len({ipaddress.ip_address(each) for each in self.hosts.values()}) < len(self.hosts):
             raise SettingsError('two have the same address', 'hosts')
         if self.discovery not in (HOSTS, SUBNET, *self.hosts):
-            known = _list((HOSTS, SUBNET, *self.hosts))
+            known = ', '.join((HOSTS, SUBNET, *self.hosts))
             raise SettingsError(f'{self.discovery!r} is none of {known}', 'discovery')
 
 
@@ -182,15 +183,10 @@ def read_line(path: Path) -> LineDescription:
 
 def _check_name(name: str, *place: object) -> None:
     if not _NAME.fullmatch(name):
-        text = f'{name!r} is no name: a letter, then letters, digits and _'
-        raise SettingsError(text, *place)
+        raise SettingsError(f'{name!r} is no name: a letter, then letters, digits and _', *place)
 
 
 def _file(path: Path, *place: object) -> Path:
     if not path.is_file():
         raise SettingsError(f'there is no file {path.absolute()}', *place)
     return path.absolute()
-
-
-def _list(names: Any) -> str:
-    return ', '.join(names)

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
-from checkweigher_core.records import FillerFeedback, Verdict
+from checkweigher_core.records import BatchResult, FillerFeedback, Verdict
 from checkweigher_core.settings_files import plain
 from checkweigher_production.batch_record import (
-    EndedRecord,
     RecordError,
     RecordWriter,
     ended_record,
@@ -52,8 +51,9 @@ class LineBatches:
         if last and not ended:
             self._restore(last)
         elif (path := record_path(self._folder, batch)).exists():
-            text = f'the batch {batch!r} has ended; name another one in product.batch'
-            raise RecordError(f'{path}: {text}')
+            raise RecordError(
+                f'{path}: the batch {batch!r} has ended; name another one in product.batch'
+            )
         self._writer = RecordWriter(self._folder)
         if ended:  # the process may have ended before the hash was in the audit log
             self._writer.ended.put(ended)
@@ -95,8 +95,9 @@ class LineBatches:
         self._corrected = product.name, correction if last == product.name else 0.0
         self._filler = None
         if product.filler is not None:
-            masses = product.nominal, product.tare
-            self._filler = FillerController(product.filler, product.name, *masses, correction)
+            self._filler = FillerController(
+                product.filler, product.name, product.nominal, product.tare, correction
+            )
 
     def add(self, verdict: Verdict) -> bool:
         """Count and record an item; return False if it was counted before a restart."""
@@ -129,8 +130,8 @@ class LineBatches:
         """Return whether there is a record of a batch."""
         return self._writer is not None and record_path(self._folder, batch).exists()
 
-    def ended(self) -> Iterator[EndedRecord]:
-        """Yield the records that were completed since the last call."""
+    def ended(self) -> Iterator[BatchResult]:
+        """Yield the batches whose records were completed since the last call, with the stamp 0."""
         while self._writer is not None and not self._writer.ended.empty():
             yield self._writer.ended.get()
 

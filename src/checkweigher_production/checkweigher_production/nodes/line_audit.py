@@ -99,14 +99,12 @@ class LineAudit:
     def _write(self, request: Any, value: Any) -> None:
         kind, subject = request.kind, request.subject
         namespace, _, node = subject.rpartition('/')
-        here = namespace == self._namespace
         if kind == changes.PERSON and len(subject) <= _LONGEST_NAME:
             self._write_person(one_line(subject), request, value)
-        elif kind == changes.PARAMETER and here and isinstance(value, dict):
+        elif (kind, namespace) == (changes.PARAMETER, self._namespace) and isinstance(value, dict):
             self.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
         elif kind == changes.REPORT and self._has_record(subject):
-            by = Author(f'graph:{self._namespace}/{REPORTER}')
-            self.trail.state(kind, subject, value, by)
+            self.trail.state(kind, subject, value, Author(f'graph:{self._namespace}/{REPORTER}'))
         else:
             self._write_asked(kind, subject, value)
 

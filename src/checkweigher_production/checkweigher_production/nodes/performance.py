@@ -113,7 +113,10 @@ class LineTest:
         if level := _LEVELS.get(state.state):
             text = state.text or f'{state.who} makes it: {len(state.errors)} of {state.passes}'
             found.append(Concern(level, f'{state.state.name}: {text}', _HINT))
-        values: dict[str, float | str] = {'who': state.who, 'passes': len(state.errors)}
         worst = max((abs(each) for each in state.errors), default=math.nan)
-        values['largest_error_g'] = GRAMS * worst
+        values: dict[str, float | str] = {
+            'who': state.who,
+            'passes': len(state.errors),
+            'largest_error_g': GRAMS * worst,
+        }
         return conclude('Performance test', well.get(state.state, ''), found, values)

@@ -4,7 +4,7 @@
 
 from collections.abc import Awaitable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,6 @@ from checkweigher_core.parameters import ParameterError, Parameters, SettingsErr
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import (
     NANOSECONDS,
-    BatchResult,
     LoadCell,
     MassEstimate,
     ProductOnLine,
@@ -322,8 +321,7 @@ class ProductNode(StageNode[ProductParameters]):
         """Publish the records that are complete, once their hashes are in the audit log."""
         for ended in self._batches.ended():
             self._trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
-            path = str(ended.path.resolve())
-            self._results.send(BatchResult(self._stamp(), ended.batch, path, ended.sha256))
+            self._results.send(replace(ended, stamp=self._stamp()))
 
     # Performance test
 
@@ -349,8 +347,13 @@ class ProductNode(StageNode[ProductParameters]):
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return the findings on recipe, audit log, batch record, performance test and clock."""
-        findings = self._audit.finding(), self._batches.finding(), self._test.finding()
-        return [self._diagnose_recipe(), *findings, self._host_clock.finding(now)]
+        return [
+            self._diagnose_recipe(),
+            self._audit.finding(),
+            self._batches.finding(),
+            self._test.finding(),
+            self._host_clock.finding(now),
+        ]
 
     def _diagnose_recipe(self) -> Finding:
         product, first = self._production.product, self.parameters.product

@@ -6,13 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from pathlib import Path, PurePosixPath
-import shutil
 from typing import Any
 
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.scratch import scratch_folder
-
-_PIECE = 1 << 20  # bytes
 
 
 def is_url(place: str) -> bool:
@@ -72,7 +69,7 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
 def _copy(store: Any, path: str, copy: Path) -> None:
     """Copy a file, or the files of a folder without its subfolders."""
     if path.endswith(('.mcap', '.db3')):
-        _copy_file(store, path, copy)
+        store.get_file(path, str(copy))
         return
     entries = store.ls(path.rstrip('/'), detail=True)
     names = [str(each['name']) for each in entries if each['type'] == 'file']
@@ -83,9 +80,4 @@ def _copy(store: Any, path: str, copy: Path) -> None:
         raise BagError(f'{path}: no bag in this folder')
     copy.mkdir()
     for name, file in files.items():
-        _copy_file(store, file, copy / name)
-
-
-def _copy_file(store: Any, path: str, copy: Path) -> None:
-    with store.open(path, 'rb') as source, copy.open('xb') as target:
-        shutil.copyfileobj(source, target, _PIECE)
+        store.get_file(file, str(copy / name))

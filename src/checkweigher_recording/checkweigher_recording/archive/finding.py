@@ -109,8 +109,7 @@ def _stored_bags(url: str) -> Iterator[str]:
 
 def _listed(store: Any, path: str) -> Iterator[str]:
     entries = store.ls(path, detail=True)
-    names = {PurePosixPath(entry['name']).name for entry in entries}
-    if holds_bag(names):
+    if holds_bag(PurePosixPath(entry['name']).name for entry in entries):
         yield path
         return
     for entry in sorted(entries, key=lambda entry: str(entry['name'])):

@@ -14,9 +14,9 @@ from checkweigher_core.recording import BlockColumns, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, Reference
 from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
-from checkweigher_recording.bags.sample_decoding import SampleDecoder
+from checkweigher_recording.bags.sample_decoding import decode_samples
 
-_AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # messages between two stretches, and their bytes
+_AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # messages that are decoded together, and their bytes
 _LATE = 60 * NANOSECONDS  # largest delay of a message behind one with a later stamp
 
 
@@ -34,10 +34,10 @@ class LaneMessages:
         self.numbers: Counter[str] = Counter()
         self._path = path
         self._cell: LoadCell | None = None
-        self._samples = SampleDecoder()
-        self._blocks = BlockColumns.of([])
+        self._samples: list[bytes] = []  # messages that are still to be decoded
+        self._blocks = [BlockColumns.of([])]
         self._events: list[EyeEdge | Reference] = []
-        self._since = self._bytes = 0  # messages since the last stretch, and their bytes
+        self._since = self._bytes = 0  # messages since the last decoding, and their bytes
         self._end: int | None = None  # of the last stretch, ns
 
     def take(self, topic: str, port: Port, data: bytes) -> None:
@@ -46,11 +46,17 @@ class LaneMessages:
         self._since += 1
         self._bytes += len(data)
         if port is LOAD_CELL_SAMPLES:
-            self._samples.add(data)
+            self._samples.append(data)
         elif port is LOAD_CELL_INFO:
             self.take_cell(data)
         else:
             self._events.append(deserialize(port, data))
+        if self._since == _AT_ONCE or self._bytes >= _BYTES_AT_ONCE:
+            self._decode()
+
+    def _decode(self) -> None:
+        self._blocks.append(decode_samples(self._samples))
+        self._samples, self._since, self._bytes = [], 0, 0
 
     def take_cell(self, data: bytes) -> None:
         """Add a message of the load cell, which may come several times."""
@@ -72,26 +78,27 @@ class LaneMessages:
 
         Raises `OutOfOrderError` if a message belongs before the end of a stretch that was returned.
         """
-        if self._since < _AT_ONCE and self._bytes < _BYTES_AT_ONCE:
+        if self._since:  # only after messages were decoded
             return None
-        self._since = self._bytes = 0
-        self._sort()
-        latest = [int(stamp) for stamp in self._blocks.stamps[-1:]]
+        blocks = self._sorted()
+        latest = [int(stamp) for stamp in blocks.stamps[-1:]]
         end = max([*latest, *(event.stamp for event in self._events[-1:])], default=0) - _LATE
-        place = int(np.searchsorted(self._blocks.stamps, end))
+        place = int(np.searchsorted(blocks.stamps, end))
         if not place or (self._end is not None and end <= self._end):
             return None
         self._end = end
-        complete, self._blocks = self._blocks.split(place)
+        complete, later = blocks.split(place)
+        self._blocks = [later]
         number = bisect_left(self._events, end, key=attrgetter('stamp'))
         events, self._events = self._events[:number], self._events[number:]
         return self._recording(complete, events)
 
     def rest(self) -> Recording:
         """Return the remaining events, or all if there was no stretch; raises as `stretch`."""
-        self._sort()
-        recording = self._recording(self._blocks, self._events)
-        if not len(self._blocks) and self._end is None:
+        self._decode()
+        blocks = self._sorted()
+        recording = self._recording(blocks, self._events)
+        if not len(blocks) and self._end is None:
             raise BagError(
                 f'{self._path}: no samples on {LOAD_CELL_SAMPLES.name}; the driver was not running'
             )
@@ -112,14 +119,15 @@ class LaneMessages:
             )
         return self._cell
 
-    def _sort(self) -> None:
-        """Sort the events in canonical order; `OutOfOrderError` if one is too late."""
-        parts = [self._blocks, self._samples.blocks()]
-        self._blocks = BlockColumns.concatenate(parts).in_canonical_order()
+    def _sorted(self) -> BlockColumns:
+        """Sort the events, and return the blocks sorted; `OutOfOrderError` if one is too late."""
+        blocks = BlockColumns.concatenate(self._blocks).in_canonical_order()
+        self._blocks = [blocks]
         self._events.sort(key=canonical_order)
-        first = [int(stamp) for stamp in self._blocks.stamps[:1]]
+        first = [int(stamp) for stamp in blocks.stamps[:1]]
         first += [event.stamp for event in self._events[:1]]
         if self._end is not None and first and min(first) < self._end:
             raise OutOfOrderError(
                 f'{self._path}: has messages that came more than {_LATE // NANOSECONDS} s late'
             )
+        return blocks

@@ -53,14 +53,16 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Check sums are checked if the file has them; some writers leave them out. All numbers of
     messages that the bag states must agree.
     """
-    (recording,) = _read(path, namespace, progress, in_stretches=False)
+    (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording
 
 
 def read_stretches(
-    path: Path, namespace: str | None = None, *, progress: bool = False
+    path: Path, namespace: str | None = None, *, progress: bool = False, whole: bool = False
 ) -> Iterator[Recording]:
     """Read one lane of a bag in stretches of about a minute, in limited memory.
+
+    With `whole` the bag is a single stretch.
 
     Together they have all events that `read_bag` returns, in the same order. The first stretch has
     samples, and the last one has the `warning`. An error at the end may concern the whole bag.
@@ -69,7 +71,24 @@ def read_stretches(
     Raises `OutOfOrderError` if a message is logged more than a minute after one with a later stamp.
     `read_bag` reads such a bag.
     """
-    return _read(path, namespace, progress, in_stretches=True)
+    with open_bag(path) as bag:
+        lane = choose_lane(path, bag.connections, namespace)
+        for connection, port in lane:
+            check_definition(path, connection, port)
+        messages = LaneMessages(path)
+        if cell := _load_cell(bag, lane):
+            messages.take_cell(cell)
+        ports = {connection.topic: port for connection, port in lane}
+        connections = [connection for connection, _ in lane]
+        found = bag.messages(connections)
+        count = sum(connection.msgcount for connection in connections)
+        for connection, _, data in with_progress(found, 'reading', count, shown=progress):
+            messages.take(connection.topic, ports[connection.topic], data)
+            if not whole and (stretch := messages.stretch()) is not None:
+                yield stretch
+        if isinstance(bag, Reader):
+            _check_numbers(path, bag, {topic: messages.numbers[topic] for topic in ports})
+        yield replace(messages.rest(), warning=_warning(path, bag))
 
 
 def over_stretches(
@@ -88,29 +107,6 @@ def over_stretches(
         return work(read_stretches(path, namespace, progress=progress))
     except OutOfOrderError:
         return work([read_bag(path, namespace, progress=progress)])
-
-
-def _read(
-    path: Path, namespace: str | None, progress: bool, *, in_stretches: bool
-) -> Iterator[Recording]:
-    with open_bag(path) as bag:
-        lane = choose_lane(path, bag.connections, namespace)
-        for connection, port in lane:
-            check_definition(path, connection, port)
-        messages = LaneMessages(path)
-        if cell := _load_cell(bag, lane):
-            messages.take_cell(cell)
-        ports = {connection.topic: port for connection, port in lane}
-        connections = [connection for connection, _ in lane]
-        found = bag.messages(connections)
-        count = sum(connection.msgcount for connection in connections)
-        for connection, _, data in with_progress(found, 'reading', count, shown=progress):
-            messages.take(connection.topic, ports[connection.topic], data)
-            if in_stretches and (stretch := messages.stretch()) is not None:
-                yield stretch
-        if isinstance(bag, Reader):
-            _check_numbers(path, bag, {topic: messages.numbers[topic] for topic in ports})
-        yield replace(messages.rest(), warning=_warning(path, bag))
 
 
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:

@@ -5,9 +5,9 @@
 from itertools import chain
 from pathlib import Path
 
-from checkweigher_core.ros.ports import RECORDED, Port
+from checkweigher_core.ros.ports import RECORDED
 from checkweigher_recording.bags.definitions import BagError, bag_errors, check_definition
-from checkweigher_recording.bags.lanes import lanes_of
+from checkweigher_recording.bags.lanes import Lane, lanes_of
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_recording.bags.writing import BagWriter
 
@@ -32,16 +32,10 @@ def recover_bag(source: Path, path: Path) -> int:
     with bag_errors(source):
         bag = UnfinishedBag(parts)
     found = lanes_of((each for each in bag.connections if each.msgcount), RECORDED)
-    # A port with an absolute name is shared by all lanes.
-    lanes = [
-        lane
-        for lane, pairs in found.items()
-        if not all(port.name.startswith('/') for _, port in pairs)
-    ]
-    ports: dict[str, Port] = {}  # by topic
+    lanes = [lane for lane, pairs in found.items() if not _is_shared(pairs)]
+    ports = {connection.topic: port for connection, port in chain(*found.values())}
     for connection, port in chain(*found.values()):
         check_definition(source, connection, port)
-        ports[connection.topic] = port
     if len(lanes) != 1:
         what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
         raise BagError(f'{source}: {what}; there is nothing to recover')
@@ -51,3 +45,8 @@ def recover_bag(source: Path, path: Path) -> int:
         for connection, log_time, data in bag.messages(connections):
             whole.put(ports[connection.topic], log_time, data)
         return whole.message_count
+
+
+def _is_shared(lane: Lane) -> bool:
+    """Return whether all lanes share the ports, whose names are absolute."""
+    return all(port.name.startswith('/') for _, port in lane)

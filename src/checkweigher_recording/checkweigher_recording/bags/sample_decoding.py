@@ -14,47 +14,25 @@ from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES
 from checkweigher_recording.bags.definitions import deserialize, typestore
 
 _LITTLE_ENDIAN = 0x0100  # encapsulation of plain CDR, read as little-endian number
-# Largest number of messages that are decoded together, and of their bytes.
-_BATCH_SIZE, _BATCH_BYTES = 4096, 1 << 24
 
 
-class SampleDecoder:
-    """Decoder of messages of type LoadCellSamples."""
+def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
+    """Return the blocks of messages of type LoadCellSamples in CDR, in their order.
 
-    def __init__(self) -> None:
-        self._messages: list[bytes] = []
-        self._bytes = 0
-        self._decoded: list[BlockColumns] = []
-
-    def add(self, message: bytes) -> None:
-        """Add a message; raises an exception if it or an earlier one cannot be decoded."""
-        self._messages.append(message)
-        self._bytes += len(message)
-        if len(self._messages) == _BATCH_SIZE or self._bytes > _BATCH_BYTES:
-            self._decode_batch()
-
-    def blocks(self) -> BlockColumns:
-        """Return the blocks of the messages since the last call, in order; raises as `add`."""
-        self._decode_batch()
-        decoded, self._decoded = self._decoded, []
-        return BlockColumns.concatenate(decoded)
-
-    def _decode_batch(self) -> None:
-        messages, self._messages, self._bytes = self._messages, [], 0
-        sizes = np.fromiter(map(len, messages), np.int64, len(messages))
-        parts: list[BlockColumns] = []
-        numbers = np.zeros(0, np.int64)  # of the messages whose blocks are in `parts`
-        for size in np.unique(sizes):
-            same_size = np.flatnonzero(sizes == size)
-            alike, blocks = _decode_alike([messages[number] for number in same_size])
-            parts.append(blocks)
-            numbers = np.append(numbers, same_size[alike])
-        rest = np.setdiff1d(np.arange(len(messages)), numbers)
-        parts.append(
-            BlockColumns.of([deserialize(LOAD_CELL_SAMPLES, messages[number]) for number in rest])
-        )
-        order = np.argsort(np.append(numbers, rest))
-        self._decoded.append(BlockColumns.concatenate(parts).take(order))
+    Raises an exception if one of them cannot be decoded.
+    """
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    parts: list[BlockColumns] = []
+    numbers = np.zeros(0, np.int64)  # of the messages whose blocks are in `parts`
+    for size in np.unique(sizes):
+        same_size = np.flatnonzero(sizes == size)
+        alike, blocks = _decode_alike([messages[number] for number in same_size])
+        parts.append(blocks)
+        numbers = np.append(numbers, same_size[alike])
+    rest = np.setdiff1d(np.arange(len(messages)), numbers)
+    others = [deserialize(LOAD_CELL_SAMPLES, messages[number]) for number in rest]
+    order = np.argsort(np.append(numbers, rest))
+    return BlockColumns.concatenate([*parts, BlockColumns.of(others)]).take(order)
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:

@@ -207,13 +207,12 @@ class _Part:
         if schema.encoding in _FORMATS:
             text = schema.data.decode(errors='replace')
             definition = MessageDefinition(_FORMATS[schema.encoding], text)
-        digest = channel.metadata.get('topic_type_hash', '')
         return Connection(
             id=channel.id,
             topic=channel.topic,
             msgtype=schema.name,
             msgdef=definition,
-            digest=digest,
+            digest=channel.metadata.get('topic_type_hash', ''),
             msgcount=self._counts[channel.id],
             ext=ConnectionExtRosbag2(channel.message_encoding, []),
             owner=self,

@@ -4,12 +4,12 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 import glob
 import os
 from pathlib import Path
 import shutil
-from typing import Any, Self
+from typing import Any
 
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import (
@@ -66,13 +66,11 @@ def write_bag(
     with BagWriter(path, PLAYED, namespace) as bag:
         for event in events:
             if bag.message_count == 0:
-                data = serialize(LOAD_CELL_INFO, load_cell, event.stamp)
-                bag.put(LOAD_CELL_INFO, event.stamp, data)
-            port = _PORTS[type(event)]
-            bag.put(port, event.stamp, serialize(port, event, event.stamp))
+                bag.put_record(LOAD_CELL_INFO, event.stamp, load_cell)
+            bag.put_record(_PORTS[type(event)], event.stamp, event)
 
 
-class BagWriter:
+class BagWriter(AbstractContextManager['BagWriter', None]):
     """A new bag of serialized messages of some ports, a context manager.
 
     The bag appears complete when the block ends without an exception, otherwise not at all. With
@@ -100,10 +98,6 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
         self._begin = self._end = 0
-
-    def __enter__(self) -> Self:
-        """Return the bag."""
-        return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Complete the bag. After an exception remove it, unless it is written in place."""
@@ -142,6 +136,13 @@ class BagWriter:
         self._counts[port.name] += 1
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
+    def put_record(self, port: Port, stamp: int, record: object) -> None:
+        """Append a record of one of the ports of the bag; parameters and errors as those of `put`.
+
+        The header has the stamp of the record, or `stamp` if it has none.
+        """
+        self.put(port, stamp, serialize(port, record, stamp))
+
     def flush(self) -> None:
         """Write the messages so far to the file, so that they survive if this process is killed."""
         if self._mcap is not None:
@@ -177,8 +178,7 @@ class BagWriter:
         return OutputError(text)
 
     def _topic(self, port: Port) -> str:
-        absolute = port.name.startswith('/')
-        return port.name if absolute else f'{self._prefix}/{port.name}'
+        return port.name if port.name.startswith('/') else f'{self._prefix}/{port.name}'
 
     def _add_channel(self, mcap: Writer, port: Port) -> int:
         """Return the number of a new channel for a port."""

@@ -55,14 +55,19 @@ def _switches(where: str, entries: Any, rows: int) -> list[tuple[float, bool]]:
     if not isinstance(entries, list) or not entries:
         raise CsvError(f'{where}: must be a list of [row, level]')
     for entry in entries:
-        if not (isinstance(entry, list) and len(entry) == 2 and entry[1] in (0, 1)):
-            raise CsvError(f'{where}: {entry!r} is not [row, level] with level 0 or 1')
-        if not _is_number(entry[0]) or not 0 <= entry[0] < rows:
-            raise CsvError(f'{where}: row {entry[0]!r} is not in 0..{rows - 1}')
+        _check_entry(where, entry, rows)
     for before, entry in pairwise(entries):
         if entry[0] <= before[0] or entry[1] == before[1]:
             raise CsvError(f'{where}: {entry!r} does not follow {before!r}')
     return [(row, bool(level)) for row, level in entries[1:]]
+
+
+def _check_entry(where: str, entry: Any, rows: int) -> None:
+    """Raise `CsvError` unless an entry is ``[row, level]`` of a log of `rows` rows."""
+    if not (isinstance(entry, list) and len(entry) == 2 and entry[1] in (0, 1)):
+        raise CsvError(f'{where}: {entry!r} is not [row, level] with level 0 or 1')
+    if not _is_number(entry[0]) or not 0 <= entry[0] < rows:
+        raise CsvError(f'{where}: row {entry[0]!r} is not in 0..{rows - 1}')
 
 
 def _masses(path: Path, content: dict[str, Any], items: int) -> tuple[float, ...]:

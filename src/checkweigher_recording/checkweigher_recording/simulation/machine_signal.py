@@ -13,7 +13,6 @@ from checkweigher_recording.simulation.machine import (
     Bounce,
     Joint,
     Machine,
-    Mode,
     Roller,
     Transfer,
     generator,
@@ -44,8 +43,7 @@ def transfer_force(
     are standard normal numbers of this pass.
     """
     of_end = np.where(time < (entry.t2 + entry.t3) / 2, numbers[0], numbers[1])
-    tipping = transfer.tipping + transfer.tipping_spread * of_end
-    force = tipping * np.sin(math.pi * share)
+    force = (transfer.tipping + transfer.tipping_spread * of_end) * np.sin(math.pi * share)
     for begin, number in zip((entry.t1, entry.t2, entry.t3), numbers[2:], strict=True):
         size = (transfer.strike + transfer.strike_spread * number) * _speed(entry)
         force += size * _half_sine((time - begin) / transfer.duration)
@@ -123,8 +121,8 @@ class MachineSignal:
         ]
         self._zero = Wander(random, 1 / 600, 1 / 30)
         self._floor = FloorNoise(1 / step, generator(floor))
-        self._platform = _platform(machine.platform, step)
-        self._rocking = _platform(machine.rocking.mode, step) if machine.rocking else None
+        self._platform = Platform(machine.platform, step)
+        self._rocking = Platform(machine.rocking.mode, step) if machine.rocking else None
         self._low_pass, self._low_pass_state = _low_pass(machine, step)
         self._crept = np.zeros(1)
 
@@ -215,10 +213,6 @@ class MachineSignal:
     def _numbers(self, entry: Pass) -> Array:
         """Return the standard normal numbers of a pass, (12,)."""
         return np.random.default_rng((self._passes, entry.number)).standard_normal(12)
-
-
-def _platform(mode: Mode, step: float) -> Platform:
-    return Platform(mode.natural_frequency, mode.damping_ratio, mode.moving_mass, step)
 
 
 def _low_pass(machine: Machine, step: float) -> tuple[Array, Array]:

@@ -8,6 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_recording.simulation.machine import Mode
+
 
 @dataclass
 class Platform:
@@ -27,9 +29,7 @@ class Platform:
     is 1 at any mass.
     """
 
-    natural_frequency: float  # Hz, of the empty platform, without its damping
-    damping_ratio: float  # of the empty platform, below 1
-    moving_mass: float  # kg, of the empty platform
+    mode: Mode  # of the empty platform; its frequency is that without damping, its ratio below 1
     step: float  # s
     _reading: float = field(default=0.0, init=False)
     _rate: float = field(default=0.0, init=False)
@@ -63,10 +63,10 @@ class Platform:
     def transition(self, load: float) -> tuple[float, float, float, float]:
         """Return a11, a12, a21 and a22 of one step, the matrix exponential, at a load in kg."""
         # The load adds to the mass; stiffness and damper do not change.
-        share = self.moving_mass / (self.moving_mass + load)
-        omega = 2 * math.pi * self.natural_frequency
+        share = self.mode.moving_mass / (self.mode.moving_mass + load)
+        omega = 2 * math.pi * self.mode.natural_frequency
         squared = omega**2 * share
-        decay = self.damping_ratio * omega * share
+        decay = self.mode.damping_ratio * omega * share
         damped = math.sqrt(squared - decay**2)
         envelope = math.exp(-decay * self.step)
         cosine = envelope * math.cos(damped * self.step)

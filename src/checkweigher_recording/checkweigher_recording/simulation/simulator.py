@@ -20,9 +20,11 @@ proportional to the belt speed; and the vibration of the floor. The converter ad
 drift, quantisation and its limits. The platform is at rest at the first sample.
 """
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 import math
+from operator import attrgetter
 from typing import ClassVar
 
 import numpy as np
@@ -33,7 +35,7 @@ from checkweigher_core.recording import Event, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
 from checkweigher_recording.simulation.filler import Filler
-from checkweigher_recording.simulation.machine import PREFIX, generator, machine_of
+from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import FloorNoise, white
 from checkweigher_recording.simulation.platform_dynamics import Platform
@@ -90,8 +92,10 @@ def check_profile(profile: str) -> None:
     """Raise `ParameterError` if there is no profile of this name."""
     try:
         if machine_of(profile) is None and profile not in PROFILES:
-            names = f'{", ".join(PROFILES)} or {PREFIX}SEED'
-            raise ParameterError(f'simulator.profile: {profile!r} is not one of {names}')
+            raise ParameterError(
+                f'simulator.profile: {profile!r} is not one of {", ".join(PROFILES)} or '
+                f'{PREFIX}SEED'
+            )
     except ValueError as error:
         raise ParameterError(f'simulator.profile: {profile!r}: {error}') from None
 
@@ -261,17 +265,19 @@ class Simulation:
                 waiting += self._switches(entry)
             waiting.sort(key=canonical_order)
             first += len(counts)
-            limit = self._stamp(first / rate)
-            ready = sum(event.stamp < limit for event in waiting)
+            ready = bisect_left(waiting, self._stamp(first / rate), key=attrgetter('stamp'))
             yield from waiting[:ready]
             del waiting[:ready]
 
     def _switches(self, entry: Pass) -> Iterator[Event]:
         """Yield the edges of the photo-eyes for a product, and its true mass."""
-        yield EyeEdge(self._stamp(entry.t1), Eye.INFEED, True)
-        yield EyeEdge(self._stamp(entry.t2), Eye.INFEED, False)
-        yield EyeEdge(self._stamp(entry.t3), Eye.OUTFEED, True)
-        yield EyeEdge(self._stamp(entry.t4), Eye.OUTFEED, False)
+        for time, eye, blocked in (
+            (entry.t1, Eye.INFEED, True),
+            (entry.t2, Eye.INFEED, False),
+            (entry.t3, Eye.OUTFEED, True),
+            (entry.t4, Eye.OUTFEED, False),
+        ):
+            yield EyeEdge(self._stamp(time), eye, blocked)
         yield Reference(self._stamp(entry.t1), entry.mass)
 
     def _stamp(self, time: float) -> int:
@@ -352,8 +358,7 @@ class _Machine:
             duration = self._belt.last_exit + self._parameters.run_out
             self.total = math.ceil(duration * self._parameters.sample_rate) + 1
             end = min(end, self.total)
-        steps = (end - first) * OVERSAMPLING
-        time = self._middle(first) + np.arange(steps) / self._rate
+        time = self._middle(first) + np.arange((end - first) * OVERSAMPLING) / self._rate
         reading = self._signal.reading(time, self._belt.travel(time))
         samples = reading.reshape(-1, OVERSAMPLING).mean(axis=1)
         return self._convert(samples, first), [self._signal.seen(entry) for entry in new]
@@ -389,7 +394,8 @@ class _ProfileSignal:
         self._profile, self._belt, self._step = profile, belt, step
         phases, self._broadband, floor, self._electronic = map(generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
-        self._platform = Platform(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, step)
+        mode = Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+        self._platform = Platform(mode, step)
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:

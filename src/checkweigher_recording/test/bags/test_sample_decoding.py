@@ -9,9 +9,8 @@ import pytest
 
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES
-from checkweigher_recording.bags import sample_decoding
 from checkweigher_recording.bags.definitions import HEADER, TIME, deserialize, typestore
-from checkweigher_recording.bags.sample_decoding import SampleDecoder
+from checkweigher_recording.bags.sample_decoding import decode_samples
 
 MESSAGE_TYPE = LOAD_CELL_SAMPLES.message_type
 
@@ -31,10 +30,7 @@ def listed(blocks):
 
 
 def decoded(messages):
-    decoder = SampleDecoder()
-    for message in messages:
-        decoder.add(message)
-    return listed(decoder.blocks())
+    return listed(decode_samples(messages))
 
 
 def one_by_one(messages):
@@ -72,9 +68,7 @@ def test_many_blocks_are_decoded_in_their_order(data):
             max_size=30,
         )
     )  # fmt: skip
-    with pytest.MonkeyPatch.context() as changed:
-        changed.setattr(sample_decoding, '_BATCH_SIZE', 7)
-        assert decoded(messages) == one_by_one(messages)
+    assert decoded(messages) == one_by_one(messages)
 
 
 @given(st.data())

@@ -29,6 +29,7 @@ from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangul
 from scipy.signal import StateSpace, butter, tf2ss
 
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
+from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.noise import FLOOR_BAND
 from checkweigher_recording.simulation.platform_dynamics import Platform
 from checkweigher_recording.simulation.simulator import (
@@ -200,7 +201,8 @@ class _SimulatedPass:
         return _covariance_of_readings(step, loads[self._first :])
 
     def _platform(self) -> Platform:
-        return Platform(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, self._step)
+        mode = Mode(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+        return Platform(mode, self._step)
 
 
 def _covariance_of_readings(

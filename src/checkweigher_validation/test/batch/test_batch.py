@@ -12,16 +12,17 @@ import pytest
 
 from checkweigher_core.records import Decision, FillerFeedback, StopRequest, Verdict
 from checkweigher_core.records.reasons import StopReason
+from checkweigher_core.settings_files import settings_of
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.batch_record import RecordError, RecordWriter
-from checkweigher_production.recipes import make_product
+from checkweigher_production.recipes import Product
 from checkweigher_production.reference_method import SamplingPlan
 from checkweigher_validation.batch.batch import BatchError, read_csv, read_record
 from checkweigher_validation.batch.figures import as_json, figures_of
 from checkweigher_validation.report.batch_page import render_batch
 
 TARE = 0.004
-TINS = make_product('tins <b>', {'nominal': 0.1, 'tare': TARE, 'tu1_quota': 0.025})
+TINS = settings_of(Product, {'nominal': 0.1, 'tare': TARE, 'tu1_quota': 0.025}, 'tins <b>')
 
 
 def verdict(number: int, decision: Decision, contents: float, *reasons: str) -> Verdict:
@@ -56,7 +57,7 @@ def record(tmp_path: Path) -> Path:
     writer.end('2026-01-01T11:00:00')
     ended = writer.ended.get(timeout=60)
     writer.close()
-    return ended.path
+    return Path(ended.record)
 
 
 def test_the_figures_of_a_record_are_those_of_its_items(record: Path):

@@ -29,8 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     namespace = check_namespace(arguments.namespace)
     check_positive(arguments, 'count', 'duration')
-    count, duration = arguments.count or math.inf, arguments.duration or math.inf
-    end = time.monotonic() + duration
+    count, end = arguments.count or math.inf, time.monotonic() + (arguments.duration or math.inf)
     with spinning(namespace) as spinner:
         node, table = EchoNode(), Table()
         spinner.add(node)

@@ -35,6 +35,5 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.passes is not None:
         raise UserError('--passes: needs the mass of the product, --reference')
     duration, namespace = arguments.duration or math.inf, check_namespace(arguments.namespace)
-    inputs_only = arguments.inputs_only
-    record(arguments.output, namespace, duration, inputs_only=inputs_only, passes=known)
+    record(arguments.output, namespace, duration, inputs_only=arguments.inputs_only, passes=known)
     return 0

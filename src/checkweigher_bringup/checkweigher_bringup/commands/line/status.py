@@ -122,7 +122,6 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
         if hint:
             lines += textwrap.wrap('-> ' + hint, room, subsequent_indent='   ')
         if values or row.level != Level.OK:
-            figures = ', '.join(f'{key} {value}' for key, value in row.values)
-            lines += textwrap.wrap(figures, room)
+            lines += textwrap.wrap(', '.join(f'{key} {value}' for key, value in row.values), room)
         yield begin + lines[0]
         yield from (indent + line for line in lines[1:])

@@ -101,14 +101,14 @@ def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
 def _product(arguments: argparse.Namespace) -> 'Product':
     from checkweigher_bringup.settings import recipe_of
     from checkweigher_core.records import GRAMS
-    from checkweigher_production.recipes import make_product
+    from checkweigher_core.settings_files import settings_of
+    from checkweigher_production.recipes import Product
 
-    product = recipe_of(arguments)
-    if product is not None and arguments.nominal is not None:
-        raise UserError('--nominal: the recipe has the nominal weight; give one of both')
-    if product is not None:
+    if (product := recipe_of(arguments)) is not None:
+        if arguments.nominal is not None:
+            raise UserError('--nominal: the recipe has the nominal weight; give one of both')
         return product
     if arguments.nominal is None:
         raise UserError('which product? Give --nominal, or --recipes and --product')
     values = {'nominal': arguments.nominal / GRAMS, 'tare': arguments.tare / GRAMS}
-    return make_product('batch', values)
+    return settings_of(Product, values, 'batch')

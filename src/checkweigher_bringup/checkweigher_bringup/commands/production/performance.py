@@ -24,5 +24,4 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_positive(arguments, 'timeout')
     lane = check_namespace(arguments.namespace)
-    passed = make_test(lane, arguments.who, arguments.reason, arguments.timeout)
-    return 0 if passed else 1
+    return 0 if make_test(lane, arguments.who, arguments.reason, arguments.timeout) else 1

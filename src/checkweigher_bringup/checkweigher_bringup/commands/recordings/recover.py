@@ -17,6 +17,5 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the bag; the recording stays as it is."""
     from checkweigher_recording.bags.recovery import recover_bag
 
-    count = recover_bag(arguments.bag, arguments.output)
-    print(f'{arguments.output}: {count} messages')
+    print(f'{arguments.output}: {recover_bag(arguments.bag, arguments.output)} messages')
     return 0

@@ -87,10 +87,9 @@ def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
     if arguments.csv is not None:
         raise UserError('--csv: of one bag; --output DIR has the results of all')
     names = result_names(find_bags(arguments.bags))
-    bags = places_of(arguments, names)
     jobs = {
         name: WeighJob(bag, parameters, arguments.lane, program())
-        for name, bag in zip(names.values(), bags, strict=True)
+        for name, bag in zip(names.values(), places_of(arguments, names), strict=True)
     }
     with on_scheduler_of(arguments) as n_jobs:
         results = ResultsFolder(arguments.output, jobs)
@@ -106,8 +105,7 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
     for note in weighed.summary.notes if weighed.summary else ():
         warn(f'{weighed.bag}: {note}')
     if weighed.problem:
-        known = scheduler != 'local' and weighed.host
-        where = f'on worker {weighed.host}: ' if known else ''
+        where = f'on worker {weighed.host}: ' if weighed.host and scheduler != 'local' else ''
         warn(f'{where}{weighed.problem}; passed over')
     items = f'{weighed.summary.items} items' if weighed.summary else 'passed over'
     print(f'{progress}: {one_line(weighed.bag)}: {items}', flush=True)

@@ -9,9 +9,10 @@ from pathlib import Path
 from running import BAGS, ROOT, run_command
 
 from checkweigher_core.records import Decision, Verdict
+from checkweigher_core.settings_files import settings_of
 from checkweigher_production.audit_log import AuditLog
 from checkweigher_production.batch_record import RecordWriter
-from checkweigher_production.recipes import make_product
+from checkweigher_production.recipes import Product
 
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
 
@@ -37,7 +38,7 @@ def test_a_record_that_was_changed_differs_from_the_audit_log(tmp_path: Path):
     log = tmp_path / 'audit.log'
     writer = RecordWriter(tmp_path)
     writer.begin('L1', '2026-05-28T06:00:00', audit_log=str(log))
-    writer.write('product', asdict(make_product('tins', {'nominal': 0.1})))
+    writer.write('product', asdict(settings_of(Product, {'nominal': 0.1}, 'tins')))
     for number in (1, 2):
         writer.write(
             'verdict',
@@ -48,17 +49,17 @@ def test_a_record_that_was_changed_differs_from_the_audit_log(tmp_path: Path):
     writer.close()
     with AuditLog(log) as audit:
         audit.append('2026-05-28T05:00:00', '/product', 'selection', 'product', None, 'tins')
-        status, said, made = report(ended.path, tmp_path / '1.json')
+        status, said, made = report(Path(ended.record), tmp_path / '1.json')
         assert (status, made) == (0, 'not in the log')
         assert 'is not in the audit log' in said
         audit.append('2026-05-28T07:00:01', '/product', 'record', 'L1', None, ended.sha256)
-    status, said, made = report(ended.path, tmp_path / '2.json')
+    status, said, made = report(Path(ended.record), tmp_path / '2.json')
     assert (status, made) == (0, 'agrees')
     assert 'agrees with the audit log' in said
 
-    lines = ended.path.read_text().splitlines(keepends=True)
-    ended.path.write_text(''.join([*lines[:3], *lines[4:]]))  # an item less
-    status, said, made = report(ended.path, tmp_path / '3.json')
+    lines = Path(ended.record).read_text().splitlines(keepends=True)
+    Path(ended.record).write_text(''.join([*lines[:3], *lines[4:]]))  # an item less
+    status, said, made = report(Path(ended.record), tmp_path / '3.json')
     assert (status, made) == (1, 'differs')
     assert 'DIFFERS' in said
     assert '1 items: 1 ACCEPT' in said
