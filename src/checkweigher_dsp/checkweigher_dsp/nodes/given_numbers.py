@@ -64,16 +64,19 @@ class GivenNumbers:
         """Read the numbers of this run, or create the file in its full size."""
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
-        found: dict[int, int] = {}
-        if data.startswith(line):
-            for place, text in enumerate(data[_LINE:].splitlines()):
-                with suppress(ValueError):  # torn, or never written
-                    found[int(text)] = place
-        else:
+        places = data[_LINE:].splitlines() if data.startswith(line) else []
+        if not places:
             os.ftruncate(file, 0)
             os.pwrite(file, line.encode() + (b' ' * (_NUMBER - 1) + b'\n') * self._most, 0)
+        found: dict[int, int] = {}
+        for place, text in enumerate(places):
+            with suppress(ValueError):  # torn, or never written
+                found[int(text)] = place
         self.numbers = frozenset(found)
-        self._next = found[self.last] + 1 if found else 0
+        # Not behind the largest number: the numbers given after it may be smaller.
+        free = [place for place, text in enumerate(places) if not text.strip()]
+        oldest = found[min(found)] if found else 0
+        self._next = free[0] if free else oldest
 
     def give(self, number: int) -> None:
         """Write a number before it is given.

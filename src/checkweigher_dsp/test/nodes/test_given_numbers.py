@@ -42,7 +42,16 @@ def test_the_latest_numbers_are_kept():
     again.give(8)
 
     assert (again.numbers, again.last) == ({4, 3, 7}, 7)
-    assert GivenNumbers('/lane/reject', 0, most=3).numbers == {3, 7, 8}
+    assert GivenNumbers('/lane/reject', 0, most=3).numbers == {4, 7, 8}
+
+
+def test_a_restart_loses_no_number_that_was_given_after_a_larger_one():
+    given = [1, 2, 5, 3, 4, 6, 9, 7, 8, 10]
+    for count, number in enumerate(given):
+        numbers = GivenNumbers('/lane/reject', 0, most=len(given))
+        assert numbers.numbers == set(given[:count])
+        numbers.give(number)
+        numbers.close()
 
 
 def test_with_a_path_numbers_go_on_over_runs(tmp_path, monkeypatch):
