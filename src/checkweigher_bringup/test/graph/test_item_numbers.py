@@ -29,6 +29,7 @@ NODES = ('segmenter', 'driver', 'reject', 'identifier', 'reject', 'driver', 'seg
 # The start of a simulation, whose stamps begin again with each stream.
 _RESTART = NANOSECONDS
 _DEADLINE = 2.0  # s, in which reject judges what left while the segmenter was dead
+_ON_THEIR_WAY = 1.0  # s, in which the verdicts come that were sent before a kill
 _SETTLE = 4.0  # s, in which the verdicts on what has entered come
 
 
@@ -139,8 +140,10 @@ def test_each_item_has_one_verdict_and_one_number_over_kills_of_segmenter_and_re
     campaign.judge_until(Verdict.ACCEPT)
     for number in range(kills):
         if number % 5 == 0:
+            # What leaves while both are dead, the driver sees: only one of them is dead at a time.
+            campaign.judge_for(_ON_THEIR_WAY)
+            campaign.judge_until(Verdict.ACCEPT)
             campaign.kill('segmenter')
-            # What leaves while both are dead, the driver sees.
             campaign.judge_until_segmenter_is_back()
             campaign.judge_for(_DEADLINE)
         if number % 5 == 3:
@@ -160,6 +163,7 @@ def test_numbers_go_on_over_kills_of_any_node(campaign: Campaign):
     campaign.judge_until(Verdict.ACCEPT)
     for name in islice(cycle(NODES), SHARD, SHARD + KILLS):
         campaign.kill(name)
+        campaign.judge_for(_ON_THEIR_WAY)
         campaign.judge_until(Verdict.ACCEPT)
         campaign.judge_for(chance.uniform(_DEADLINE, 4))
     campaign.check()
