@@ -30,7 +30,7 @@ from checkweigher_production.nodes.product import ProductNode
 
 LANE = 'diagnosed'
 # Whether these are well depends on what else the machine does meanwhile.
-OF_THE_MACHINE = ('Clock', 'Verdicts', 'Line', 'Windows')
+OF_THE_MACHINE = ('Clock', 'Verdicts', 'Line', 'Windows', 'Permission')
 
 
 class Told:
