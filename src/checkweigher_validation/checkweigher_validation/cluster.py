@@ -141,6 +141,10 @@ def _refused(
     answers = client.run(question, on_error='return')
     refused = {}
     for name, answer in answers.items():
+        # Dask's own errors, of a connection, have no errno: the worker has ended meanwhile, and
+        # the worker in its place has another address.
+        if isinstance(answer, OSError) and answer.errno is None:
+            continue
         is_error = isinstance(answer, BaseException)
         why = f'cannot run this program: {one_line(answer)}' if is_error else refusal(answer)
         if why:
