@@ -115,9 +115,7 @@ def qos(port: ports.Port) -> tuple[str, str, str]:
     if port.holds:
         deadline = 1e-9 * port.qos.deadline.nanoseconds
         durability += f', deadline {deadline:.2f} s, lifespan {port.holds:g} s'
-    if port.lease:
-        lease = 1e-9 * port.qos.liveliness_lease_duration.nanoseconds
-        durability += f', liveliness automatic {lease:.2f} s'
+        durability += f', liveliness automatic {deadline:.2f} s'
     return 'reliable', durability, str(port.history.depth)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import time
 
 from checkweigher_msgs.msg import Verdict
 from graph import heard
@@ -37,10 +38,14 @@ def start() -> Iterator[Start]:
         started.append(subprocess.Popen([sys.executable, *arguments, *names]))
 
     yield begin
-    for process in started:
-        process.terminate()
-    for process in started:
-        process.wait(timeout=PATIENCE)
+    # rclpy wakes its executor before it shuts the context down. A node without timers may sleep on
+    # after a signal, and ends by the next one, which `ros2 launch` sends as well.
+    end = time.monotonic() + PATIENCE
+    while alive := [process for process in started if process.poll() is None]:
+        assert time.monotonic() < end
+        for process in alive:
+            process.terminate()
+        time.sleep(1)
 
 
 def printed(page: str, folder: Path) -> str:

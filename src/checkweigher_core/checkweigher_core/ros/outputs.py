@@ -29,12 +29,9 @@ _MAX_HELD = 10_000
 # One lock for a process. Callbacks of stages run in the thread of the executor and, called from
 # the source of the driver, in its thread, but never two at once.
 LOCK = threading.RLock()
-# Outputs of this process with a lease: DDS shows no liveliness to inputs of the same process.
-_alive_here: list['Output'] = []
 Callback = Callable[[Any], None]  # takes a record
-# Endpoints have no event callbacks except for the liveliness of makers, because each callback is
-# one more entity that every wake of the executor collects. `Connections` finds a QoS that does not
-# fit.
+# Endpoints have no event callbacks, because each is one more entity that every wake of the executor
+# collects. `Connections` finds a QoS that does not fit.
 
 
 class Output:
@@ -50,8 +47,6 @@ class Output:
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self.publisher = _endpoint(node.create_publisher, port, self.qos, event_callbacks=events)
         self.topic_name: str = self.publisher.topic_name
-        if port.lease:
-            _alive_here.append(self)
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
 
     def send(self, record: Any, **header: Any) -> None:
@@ -164,12 +159,6 @@ class Input:
         self.subscription: Subscription | None = None
         self._node = node
         self._callback = callback
-        self._lives = False  # whether a publisher shows that it does, where the port has a lease
-
-    @property
-    def alive(self) -> bool:
-        """Whether a maker lives, by the lease of the port."""
-        return self._lives or any(each.topic_name == self.topic_name for each in _alive_here)
 
     def take(self, record: Any) -> None:
         """Pass a record to the node."""
@@ -181,10 +170,7 @@ class Input:
 
     def subscribe(self) -> None:
         """Subscribe to the records over DDS."""
-        events = SubscriptionEventCallbacks(
-            liveliness=self._on_liveliness if self.port.lease else None,
-            use_default_callbacks=False,
-        )
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
         create, call = self._node.create_subscription, self._take_message
         self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
 
@@ -193,9 +179,6 @@ class Input:
         if self.subscription is None:
             return len(self.makers)
         return int(self.subscription.get_publisher_count())
-
-    def _on_liveliness(self, status: Any) -> None:
-        self._lives = status.alive_count > 0
 
     def _take_message(self, message: Any) -> None:
         with LOCK:
@@ -240,8 +223,6 @@ def disconnect(node: Any) -> None:
             for entry in output.takers:
                 entry.makers.remove(output)
             output.takers = []
-            if output in _alive_here:
-                _alive_here.remove(output)
 
 
 def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events: Any) -> Any:

@@ -3,6 +3,7 @@
 """Base of the nodes of the line: parameters, inputs and outputs, diagnostics."""
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 import time
 from typing import Any, Generic
 
@@ -10,6 +11,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclaredException
 from rclpy.parameter import Parameter
+from std_msgs.msg import Empty
 
 from checkweigher_core.changes import PARAMETER
 from checkweigher_core.health.findings import Finding
@@ -22,6 +24,7 @@ from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import ALIVE, Port
 
+_ALIVE_PERIOD = 0.15  # s
 Overrides = dict[str, object]
 
 
@@ -51,8 +54,8 @@ class StageNode(PortNode, Generic[P]):
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_parameters)
-        if parameters.node in ALIVE:
-            self.output(ALIVE[parameters.node])
+        port = ALIVE.get(parameters.node)
+        self._alive = self.output(port) if port else None
 
     def destroy_node(self) -> None:
         """Destroy the node, and free its place for another one."""
@@ -61,8 +64,10 @@ class StageNode(PortNode, Generic[P]):
             self._place.free()
 
     def start(self) -> None:
-        """Begin to publish diagnostics."""
+        """Begin to publish diagnostics, and signs of life for a reject in another process."""
         self.diagnostics.start()
+        if self._alive is not None and not self._alive.takers:
+            self.create_timer(_ALIVE_PERIOD, partial(self._alive.send, Empty()))
 
     def shut_down(self) -> None:
         """Prepare for the end of the process."""

@@ -3,6 +3,7 @@
 """Output of the permission by the node reject, ten times a second and at each change."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 import threading
 import time
 
@@ -13,7 +14,9 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
 _PERIOD = 0.1  # s
-_SAMPLES_TIME = 0.4  # s; the segmenter publishes its status every 0.2 s, or after a longer block
+# s. The segmenter publishes its status every 0.2 s, or after a longer block, the others a sign of
+# life every 0.15 s.
+_FRESH_TIME = 0.4
 _MARGIN = 0.001  # s
 
 
@@ -48,12 +51,12 @@ class PermissionGiver:
         *,
         deadlines: bool,
     ) -> None:
-        self.rule = PermissionRule(_SAMPLES_TIME, deadlines=deadlines)
+        self.rule = PermissionRule(_FRESH_TIME, ports.ALIVE, deadlines=deadlines)
         self._publishers = publishers
         self._is_stopped = is_stopped
         self._output = node.output(ports.PERMISSION)
         self._stages = {
-            stage: node.subscribe(port, lambda _: None, needed=False)
+            stage: node.subscribe(port, partial(self._add_sign, stage), needed=False)
             for stage, port in ports.ALIVE.items()
         }
         self._ending = threading.Event()
@@ -70,15 +73,18 @@ class PermissionGiver:
                     self.give()
 
     def _pause(self) -> float:
-        """Return the time to the next message in s, at most until the samples are not fresh."""
+        """Return the time to the next message in s, at most until a sign is not fresh."""
         left = self.rule.fresh_for(time.monotonic_ns()) / NANOSECONDS
         return left + _MARGIN if 0 < left < _PERIOD else _PERIOD
 
+    def _add_sign(self, stage: str, _: object) -> None:
+        self.rule.add_sign(stage, time.monotonic_ns())
+
     def give(self) -> None:
         """Send the permission, or its withdrawal."""
-        present = {
-            **{name: entry.count() > 0 for name, entry in self._publishers.items()},
-            **{stage: entry.alive for stage, entry in self._stages.items()},
-        }
+        for stage, entry in self._stages.items():
+            if entry.makers:  # a stage of this process needs no sign
+                self._add_sign(stage, None)
+        present = {name: entry.count() > 0 for name, entry in self._publishers.items()}
         run = self.rule.may_run(present, time.monotonic_ns(), stopped=self._is_stopped())
         self._output.send(Permission(time.time_ns(), run))

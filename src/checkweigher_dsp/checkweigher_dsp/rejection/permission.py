@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rule of the permission: the line may run if all its parts are fresh and no stop is requested."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.records import NANOSECONDS, StreamStatus
@@ -12,7 +12,8 @@ _HINTS = {
     'eyes': 'check that the driver runs: nothing publishes photo_eyes',
     'load cell': 'check that the driver runs: nothing publishes load_cell/info',
 }
-_STAGE_HINT = 'check its process: it has ended, or is halted'
+_STAGE_HINT = 'check its process: it has ended, hangs or is halted'
+_SAMPLES = 'samples'
 
 
 class PermissionRule:
@@ -21,45 +22,53 @@ class PermissionRule:
     Parameters
     ----------
     fresh_time : float
-        Largest age of fresh samples in s.
+        Largest age of a fresh sign in s.
+    stages : iterable of str
+        Stages that show by signs of life that they work. The samples show it of the segmenter.
     deadlines : bool
         Whether the permission runs out. If not, only a stop request withdraws it.
     """
 
-    def __init__(self, fresh_time: float, *, deadlines: bool) -> None:
+    def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:
         self.deadlines = deadlines
         self._fresh_time = round(NANOSECONDS * fresh_time)
         self._progress = (0, 0)  # stream and samples that the segmenter has taken
-        self._progressed: int | None = None
+        self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))  # time of the last
         self._missing: tuple[str, ...] = ()
         self._given = False
 
     def add_progress(self, status: StreamStatus, now: int) -> None:
         """Add a status of the segmenter."""
         if status.samples and (status.stream, status.samples) != self._progress:
-            self._progress, self._progressed = (status.stream, status.samples), now
+            self._progress = status.stream, status.samples
+            self.add_sign(_SAMPLES, now)
+
+    def add_sign(self, stage: str, now: int) -> None:
+        """Add a sign of life of a stage."""
+        self._signs[stage] = now
 
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
         """Return whether the line may run.
 
-        `present` is whether each part of the line is there: the stages, ``eyes`` and ``load cell``.
-        `stopped` is whether a stop is requested.
+        `present` is whether ``eyes`` and ``load cell`` are there, `stopped` whether a stop is
+        requested.
         """
-        since = self._progressed
-        fresh = {**present, 'samples': since is not None and now - since <= self._fresh_time}
-        self._missing = tuple(name for name, is_there in fresh.items() if not is_there)
+        old = now - self._fresh_time
+        fresh = {name: sign is not None and sign >= old for name, sign in self._signs.items()}
+        self._missing = tuple(name for name, well in {**present, **fresh}.items() if not well)
         self._given = not stopped and not (self._missing and self.deadlines)
         return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return the time for which the samples stay fresh without further ones, 0 if not fresh."""
-        return max((self._progressed or 0) + self._fresh_time - now, 0)
+        """Return the time for which all signs stay fresh without further ones, 0 if not fresh."""
+        oldest = min(sign or 0 for sign in self._signs.values())
+        return max(oldest + self._fresh_time - now, 0)
 
     def finding(self) -> Finding:
         """Return the aspect Permission of the diagnostics, as of the last decision."""
         concerns = [
             Concern(Level.WARN, f'withdrawn: no {name}', _HINTS.get(name, _STAGE_HINT))
             for name in self._missing
-            if self.deadlines and self._progressed is not None  # a line that starts is well
+            if self.deadlines and self._signs[_SAMPLES] is not None  # a line that starts is well
         ]
         return conclude('Permission', 'given' if self._given else 'withdrawn', concerns)

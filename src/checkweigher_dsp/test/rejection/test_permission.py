@@ -9,13 +9,16 @@ from checkweigher_core.records import StreamState, StreamStatus
 from checkweigher_dsp.rejection.permission import PermissionRule
 
 MS = 1_000_000
-THERE = dict.fromkeys(('eyes', 'load cell', 'segmenter', 'denoise', 'identifier'), True)
+STAGES = ('denoise', 'identifier')
+THERE = dict.fromkeys(('eyes', 'load cell'), True)
 
 
 def rule(*, deadlines=True):
     """Return the rule of a line that weighs since 0 ms."""
-    made = PermissionRule(0.3, deadlines=deadlines)
+    made = PermissionRule(0.3, STAGES, deadlines=deadlines)
     progress(made, 100, 0)
+    for stage in STAGES:
+        made.add_sign(stage, 0)
     return made
 
 
@@ -43,6 +46,19 @@ def test_without_a_part_of_the_line_it_may_not(name):
     assert may_run(made, 0)
 
 
+@pytest.mark.parametrize('name', STAGES)
+def test_it_runs_out_with_the_signs_of_a_stage(name):
+    made = rule()
+    progress(made, 200, 200)
+    made.add_sign(*{'denoise', 'identifier'} - {name}, 200 * MS)
+    assert made.fresh_for(290 * MS) == 10 * MS
+    assert may_run(made, 300)
+    assert not may_run(made, 301)
+    assert (made.finding().level, made.finding().text) == (Level.WARN, f'withdrawn: no {name}')
+    made.add_sign(name, 400 * MS)
+    assert may_run(made, 400)
+
+
 def test_samples_are_fresh_by_their_progress_alone():
     made = PermissionRule(0.3, deadlines=True)
     progress(made, 0, 0)  # a stream that is announced
@@ -59,6 +75,6 @@ def test_samples_are_fresh_by_their_progress_alone():
 
 def test_without_deadlines_nothing_runs_out():
     made = rule(deadlines=False)
-    assert may_run(made, 10_000, identifier=False)
+    assert may_run(made, 10_000, eyes=False)
     assert made.finding().text == 'given'
     assert not may_run(made, 0, stopped=True)
