@@ -14,6 +14,7 @@ from running import BAGS, PATIENCE
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner
+from checkweigher_core.health.findings import Finding
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.ports import Port
 from checkweigher_driver.driver_node import DriverNode
@@ -34,6 +35,11 @@ def call(node: Node, kind: Any, name: str, /, **values: object) -> Any:
     answer = client.call_async(kind.Request(**values))
     wait_for(answer.done)
     return answer.result()
+
+
+def aspect(node: Any, name: str) -> Finding:
+    """Return the finding on an aspect, as the diagnostics of a node show it."""
+    return next(each for each in node.diagnose(time.monotonic()) if each.aspect == name)
 
 
 def publish(node: Node, topic: Port, message: Any) -> None:

@@ -16,7 +16,7 @@ from statistics import median
 import time
 from typing import Any
 
-from graph import call
+from graph import aspect, call
 from modbus_machine import MS, REJECTOR, RELEASE, Plc, outputs_of, wait_for
 import numpy as np
 import pytest
@@ -175,8 +175,8 @@ def check_rejects(line: Line, verdicts: list[Verdict]) -> list[float]:
         else:
             nearest = min(ons, key=lambda when: abs(when - verdict.reject_at))
             late.append((nearest - verdict.reject_at) / MS)
-    figures = line.driver._outputs.figures()
-    stated = figures['largest switch error ms'] + figures['switch uncertainty ms']
+    figures: Any = aspect(line.driver, 'Outputs').values
+    stated = figures['largest_switch_error_ms'] + figures['switch_uncertainty_ms']
     assert min(late) > 0
     assert max(late) <= stated + 0.5
     return late
@@ -192,10 +192,8 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
         lasted, cpu = time.monotonic() - began, time.process_time() - cpu
         last = max(each.reject_at or 0 for each in verdicts) + 200 * MS
         wait_for(lambda: time.time_ns() > last, 'the last item')
-        source = line.driver._source
-        assert source is not None
-        figures = source.figures()
-        assert line.plc.state(RELEASE) is True, (line.driver._outputs.finding(), source.trouble)
+        figures: Any = aspect(line.driver, 'Source').values
+        assert line.plc.state(RELEASE) is True, (aspect(line.driver, 'Outputs'), figures)
         late = check_rejects(line, verdicts)
     edges, off, drift, late_drift = seen_by(line, recording)
     # What remains when the edges are where the PLC was read is the clock of the samples.
@@ -221,11 +219,11 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
         f'edges {min(off):+.2f} to {max(off):+.2f} ms; {len(late)} rejected, {min(late):.2f} to '
         f'{max(late):.2f} ms after their time; CPU {cpu / lasted:.1%}; {figures}'
     )
-    assert figures['samples lost'] == 0
+    assert figures['samples_lost'] == 0
     for error, number in zip(errors, sound, strict=True):
         assert abs(error) <= count_mass + _OF_CLOCK * drift * masses[number]
     # A sample for the clock, which is fitted within the first seconds.
-    doubt = figures.get('largest edge uncertainty ms', 0.0) + 1e3 / cell.sample_rate
+    doubt = figures.get('largest_edge_uncertainty_ms', 0.0) + 1e3 / cell.sample_rate
     assert max(map(abs, off)) <= doubt
     assert [each.decision for each in verdicts] == [decided(mass) for mass in expected]
 
