@@ -10,7 +10,7 @@ setup(
     packages=find_packages(include=[package_name, package_name + '.*']),
     package_data={
         package_name: ['py.typed'],
-        f'{package_name}.report': ['*.j2'],
+        f'{package_name}.report': ['*.j2', '*.mplstyle'],
         f'{package_name}.verification': ['*.yaml', '*.json'],
     },
     data_files=[

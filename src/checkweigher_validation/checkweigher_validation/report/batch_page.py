@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a batch as one HTML page."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 import numpy as np
@@ -21,32 +20,24 @@ from checkweigher_validation.report.inline_svg import (
     new_figure,
     stand_in,
 )
-from checkweigher_validation.report.page import fill, picture
+from checkweigher_validation.report.page import fill
 
 _MOST_LINES = 500  # of a table of changes, stops or corrections
 
 
-@rc_context(STYLE)
+@rc_context(fname=STYLE)
 def render_batch(batch: Batch, parts: Sequence[PartFigures]) -> str:
     """Return the report of a batch as one HTML page that needs no other file."""
-    shown = [(part, list(_pictures(place, part))) for place, part in enumerate(parts)]
-    return fill('batch.html.j2', ('aid', 'iswd_eksi'), batch=batch, parts=shown, most=_MOST_LINES)
-
-
-def _pictures(place: int, part: PartFigures) -> Iterator[Markup]:
-    if len(part.masses) > 1:
-        yield picture(
-            f'histogram-{place}',
-            _histogram(part),
-            'Contents of the accepted items. Dashed: nominal weight; dotted: TU1 and TU2.',
-        )
-    if part.chart is not None:
-        yield picture(
-            f'chart-{place}',
-            _chart(part.chart),
-            f'Means of {SUBGROUP} accepted items in the order in which they came, with centre line '
-            'and control limits. Marked points break a rule of ISO 7870-2, quoted from memory.',
-        )
+    return fill(
+        'batch.html.j2',
+        ('aid', 'iswd_eksi'),
+        batch=batch,
+        parts=parts,
+        most=_MOST_LINES,
+        subgroup=SUBGROUP,
+        histogram=_histogram,
+        chart=_chart,
+    )
 
 
 def _histogram(part: PartFigures) -> Figure:

@@ -7,11 +7,12 @@ figure suits a light page, a dark page and paper. Text stays text, in the font o
 """
 
 from collections.abc import Sequence
-from html import escape
 import io
+from pathlib import Path
 import re
 from typing import Any
 
+from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -20,42 +21,8 @@ INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
 _SERIES = re.compile('#f1e2([0-9a-f]{2})')
 _VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
 
-# Style of the figures, for matplotlib.rc_context: they are drawn and written within it. The type is
-# Any because that of matplotlib is a list of all possible names.
-STYLE: Any = {
-    'axes.axisbelow': True,
-    'axes.edgecolor': GRID,
-    'axes.facecolor': 'none',
-    'axes.grid': True,
-    'axes.labelcolor': MUTED,
-    'axes.labelsize': 9,
-    'axes.spines.right': False,
-    'axes.spines.top': False,
-    'axes.titlecolor': INK,
-    'axes.titlelocation': 'left',
-    'axes.titlesize': 10,
-    'figure.constrained_layout.use': True,
-    'figure.facecolor': 'none',
-    'font.size': 9,
-    'grid.color': GRID,
-    'grid.linewidth': 0.8,
-    'legend.frameon': False,
-    'legend.labelcolor': INK,
-    'lines.linewidth': 1.4,
-    'lines.solid_capstyle': 'round',
-    'mathtext.default': 'regular',
-    # Text as text; equal figures are equal files.
-    'svg.fonttype': 'none',
-    'svg.hashsalt': 'checkweigher',
-    'text.color': INK,
-    'xtick.color': GRID,
-    'xtick.labelcolor': MUTED,
-    'xtick.labelsize': 8.5,
-    'ytick.color': GRID,
-    'ytick.labelcolor': MUTED,
-    'ytick.labelsize': 8.5,
-}
-
+# Style of the figures, for matplotlib.rc_context: they are drawn and written within it.
+STYLE = Path(__file__).with_name('report.mplstyle')
 
 # Lines of limits.
 DASHED: Any = {'color': INK, 'lw': 1.2, 'ls': (0, (4, 2))}

@@ -5,8 +5,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from markupsafe import Markup
 from matplotlib import rc_context
+from matplotlib.figure import Figure
 import numpy as np
 
 from checkweigher_validation.accuracy.errors import Evaluation, average
@@ -28,11 +28,11 @@ from checkweigher_validation.report.inline_svg import (
     new_figure,
     stand_in,
 )
-from checkweigher_validation.report.page import fill, picture
+from checkweigher_validation.report.page import fill
 from checkweigher_validation.report.palette import Look, looks_of
 
 
-@rc_context(STYLE)
+@rc_context(fname=STYLE)
 def render_machines(
     machines: Sequence[MachineResult], title: str, provenance: Sequence[tuple[str, str]]
 ) -> str:
@@ -48,7 +48,7 @@ def render_machines(
         provenance=provenance,
         findings=[*_findings(tables, looks), f'{choices(machines).capitalize()}.'],
         tables=[
-            (table, _ratios_picture(table, evaluations, looks))
+            (table, _ratios_figure(table, evaluations, looks))
             for table, evaluations in zip(tables, shown, strict=True)
         ],
         machines=[
@@ -79,9 +79,9 @@ def _by_speed(machine: Evaluation, looks: Mapping[str, Look]) -> list[tuple[str,
     return found
 
 
-def _ratios_picture(
+def _ratios_figure(
     table: FamilyTable, machines: Sequence[Evaluation], looks: Mapping[str, Look]
-) -> Markup:
+) -> Figure:
     figure, axes = new_figure(0.6 + 0.36 * len(table.rows))
     shared: Any = {'ls': '', 'ms': 5, 'mec': SURFACE, 'mew': 0.6, 'alpha': 0.7}
     for place, row in enumerate(table.rows):
@@ -96,10 +96,4 @@ def _ratios_picture(
     axes.xaxis.set_minor_formatter('')
     axes.axvline(1.0, **DASHED)
     axes.set_xlabel('A over the attainable A')
-    return picture(
-        f'ratios-{table.title}',
-        figure,
-        f'A over the attainable A of each machine and speed, {table.title}; the stroke is their '
-        'mean. Left of the dashed line an estimator is better than a regression on many more '
-        'passes.',
-    )
+    return figure

@@ -5,9 +5,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 import numpy as np
 
 from checkweigher_validation.report.inline_svg import (
@@ -18,7 +18,7 @@ from checkweigher_validation.report.inline_svg import (
     new_figure,
     stand_in,
 )
-from checkweigher_validation.report.page import fill, picture
+from checkweigher_validation.report.page import fill
 
 # Tests with passes, and those with one reading, each with its heading.
 _TESTS = {
@@ -40,7 +40,7 @@ _BLUE = stand_in(90)
 Values = Mapping[str, Any]
 
 
-@rc_context(STYLE)
+@rc_context(fname=STYLE)
 def render_verification(report: Values) -> str:
     """Return the page of a report made by `checkweigher_validation.verification.report`."""
     by_test = [
@@ -49,11 +49,11 @@ def render_verification(report: Values) -> str:
     ]
     tests = [(heading, steps) for heading, steps in by_test if steps]
     drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]
-    pictures = [_errors_picture(drawn)] if drawn else []
-    return fill('verification.html.j2', report=report, tests=tests, pictures=pictures)
+    figure = _errors_figure(drawn) if drawn else None
+    return fill('verification.html.j2', report=report, tests=tests, figure=figure)
 
 
-def _errors_picture(steps: Sequence[Values]) -> Markup:
+def _errors_figure(steps: Sequence[Values]) -> Figure:
     panels: dict[str, list[Values]] = {}
     for step in steps:
         title = f'{step["test"]}, {step["speed_m_per_min"]:g} m/min'
@@ -65,11 +65,7 @@ def _errors_picture(steps: Sequence[Values]) -> Markup:
         axes.set_title(title)
     for axes in grid.flat[len(panels) :]:
         axes.set_axis_off()
-    text = (
-        'Error of each pass (points), their mean (stroke), and the limit of the mean error (band; '
-        'in category Y of each error), g.'
-    )
-    return picture('errors', figure, text)
+    return figure
 
 
 def _draw(axes: Axes, steps: Sequence[Values]) -> None:
