@@ -10,6 +10,7 @@ setup(
     packages=find_packages(include=[package_name, package_name + '.*']),
     package_data={
         package_name: ['py.typed'],
+        f'{package_name}.accuracy': ['*.txt'],
         f'{package_name}.report': ['*.j2', '*.mplstyle'],
         f'{package_name}.verification': ['*.yaml', '*.json'],
     },

@@ -1,16 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the report: the numbers as text, with the best ones marked."""
+"""Numbers of the report of an evaluation, and how they are written."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 import math
 from typing import Any
 
 import numpy as np
 
 from checkweigher_core.records import GRAMS
-from checkweigher_validation.accuracy.classes import AccuracyClass, Judgement, judge
+from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
     Average,
     ConditionResult,
@@ -28,25 +27,6 @@ from checkweigher_validation.accuracy.tables import LEVELS, METRES_PER_MINUTE
 from checkweigher_validation.report.palette import looks_of
 
 NONE = '–'
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """A cell of a table."""
-
-    text: str
-    note: str = ''  # smaller text after it
-    best: bool = False
-    state: str = ''  # 'passed', 'failed' or empty
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """A row of a table."""
-
-    label: str
-    series: int  # number of its colour, -1 for none
-    cells: tuple[Cell, ...]
 
 
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
@@ -73,18 +53,18 @@ def mass_label(mass: float) -> str:
 
 
 class Content:
-    """Tables and findings of an evaluation with at least one condition, by the limits of a class.
+    """Numbers and findings of an evaluation with at least one condition, by the limits of a class.
 
     They are of the test passes if there are any, otherwise of the training passes, unless a part
-    is given.
+    is given. The keywords `chosen` are those of `Evaluation.select`.
     """
 
     def __init__(self, evaluation: Evaluation, accuracy_class: AccuracyClass) -> None:
         self._evaluation = evaluation
         self._class = accuracy_class
-        self._looks = looks_of(evaluation.estimators)
+        self.looks = looks_of(evaluation.estimators)
         self.part = evaluation.parts[0]
-        self._means = evaluation.ranked(self.part)
+        self.means = evaluation.ranked(self.part)
         self.has_paper_average = has_paper_conditions(evaluation)
         # Whether the paper has a result at one of these speeds and masses.
         self.has_paper = any(
@@ -93,152 +73,65 @@ class Content:
 
     def findings(self) -> Iterator[str]:
         """Yield the sentences at the begin of the report."""
-        best, means = next(iter(self._means.items()))
+        best, means = next(iter(self.means.items()))
         times = f'; its σ is {number(means.ratio, 2)} times the bound' if means.ratio > 0 else ''
         if math.isnan(means.index):
             yield 'No estimator has weighed at least two passes in every condition.'
         else:
-            label = self._looks[best].label
+            label = self.looks[best].label
             yield f'Smallest A on average: {label} with {grams(means.index)} g{times}.'
-        within, faulty = [], []
-        for name, look in self._looks.items():
-            if all(judge(one, self._class).passed for one in self._conditions(estimator=name)):
-                within.append(look.label)
-            if faults := self._means[name].faults:
-                faulty.append(f'{look.label} {faults}')
+        within = [look.label for name, look in self.looks.items() if all(self.judged(name))]
         who = _enumerate(within or ['no estimator'])
         yield f'Within the limits of {self._class} in all conditions: {who}.'
-        if faulty:
+        faults = {look.label: self.means[name].faults for name, look in self.looks.items()}
+        if faulty := [f'{label} {count}' for label, count in faults.items() if count]:
             yield f'Passes that got no mass: {_enumerate(faulty)}.'
 
-    def summary(self) -> Iterator[Row]:
-        """Yield one row for each estimator, the smallest A first."""
-        best = next(iter(self._means.values())).index
-        for name, one in self._means.items():
-            there = self._conditions(estimator=name)
-            passed = sum(judge(condition, self._class).passed for condition in there)
-            state = 'passed' if passed == len(there) else 'failed'
-            cells = [
-                Cell(grams(one.index), best=one.index == best),
-                Cell(grams(one.std_dev)),
-                Cell(grams(one.mean_error)),
-                Cell(number(one.ratio, 2)),
-                Cell(f'{passed} of {len(there)}', state=state),
-                Cell(str(one.faults), state='failed' if one.faults else ''),
-            ]
-            if 'train' in self._evaluation.parts and self.part != 'train':
-                cells.append(Cell(grams(self._mean(estimator=name, part='train').index)))
-            if self.has_paper_average:
-                cells.append(Cell(grams(self._paper_index(name), unknown='')))
-            yield self._row(name, cells)
-
-    def by_speed(self) -> Iterator[Row]:
-        """Yield A, and sigma over its bound, of each estimator at each speed and on average."""
-        speeds = (*self._evaluation.speeds, None)
-        means = {
-            name: [self._mean(estimator=name, speed=speed) for speed in speeds]
-            for name in self._looks
-        }
-        best = np.fmin.reduce([[one.index for one in row] for row in means.values()])
-        for name, row in means.items():
-            cells = (
-                Cell(grams(one.index), _times(one.ratio), one.index == least)
-                for one, least in zip(row, best, strict=True)
-            )
-            yield self._row(name, cells)
-        bounds = (Cell(grams(3 * self._mean(speed=speed).bound)) for speed in speeds)
-        yield Row('3 × bound of σ', -1, tuple(bounds))
-        yield from self._paper_by_speed()
-
-    def _paper_by_speed(self) -> Iterator[Row]:
-        for name, look in self._looks.items():
-            found = [self._paper_index(name, speed) for speed in self._evaluation.speeds]
-            if not all(map(math.isnan, found)):
-                found.append(self._paper_index(name))
-                cells = (Cell(grams(one, unknown='')) for one in found)
-                yield Row(f'paper: {look.label}', -1, tuple(cells))
-
-    def by_condition(self, part: str) -> dict[str, list[Row]]:
-        """Return sigma and mu of each condition by speed, those of the paper below ours."""
-        return {
-            speed_label(speed): list(self._at_speed(speed, part))
-            for speed in self._evaluation.speeds
-        }
-
-    def _at_speed(self, speed: float, part: str) -> Iterator[Row]:
-        at_masses = self._at_masses(speed=speed, part=part)
-        bounds = [Cell(grams(there[0].bound) if there else '') for there in at_masses]
-        yield Row('bound of σ', -1, (*bounds, Cell(''), Cell('')))
-        for name in self._evaluation.estimators:
-            chosen = {'estimator': name, 'speed': speed, 'part': part}
-            if self._conditions(**chosen):
-                means = self._mean(**chosen)
-                pairs = [_pair(*there) for there in self._at_masses(**chosen)]
-                last = [Cell(grams(means.index)), Cell(number(means.ratio, 2))]
-                yield self._row(name, pairs + last)
-                yield from self._paper_row(name, speed)
-
-    def verdicts(self) -> Iterator[Row]:
-        """Yield one row for each estimator, with one cell for each speed and mass."""
-        for name in self._looks:
-            cells = (
-                _verdict(judge(there[0], self._class)) if there else Cell('')
-                for speed in self._evaluation.speeds
-                for there in self._at_masses(estimator=name, speed=speed)
-            )
-            yield self._row(name, cells)
-
-    def coverages(self) -> Iterator[Row]:
-        """Yield the coverage of the stated intervals: for each part, for each level."""
-        for name in self._looks:
-            cells = []
-            for part in self._evaluation.parts:
-                there = self._conditions(estimator=name, part=part)
-                means = average(there)
-                cells += [Cell(_percent(coverage(there, level))) for level in LEVELS]
-                cells += [Cell(str(means.count)), Cell(str(means.faults))]
-            yield self._row(name, cells)
-
-    def _paper_row(self, name: str, speed: float) -> Iterator[Row]:
-        found = [paper_result(name, speed, mass) for mass in self._evaluation.masses]
-        if any(found):
-            mean = grams(self._paper_index(name, speed), unknown='')
-            yield Row('the paper', -1, (*map(_pair, found), Cell(mean), Cell('')))
-
-    def _paper_index(self, name: str, speed: float | None = None) -> float:
-        return comparable_index(self._evaluation, name, speed)
-
-    def _conditions(self, **chosen: Any) -> tuple[ConditionResult, ...]:
-        """Return the conditions as `Evaluation.select` does; those of `part` by default."""
+    def conditions(self, **chosen: Any) -> tuple[ConditionResult, ...]:
+        """Return chosen conditions."""
         return self._evaluation.select(**{'part': self.part, **chosen})
 
-    def _at_masses(self, **chosen: Any) -> list[tuple[ConditionResult, ...]]:
-        """Return the conditions at each mass."""
-        return [self._conditions(mass=mass, **chosen) for mass in self._evaluation.masses]
+    def at_masses(self, **chosen: Any) -> list[ConditionResult | None]:
+        """Return the chosen condition at each mass, None if there is none."""
+        found = (self.conditions(mass=mass, **chosen) for mass in self._evaluation.masses)
+        return [there[0] if there else None for there in found]
 
-    def _mean(self, **chosen: Any) -> Average:
-        return average(self._conditions(**chosen))
+    def mean(self, **chosen: Any) -> Average:
+        """Return the means over chosen conditions."""
+        return average(self.conditions(**chosen))
 
-    def _row(self, name: str, cells: Iterable[Cell]) -> Row:
-        return Row(self._looks[name].label, self._evaluation.estimators.index(name), tuple(cells))
+    def judged(self, name: str) -> list[bool]:
+        """Return whether each condition of an estimator is within the limits."""
+        return [judge(one, self._class).passed for one in self.conditions(estimator=name)]
 
+    def best_by_speed(self) -> list[float]:
+        """Return the smallest A of the estimators at each speed and on average, kg."""
+        speeds = (*self._evaluation.speeds, None)
+        rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]
+        return list(np.fmin.reduce(rows))
 
-def _verdict(judgement: Judgement) -> Cell:
-    kept = (judgement.error_passed, judgement.std_dev_passed, judgement.enough_weighings)
-    failed = ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)
-    return Cell(failed, state='failed') if failed else Cell('✓', state='passed')
+    def paper_index(self, name: str, speed: float | None = None) -> float:
+        """Return A of the paper in kg, at a speed or on average; NaN if it cannot be compared."""
+        return comparable_index(self._evaluation, name, speed)
 
+    def is_in_paper(self, name: str) -> bool:
+        """Return whether the paper has an A of an algorithm at one of these speeds."""
+        found = (self.paper_index(name, speed) for speed in self._evaluation.speeds)
+        return not all(map(math.isnan, found))
 
-def _pair(one: ConditionResult | PaperResult | None = None) -> Cell:
-    return Cell(f'{grams(one.std_dev)} / {grams(one.mean_error)}' if one else '')
+    def of_paper(self, name: str, speed: float) -> list[PaperResult | None]:
+        """Return the result of the paper at each mass."""
+        return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
+    def exceeded(self, condition: ConditionResult) -> str:
+        """Return what is not within the limits: μ the error, σ its deviation, n the weighings."""
+        found = judge(condition, self._class)
+        kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)
+        return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)
 
-def _times(ratio: float) -> str:
-    return '' if math.isnan(ratio) else f'×{number(ratio, 2)}'
-
-
-def _percent(share: float) -> str:
-    return NONE if math.isnan(share) else f'{number(100 * share, 1)} %'
+    def coverages(self, **chosen: Any) -> list[float]:
+        """Return the coverage of the stated intervals in percent, at each level."""
+        return [100 * coverage(self.conditions(**chosen), level) for level in LEVELS]
 
 
 def _enumerate(names: Sequence[str]) -> str:

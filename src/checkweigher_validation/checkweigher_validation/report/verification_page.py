@@ -19,20 +19,8 @@ from checkweigher_validation.report.inline_svg import (
     stand_in,
 )
 from checkweigher_validation.report.page import fill
+from checkweigher_validation.verification.steps import StepKind
 
-# Tests with passes, and those with one reading, each with its heading.
-_TESTS = {
-    'warm-up, zero': 'Warm-up: zero',
-    'warm-up, passes': 'Warm-up: passes',
-    'zero, accuracy': 'Zero: accuracy after zeroing',
-    'zero, stability': 'Zero: stability',
-    'outside the range of dynamic setting': 'Range of dynamic setting: passes outside of it',
-    'passes': 'Passes at each speed and load',
-    'eccentricity': 'Eccentricity: other lanes of the belt',
-    'repeatability': 'Repeatability',
-    'static': 'Loads at rest',
-    'zero after the loads': 'Zero after the loads',
-}
 _DRAWN = ('warm-up, passes', 'passes', 'eccentricity', 'repeatability')
 _PANELS = 3  # in a row
 _BLUE = stand_in(90)
@@ -43,11 +31,8 @@ Values = Mapping[str, Any]
 @rc_context(fname=STYLE)
 def render_verification(report: Values) -> str:
     """Return the page of a report made by `checkweigher_validation.verification.report`."""
-    by_test = [
-        (heading, [step for step in report['steps'] if step['test'] == test])
-        for test, heading in _TESTS.items()
-    ]
-    tests = [(heading, steps) for heading, steps in by_test if steps]
+    made = {kind: [step for step in report['steps'] if step['test'] == kind] for kind in StepKind}
+    tests = {kind: steps for kind, steps in made.items() if steps}
     drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]
     figure = _errors_figure(drawn) if drawn else None
     return fill('verification.html.j2', report=report, tests=tests, figure=figure)

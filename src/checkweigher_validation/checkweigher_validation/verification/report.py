@@ -10,9 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 import hashlib
+from importlib.resources import files
 import json
 import math
 from typing import Any
+
+import yaml
 
 from checkweigher_core.records import GRAMS, NANOSECONDS
 from checkweigher_validation.verification.evaluation import Result, evaluate, minutes_after
@@ -22,34 +25,8 @@ from checkweigher_validation.verification.procedure import AtRest, Attempt, Item
 SCHEMA = 'checkweigher-verification/1'
 Values = dict[str, Any]
 
-_STATEMENT = (
-    'This is the record of a test run. The machine and its program are not type-approved for '
-    'legal metrology, and this report is no certificate of conformity: that is for the authority.'
-)
-_NOT_DONE = (
-    'Climate: static temperatures, temperature effect on no-load, damp heat.',
-    'Electromagnetic compatibility: discharges, bursts, surges, radiated and conducted fields.',
-    'Supply: voltage variations, short power reductions, interruption.',
-    'Tilt, endurance, span stability over time.',
-    'Markings, seals, documents, and whether the reference masses are those of the plan.',
-    'That the machine was without power for 8 h before the warm-up: the operator answers for it.',
-    'Tare devices and the rounding of a display or printer.',
-)
-_SOURCES = (
-    'Limits of mean error and standard deviation, class factors, e: Directive 2014/32/EU, Annex '
-    'VIII, Chapter II (public text). Loads at rest in category Y: UK SI 2016/1153, Schedule 1G; in '
-    'service NI SR 2006/154, Schedule 5 (public texts). Standard deviations above 300 g and other '
-    'limits in service: from memory, not checked against the text of OIML R 51-1:2006.',
-    'Which tests there are: table of contents of OIML R 51-2:2006 (public).',
-    'Numbers of weighings by load (60, 30, 20, 10), warm-up times, zero within 0.25 e and 0.5 e, '
-    'a third of Max for eccentricity, near Min and near Max, a third of the limit for reference '
-    'masses: OIML R 51-1:2006 from memory; its text was not at hand.',
-    'What prepackages a scale may check: the error of its class in service is at most a fifth of '
-    'the tolerable negative error; German FPackV of 2020, Annex 7, 1 b (public text). Its table of '
-    'the largest e by nominal quantity was not at hand.',
-    'A pass without a mass fails its step; what counts as close to Min, to Max and to a third: '
-    'rules of this program.',
-)
+# Statement, checks that software cannot make, and sources of the limits.
+_TEXTS = yaml.safe_load((files(__package__) / 'report_texts.yaml').read_text(encoding='utf-8'))
 
 
 def report_of(procedure: Procedure) -> Values:
@@ -60,7 +37,7 @@ def report_of(procedure: Procedure) -> Values:
     first = [each for each in found.results if each.attempt.step.minutes is not None][:1]
     return {
         'schema': SCHEMA,
-        'statement': _STATEMENT,
+        'statement': _TEXTS['statement'],
         'verdict': found.verdict,
         'counts': {
             'passed': sum(each.passed for each in found.last),
@@ -75,8 +52,8 @@ def report_of(procedure: Procedure) -> Values:
             _fault_between(each, procedure.attempts) for each in procedure.faults_between
         ],
         'departures': list(found.departures),
-        'not_done': list(_NOT_DONE),
-        'sources': list(_SOURCES),
+        'not_done': _TEXTS['not_done'],
+        'sources': _TEXTS['sources'],
         'calibration': cell,
         'identity': dict(identity),
         'digests': {
