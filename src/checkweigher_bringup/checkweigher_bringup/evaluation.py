@@ -23,7 +23,7 @@ from checkweigher_recording.simulation.machine import CAUSES
 from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
 from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
 from checkweigher_validation.accuracy.errors import Evaluation
-from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.evaluating import PassSet, evaluate_sets
 from checkweigher_validation.accuracy.examples import Example, example_of, simulated_examples
 from checkweigher_validation.accuracy.machine_tables import family_csv, family_json, family_text
 from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, group_by_speed
@@ -108,7 +108,6 @@ def _write(path: Path | None, text: str) -> None:
 
 
 def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
-    """Return the protocol of the options, or raise UserError."""
     for option in ('train', 'profile', 'tuned', 'nominal'):
         if getattr(arguments, option) is not None:
             raise UserError(f'--{option}: is not for the protocol machines')
@@ -201,7 +200,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     read = read_passes(bags, arguments.lane, base.segmenter, n_jobs)
     provenance = [('test', line) for line in read.lines]
     provenance += [('train', line) for line in taught.lines]
-    batches = _batches(taught.passes, read.passes)
+    sets = _sets(taught.passes, read.passes)
     tuned: Mapping[str, Tuned] = {}
     lines = [base.with_estimator(name) for name in estimators]
     if arguments.train:
@@ -210,7 +209,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
         lines = [tuned[name].parameters for name in estimators]
     elif arguments.params:
         provenance.append(('parameters', str(arguments.params)))
-    conditions = evaluate_batches(batches, lines, n_jobs)
+    conditions = evaluate_sets(sets, lines, n_jobs)
     examples = _examples(read.passes, base)
     evaluation = Evaluation('Bags', conditions, (*provenance, *_versions()), examples)
     return evaluation, tuned, taught.broken + read.broken
@@ -226,7 +225,7 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
     )
 
 
-def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:
+def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     """Return passes by part and belt speed; a fault belongs to the speed of the pass before it.
 
     The speeds are those of both parts together, so that their results can be compared.
@@ -238,17 +237,19 @@ def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:
         raise UserError('--train: these bags are sampled at another rate than those of the test')
     groups = group_by_speed(whole)
     parts = (('train', train), ('test', test))
-    return [batch for part, passes in parts for batch in _by_speed(part, passes, groups)]
+    return [each for part, passes in parts for each in _by_speed(part, passes, groups)]
 
 
-def _by_speed(part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]) -> Iterator[Batch]:
+def _by_speed(
+    part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
+) -> Iterator[PassSet]:
     speeds = {id(each): group.speed for group in groups for each in group.passes}
     chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
     speed = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)
     for each in passes:
         speed = speeds.get(id(each), speed)
         chosen[speed].append(each)
-    return (Batch(speed, part, tuple(found), {}) for speed, found in chosen.items() if found)
+    return (PassSet(speed, part, tuple(found), {}) for speed, found in chosen.items() if found)
 
 
 def _tuning(arguments: argparse.Namespace) -> tuple[str, str]:

@@ -154,9 +154,9 @@ def train(
     if estimators is None:
         names = tuple(ESTIMATORS)
         compared = tune(groups, names, base, budget=budget, n_jobs=n_jobs, skip_failing=True)
-        choice = choose(compared)
-        best = {choice.estimator: compared[choice.estimator]}
-        text = parameter_file(best, read.lines, compared=compared, reason=choice.reason)
+        chosen, reason = choose(compared)
+        best = {chosen: compared[chosen]}
+        text = parameter_file(best, read.lines, compared=compared, reason=reason)
     else:
         tuned = tune(groups, tuple(estimators), base, budget=budget, n_jobs=n_jobs)
         text = parameter_file(tuned, read.lines)

@@ -10,12 +10,14 @@ from typing import Any
 from mcap.writer import Writer as McapWriter
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import EyeEdge, SampleBlock
 from checkweigher_core.ros.ports import PLAYED
-from checkweigher_recording.bags.definitions import HEADER, TIME, typestore
+from checkweigher_recording.bags.definitions import HEADER, TIME, BagError, typestore
+from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 
@@ -92,6 +94,36 @@ def write_foreign(tmp_path: Path) -> Callable[..., Path]:
         return tmp_path / name
 
     return write
+
+
+@pytest.fixture
+def store_with() -> Callable[[str, str], Typestore]:
+    """Return a function that returns definitions with another one of a message type."""
+
+    def with_definition(message_type: str, text: str) -> Typestore:
+        store = get_typestore(Stores.EMPTY)
+        for part in (TIME, HEADER):
+            store.fielddefs[part] = typestore().fielddefs[part]
+            store.types[part] = typestore().types[part]
+        store.register(get_types_from_msg(text, message_type))
+        return store
+
+    return with_definition
+
+
+@pytest.fixture
+def refused() -> Callable[..., None]:
+    """Return a function that checks that a bag is refused with one line that says all parts."""
+
+    def check(path: Path, *parts: str, namespace: str | None = None) -> None:
+        with pytest.raises(BagError) as caught:
+            read_bag(path, namespace)
+        text = str(caught.value)
+        assert '\n' not in text
+        for part in (str(path), *parts):
+            assert part in text
+
+    return check
 
 
 @pytest.fixture

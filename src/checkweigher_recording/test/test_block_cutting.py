@@ -47,30 +47,33 @@ def shown(events):
     ]
 
 
-def prompt(events, longest):
-    return list(join(events, RATE, longest, ends_block=is_exit))
+TWO = (block(0, 10), block(10, 10))
 
 
 @pytest.mark.parametrize(
-    ('at', 'cut'),
+    ('events', 'longest', 'expected'),
     [
-        (13.5, [(0, 14), 13.5, (14, 16)]),
+        # A window does not wait for the block in which it ends.
+        ([*TWO, edge(13.5), block(20, 10)], 0.03, [(0, 14), 13.5, (14, 16)]),
         # The sample that is taken at the moment of the edge follows it.
-        (13.0, [(0, 13), 13.0, (13, 17)]),
-        (10.0, [(0, 10), 10.0, (10, 20)]),
-        (19.5, [(0, 20), 19.5, (20, 10)]),
+        ([*TWO, edge(13), block(20, 10)], 0.03, [(0, 13), 13, (13, 17)]),
+        ([*TWO, edge(10), block(20, 10)], 0.03, [(0, 10), 10, (10, 20)]),
+        ([*TWO, edge(19.5), block(20, 10)], 0.03, [(0, 20), 19.5, (20, 10)]),
+        # Other edges come at once and cut nothing.
+        (
+            [*TWO, entry(13.5), entry(15), block(20, 10), block(30, 10)],
+            0.03,
+            [13.5, 15, (0, 30), (30, 10)],
+        ),
+        ([block(0, 10), edge(2.5), edge(6.5)], 0.01, [(0, 3), 2.5, (3, 4), 6.5, (7, 3)]),
+        # A block that is longer than wanted is cut at each edge.
+        ([block(0, 100), entry(2.5), entry(6.5)], 0.05, [(0, 3), 2.5, (3, 4), 6.5, (7, 93)]),
+        # An edge in a gap comes after the samples before it.
+        ([block(0, 10), entry(25), block(40, 10)], 1.0, [(0, 10), 25, (40, 10)]),
     ],
 )
-def test_a_window_does_not_wait_for_the_block_in_which_it_ends(at, cut):
-    events = [block(0, 10), block(10, 10), edge(at), block(20, 10)]
-
-    assert shown(prompt(events, 0.03)) == cut
-
-
-def test_other_edges_come_at_once_and_cut_nothing():
-    events = [block(0, 10), block(10, 10), entry(13.5), entry(15), block(20, 10), block(30, 10)]
-
-    assert shown(prompt(events, 0.03)) == [13.5, 15, (0, 30), (30, 10)]
+def test_blocks_are_cut_at_edges(events, longest, expected):
+    assert shown(join(events, RATE, longest, ends_block=is_exit)) == expected
 
 
 def test_at_full_speed_nothing_ends_a_block_for_nothing_waits_for_it():
@@ -80,24 +83,6 @@ def test_at_full_speed_nothing_ends_a_block_for_nothing_waits_for_it():
     assert shown(cut_for_pace(events, RATE, 1.0, 0.02)) == [
         3.5, (0, 14), 13.5, (14, 16), (30, 10)
     ]  # fmt: skip
-
-
-def test_two_edges_in_a_block_cut_it_twice():
-    events = [block(0, 10), edge(2.5), edge(6.5)]
-
-    assert shown(prompt(events, 0.01)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 3)]
-
-
-def test_a_block_that_is_longer_than_wanted_is_cut_at_each_edge():
-    events = [block(0, 100), entry(2.5), entry(6.5)]
-
-    assert shown(prompt(events, 0.05)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 93)]
-
-
-def test_an_edge_in_a_gap_comes_after_the_samples_before_it():
-    events = [block(0, 10), entry(25), block(40, 10)]
-
-    assert shown(prompt(events, 1.0)) == [(0, 10), 25, (40, 10)]
 
 
 def test_all_come_in_the_order_in_which_they_are_due():

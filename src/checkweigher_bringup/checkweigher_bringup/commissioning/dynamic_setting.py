@@ -91,9 +91,9 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             (ports.CANCEL_PASSES, self._cancel),
             (ports.SHOW_TUNED, self._show),
             (ports.RESTART_LINE, self._restart),
+            (ports.ACCEPT_TUNED, self._accept),
         ):
             self.create_service(Trigger, name, answering(callback))
-        self.create_service(Trigger, ports.ACCEPT_TUNED, self._on_accept)
         self._timer = self.create_timer(_POLL_PERIOD, self._poll, autostart=False)
         self._tell(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
@@ -111,7 +111,6 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return [path for path in self._bags().values() if path != self._recording]
 
     def _tell(self, state: int, text: str, **values: Any) -> None:
-        """Publish a new state."""
         self._said = DynamicSetting(
             state=state,
             text=text,
@@ -188,18 +187,9 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             raise UserError(_NOTHING_WAITS) from None
 
     def _show(self, request: Any, response: Any) -> str:
-        """Show how accurate the learned parameters are."""
         return '\n'.join(accuracy_lines(self._candidate().decode('utf-8', errors='replace')))
 
-    async def _on_accept(self, request: Any, response: Any) -> Any:
-        try:
-            response.message = await self._accept()
-            response.success = True
-        except UserError as error:
-            response.message = str(error)
-        return response
-
-    async def _accept(self) -> str:
+    async def _accept(self, request: Any, response: Any) -> str:
         """Make the learned parameters those of the line, once that is in the audit log."""
         self._check_idle()
         learned = self._candidate()

@@ -70,7 +70,9 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
             continue
         old, new = before[node], after[node]
         for name in sorted({*old, *new}):
-            was, now = (_shown(values, name) for values in (old, new))
+            was, now = (
+                repr(values[name]) if name in values else 'not there' for values in (old, new)
+            )
             if was != now:
                 yield (
                     f'Parameter {node}.{name} was {one_line(was, _LONGEST)} before the first step '
@@ -87,10 +89,6 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
         parts = entry.time, what, repr(entry.old), repr(entry.new), entry.who or 'not known'
         time, subject, old, new, who = (one_line(part, _LONGEST) for part in parts)
         yield f'Audit log, {time}: {subject} from {old} to {new}, by {who}.'
-
-
-def _shown(values: dict[str, object], name: str) -> str:
-    return repr(values[name]) if name in values else 'not there'
 
 
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:

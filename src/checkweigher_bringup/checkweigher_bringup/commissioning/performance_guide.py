@@ -8,7 +8,7 @@ import time
 
 from checkweigher_msgs.srv import BeginTest
 
-from checkweigher_bringup.commissioning.service_call import ask
+from checkweigher_bringup.commissioning.service_call import call
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
@@ -34,13 +34,13 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
         absent = f'nothing on {topic}: is the line running, with a product selected?'
         before = _next(states, _PATIENCE, absent)
         request = BeginTest.Request(who=who, reason=reason)
-        print(ask(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request), flush=True)
+        print(call(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request), flush=True)
         print('every item is rejected until the test has ended', flush=True)
         try:
             return _follow(states, before, timeout)
         except BaseException:
             request = BeginTest.Request(who=who, reason='interrupted', cancel=True)
-            ask(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request)
+            call(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request)
             raise
 
 

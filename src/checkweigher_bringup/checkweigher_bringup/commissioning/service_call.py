@@ -2,23 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services that answer with a message, and calls from another thread than that of the node."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 import threading
 from typing import Any
 
 from checkweigher_bringup.errors import UserError
 
 
-def answering(callback: Callable[[Any, Any], str]) -> Callable[[Any, Any], Any]:
+def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[[Any, Any], Any]:
     """Return the callback of a service that answers with a message.
 
-    `callback` is called with request and response. It returns the message, or raises a UserError
-    with the reason of its refusal.
+    `callback`, a function or coroutine function, is called with request and response. It returns
+    the message, or raises a UserError with the reason of its refusal.
     """
 
-    def answer(request: Any, response: Any) -> Any:
+    async def answer(request: Any, response: Any) -> Any:
         try:
-            response.message = callback(request, response)
+            found = callback(request, response)
+            response.message = found if isinstance(found, str) else await found
             response.success = True
         except UserError as error:
             response.message = str(error)
@@ -27,7 +28,7 @@ def answering(callback: Callable[[Any, Any], str]) -> Callable[[Any, Any], Any]:
     return answer
 
 
-def ask(node: Any, kind: Any, name: str, patience: float, request: Any = None) -> str:
+def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) -> str:
     """Call a service that changes the line, with an empty request by default; return its message.
 
     `patience` is the longest time in s to wait for the service, and then for its answer. Raises

@@ -9,8 +9,7 @@ import shutil
 
 from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
-from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
-from checkweigher_bringup.commissioning.verification_terminal import Terminal
+from checkweigher_bringup.commissioning.verification_guide import Terminal, procedure_on_line
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import make_folder
 from checkweigher_bringup.settings import check_namespace, line_parameters

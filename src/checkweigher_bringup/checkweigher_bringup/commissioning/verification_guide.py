@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A procedure on a running line, step by step, with an operator.
 
-The operator is at the terminal (`verification_terminal`) or at the page (`verifier`).
+The operator is at the terminal, or at the page (`verifier`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,8 +21,8 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.identity import Identity, NodeValues
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
-from checkweigher_bringup.commissioning.service_call import answer_of, ask
-from checkweigher_bringup.commissioning.static_guide import read_at_rest
+from checkweigher_bringup.commissioning.service_call import answer_of, call
+from checkweigher_bringup.commissioning.static_guide import ask, read_at_rest, show
 from checkweigher_bringup.commissioning.verification_bags import end_of_block
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
@@ -42,7 +42,7 @@ from checkweigher_core.ros.line_parameters import python_value
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
 from checkweigher_recording.bags.writing import BagWriter
-from checkweigher_validation.verification.evaluation import Result, evaluate
+from checkweigher_validation.verification.evaluation import Result, outcome_of
 from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.procedure import (
     AtRest,
@@ -58,6 +58,7 @@ _LAST_PATIENCE = 2.0  # s, for the parameters after the last step; the node may 
 _SILENCE = 10.0  # s without a product before the operator is told
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # s of samples after the last step, so that all of it is in the bag
+_UNFINISHED = 'the verification was done; what was recorded is in the bag'
 # Parameters of every ROS node, which do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
@@ -83,6 +84,37 @@ class Operator(Protocol):
 
     def show(self, text: str) -> None:
         """Show the state of the measurement in place of the one before, several times a second."""
+
+
+class Terminal:
+    """Operator at the terminal; the end of the input raises UserError."""
+
+    def __init__(self) -> None:
+        self._steps: Sequence[Step] = ()
+
+    def begin(self, steps: Sequence[Step]) -> None:
+        """Set the steps of the procedure."""
+        self._steps = steps
+
+    def asked(self, number: int, step: Step) -> str:
+        """Ask for a step; return the reason to skip it, if any."""
+        show('')
+        title = f'{number + 1}/{len(self._steps)} {step.name}'
+        return ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
+
+    def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
+        """Print the result; return whether to go on."""
+        self.tell(f'{self._steps[number].name}, {found}')
+        return passed or ask('Type r to make it again, or nothing to go on', _UNFINISHED) != 'r'
+
+    def tell(self, text: str) -> None:
+        """Print an event."""
+        show('')
+        print(text, flush=True)
+
+    def show(self, text: str) -> None:
+        """Show the state of the measurement, on a terminal."""
+        show(text)
 
 
 def procedure_on_line(
@@ -231,7 +263,6 @@ class _Guide:
         return self._operator.goes_on(number, _line(found), passed=found.passed)
 
     def _wait_for_warm_up(self, step: Step) -> None:
-        """Wait for the time of a step of the warm-up."""
         if step.minutes is None or self._warm is None:
             return
         due = self._warm + round(step.minutes * MINUTE * NANOSECONDS)
@@ -244,7 +275,7 @@ class _Guide:
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')
-            answer = ask(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
+            answer = call(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
             self._operator.tell(f'zero: {answer}')
         found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
         assert feed.latest is not None
@@ -285,11 +316,10 @@ class _Guide:
         return Attempt(step, begin, items[-1].stamp, tuple(items))
 
     def _judge(self) -> Result:
-        """Return the result of the last attempt."""
         procedure = Procedure(
             self._plan, '', {}, self._cell, tuple(self._attempts), tuple(self._node.zeros), ''
         )
-        return evaluate(procedure).results[-1]
+        return outcome_of(procedure).results[-1]
 
 
 def _enough(step: Step, items: list[ItemPass]) -> int:
@@ -298,7 +328,6 @@ def _enough(step: Step, items: list[ItemPass]) -> int:
 
 
 def _line(result: Result) -> str:
-    """Return the result of a step as one line."""
     parts = ['passed' if result.passed else 'FAILED']
     if (reading := result.attempt.reading) is None:
         parts.append(f'n {result.count}, faults {result.faults}')

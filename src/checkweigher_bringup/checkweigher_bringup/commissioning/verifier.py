@@ -228,7 +228,6 @@ class VerifierNode(StageNode[VerifierParameters]):
         return ''
 
     def _cancel(self, request: Any, response: Any) -> str:
-        """End the procedure."""
         operator = self._busy
         if operator is None:
             return 'nothing is under way'

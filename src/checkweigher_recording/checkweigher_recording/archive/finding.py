@@ -98,7 +98,6 @@ def _local_bags(place: Path) -> Iterator[str]:
 
 
 def _stored_bags(url: str) -> Iterator[str]:
-    """Yield the bags below a URL."""
     with store_errors(url) as store_of:
         store, path = store_of(url)
         if path.endswith(_SUFFIXES):

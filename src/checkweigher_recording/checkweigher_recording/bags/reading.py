@@ -203,7 +203,6 @@ def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int]) -> None:
 
 
 def _numbers(connections: Iterable[Connection]) -> Counter[str]:
-    """Return the number of messages of each topic."""
     numbers: Counter[str] = Counter()
     for connection in connections:
         numbers[connection.topic] += connection.msgcount

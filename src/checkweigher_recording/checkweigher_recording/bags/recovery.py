@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recovery of a recording that broke off: a complete bag of its readable messages."""
 
+from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
 
@@ -32,21 +33,26 @@ def recover_bag(source: Path, path: Path) -> int:
     with bag_errors(source):
         bag = UnfinishedBag(parts)
     found = lanes_of((each for each in bag.connections if each.msgcount), RECORDED)
-    lanes = [lane for lane, pairs in found.items() if not _is_shared(pairs)]
+    lane = _only_lane(source, found)
     ports = {connection.topic: port for connection, port in chain(*found.values())}
     for connection, port in chain(*found.values()):
         check_definition(source, connection, port)
-    if len(lanes) != 1:
-        what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
-        raise BagError(f'{source}: {what}; there is nothing to recover')
     connections = [each for each in bag.connections if each.topic in ports]
     written = list({port.name: port for port in ports.values()}.values())
-    with BagWriter(path, written, lanes[0]) as whole:
+    with BagWriter(path, written, lane) as whole:
         for connection, log_time, data in bag.messages(connections):
             whole.put(ports[connection.topic], log_time, data)
         return whole.message_count
 
 
-def _is_shared(lane: Lane) -> bool:
-    """Return whether all lanes share the ports, whose names are absolute."""
-    return all(port.name.startswith('/') for _, port in lane)
+def _only_lane(source: Path, found: Mapping[str, Lane]) -> str:
+    """Return the lane of the messages. Ports with absolute names belong to all lanes."""
+    lanes = [
+        lane
+        for lane, pairs in found.items()
+        if not all(port.name.startswith('/') for _, port in pairs)
+    ]
+    if len(lanes) != 1:
+        what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
+        raise BagError(f'{source}: {what}; there is nothing to recover')
+    return lanes[0]

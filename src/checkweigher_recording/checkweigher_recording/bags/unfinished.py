@@ -3,28 +3,18 @@
 """Messages of a recording without an end, because its recorder was killed."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from io import BytesIO
 from itertools import zip_longest
 import os
 from pathlib import Path
 import re
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+from mcap import records as mcap_records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    DataEnd,
-    Header,
-    McapRecord,
-    Message,
-    MessageIndex,
-    Metadata,
-    Schema,
-)
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
 from rosbags.interfaces import (
     Connection,
@@ -45,17 +35,17 @@ _FORMATS = {
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
-# Readers of all records of the data section.
-_READERS: dict[int, Callable[[ReadDataStream, int], McapRecord]] = {
-    Opcode.HEADER: lambda stream, _: Header.read(stream),
-    Opcode.SCHEMA: lambda stream, _: Schema.read(stream),
-    Opcode.CHANNEL: lambda stream, _: Channel.read(stream),
-    Opcode.MESSAGE: Message.read,
-    Opcode.CHUNK: lambda stream, _: Chunk.read(stream),
-    Opcode.MESSAGE_INDEX: lambda stream, _: MessageIndex.read(stream),
-    Opcode.ATTACHMENT: lambda stream, _: Attachment.read(stream),
-    Opcode.METADATA: lambda stream, _: Metadata.read(stream),
-    Opcode.DATA_END: lambda stream, _: DataEnd.read(stream),
+# Kinds of records of the data section.
+_RECORDS: dict[int, Any] = {
+    Opcode.HEADER: mcap_records.Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.MESSAGE: Message,
+    Opcode.CHUNK: Chunk,
+    Opcode.MESSAGE_INDEX: mcap_records.MessageIndex,
+    Opcode.ATTACHMENT: mcap_records.Attachment,
+    Opcode.METADATA: mcap_records.Metadata,
+    Opcode.DATA_END: mcap_records.DataEnd,
 }
 
 
@@ -166,32 +156,30 @@ class _Part:
             opcode, length, begin = head[0], int.from_bytes(head[1:], 'little'), file.tell()
             if bad_chunk and opcode in (Opcode.CHUNK, Opcode.DATA_END):
                 self.damage = f'wrong check sum of the chunk at byte {bad_chunk}'
-                return
-            if opcode not in _READERS:
-                # After a power loss, the space that the file system had reserved may be empty.
-                rest = iter(lambda: file.read(_PIECE), b'')
-                if any(head) or any(piece.strip(b'\0') for piece in rest):
-                    self.damage = f'no record at byte {begin - _HEAD_SIZE}'
-                return
-            if length > size - begin:
-                return
-            try:
-                self._add(opcode, begin, file.read(length))
-            # A parser may raise any exception for damaged bytes.
-            except Exception:
-                if opcode != Opcode.CHUNK:
-                    self.damage = f'the record at byte {begin - _HEAD_SIZE} is not valid'
-                    return
-                bad_chunk = begin - _HEAD_SIZE
+            elif opcode not in _RECORDS:
+                self.damage = (
+                    '' if _is_empty(head, file) else f'no record at byte {begin - len(head)}'
+                )
+            elif length <= size - begin:
+                if self._add(opcode, begin, file.read(length)):
+                    continue
+                if opcode == Opcode.CHUNK:
+                    bad_chunk = begin - len(head)
+                    continue
+                self.damage = f'the record at byte {begin - len(head)} is not valid'
+            return
 
-    def _add(self, opcode: int, begin: int, content: bytes) -> None:
-        """Add the content of a record. Nothing is added if it raises an exception."""
-        records = _records(opcode, content)
+    def _add(self, opcode: int, begin: int, content: bytes) -> bool:
+        """Add the content of a record unless it is damaged; return whether it was added."""
+        try:
+            records = _records(opcode, content)
+        except Exception:  # a parser may raise any exception for damaged bytes
+            return False
         channels = {record.id: record for record in records if isinstance(record, Channel)}
         messages = [record for record in records if isinstance(record, Message)]
         counts = Counter(message.channel_id for message in messages)
         if not counts.keys() <= self._channels.keys() | channels.keys():
-            raise ValueError('a message without its channel')
+            return False  # a message without its channel
         self._schemas |= {record.id: record for record in records if isinstance(record, Schema)}
         self._channels |= channels
         self._counts += counts
@@ -200,6 +188,7 @@ class _Part:
             times = [*self.times, *(message.log_time for message in messages)]
             self.times = [min(times), max(times)]
         self.ended = opcode == Opcode.DATA_END
+        return True
 
     def _connection(self, channel: Channel) -> Connection:
         schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
@@ -219,10 +208,17 @@ class _Part:
         )
 
 
+def _is_empty(head: bytes, file: BinaryIO) -> bool:
+    """Return whether only space follows that the file system had reserved before a power loss."""
+    rest = iter(lambda: file.read(_PIECE), b'')
+    return not any(head) and not any(piece.strip(b'\0') for piece in rest)
+
+
 def _records(opcode: int, content: bytes) -> list[McapRecord]:
     """Return the records of a chunk, or a single record.
 
     Raises an exception if a check sum is wrong or the bytes cannot be parsed.
     """
-    record = _READERS[opcode](ReadDataStream(BytesIO(content)), len(content))
+    kind, stream = _RECORDS[opcode], ReadDataStream(BytesIO(content))
+    record = kind.read(stream, len(content)) if kind is Message else kind.read(stream)
     return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]

@@ -181,7 +181,6 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         return port.name if port.name.startswith('/') else f'{self._prefix}/{port.name}'
 
     def _add_channel(self, mcap: Writer, port: Port) -> int:
-        """Return the number of a new channel for a port."""
         store = typestore([port])
         text, _ = store.generate_msgdef(port.message_type, ros_version=2)
         schema = mcap.register_schema(port.message_type, 'ros2msg', text.encode())
@@ -205,7 +204,6 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._folder.rename(self._path)
 
     def _information(self) -> dict[str, Any]:
-        """Return the content of metadata.yaml."""
         topics = [
             {
                 'topic_metadata': {

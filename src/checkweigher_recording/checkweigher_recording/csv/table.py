@@ -87,7 +87,6 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _column(path: Path, use: str, name: str, header: list[str], width: int) -> int:
-    """Return the number of a column."""
     listed = ', '.join(header) if header else f'0 to {width - 1}, without names'
     if not name:
         if width != 1:

@@ -3,12 +3,10 @@
 """Recordings without an end: what is there up to the cut, and nothing where there is a hole."""
 
 from contextlib import suppress
-from dataclasses import replace
 import shutil
 
 import pytest
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from checkweigher_core.ros.ports import DIAGNOSTICS, PLAYED, REFERENCE_MASS
 from checkweigher_core.whole_file import OutputError
@@ -76,15 +74,6 @@ def chunks_of(data):
     return found
 
 
-def refused(path, *parts):
-    with pytest.raises(BagError) as caught:
-        read_bag(path)
-    text = str(caught.value)
-    assert '\n' not in text
-    for part in (str(path), *parts):
-        assert part in text
-
-
 def test_what_came_before_the_end_of_the_writer_is_read(taped, recording):
     path = taped(end=100)
 
@@ -98,7 +87,7 @@ def test_what_came_before_the_end_of_the_writer_is_read(taped, recording):
     assert '(100 messages)' in read.warning
 
 
-def test_a_cut_anywhere_leaves_all_whole_chunks(taped, recording):
+def test_a_cut_anywhere_leaves_all_whole_chunks(taped, recording, refused):
     path = taped()
     file = path / 'line_0.mcap'
     data = file.read_bytes()
@@ -126,7 +115,7 @@ def test_room_without_content_is_an_end_as_well(taped, recording):
         assert is_beginning(read, recording, 35)
 
 
-def test_a_hole_is_refused_and_recovered_up_to_it(taped, recording, tmp_path):
+def test_a_hole_is_refused_and_recovered_up_to_it(taped, recording, tmp_path, refused):
     path = taped()
     file = path / 'line_0.mcap'
     data = bytearray(file.read_bytes())
@@ -162,7 +151,7 @@ def test_no_damaged_byte_gives_anything_but_a_beginning(taped, recording):
     assert 0 < sum(outcomes) < len(outcomes)
 
 
-def test_parts_are_read_in_order_and_none_may_be_missing(taped, recording, tmp_path):
+def test_parts_are_read_in_order_and_none_may_be_missing(taped, recording, tmp_path, refused):
     parts = [taped(f'part{n}', 40 * n, 40 * (n + 1), killed=n == 2) for n in range(3)]
     path = tmp_path / 'parts'
     path.mkdir()
@@ -176,15 +165,12 @@ def test_parts_are_read_in_order_and_none_may_be_missing(taped, recording, tmp_p
     refused(path, 'line_10.mcap: cut off')
 
 
-def test_another_definition_is_refused_by_both(messages, write_foreign, tmp_path):
-    store = get_typestore(Stores.EMPTY)
-    for message_type in (TIME, HEADER):
-        store.fielddefs[message_type] = typestore().fielddefs[message_type]
-        store.types[message_type] = typestore().types[message_type]
-    text = 'std_msgs/Header header\nfloat32 mass\n'
-    store.register(get_types_from_msg(text, REFERENCE_MASS.message_type))
+def test_another_definition_is_refused_by_both(
+    messages, write_foreign, store_with, tmp_path, refused
+):
+    store = store_with(REFERENCE_MASS.message_type, 'std_msgs/Header header\nfloat32 mass\n')
     reference = next(m for m in messages if m.message_type == REFERENCE_MASS.message_type)
-    path = write_foreign([replace(reference)], store=store)
+    path = write_foreign([reference], store=store)
     (path / 'metadata.yaml').unlink()
 
     refused(path, 'another definition of ' + REFERENCE_MASS.message_type)

@@ -22,7 +22,7 @@ _MASS_STEP = 1e-6  # kg; smaller differences of references are ignored
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class PassSet:
     """Passes of one nominal speed that are reported together, including faults."""
 
     speed: float  # m/s
@@ -37,10 +37,10 @@ def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> lis
     return estimate_masses(windows, Denoiser(parameters.denoise), Identifier(parameters.identifier))
 
 
-def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionResult]:
+def evaluate_set(known: PassSet, parameters: LineParameters) -> list[ConditionResult]:
     """Return the results of the estimator of the parameters, a condition for each mass."""
-    estimates = weigh_passes(batch.passes, parameters)
-    masses = np.array([each.mass for each in batch.passes])
+    estimates = weigh_passes(known.passes, parameters)
+    masses = np.array([each.mass for each in known.passes])
     keys = np.round(masses / _MASS_STEP)
     results = []
     for key in np.unique(keys):
@@ -49,25 +49,25 @@ def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionRe
         mass = float(masses[chosen[0]])
         result = ConditionResult(
             parameters.identifier.estimator,
-            batch.speed,
+            known.speed,
             mass,
-            batch.part,
+            known.part,
             errors=np.array([estimates[number].mass - masses[number] for number in weighed]),
             std_devs=np.array([estimates[number].std_dev for number in weighed]),
             faults=len(chosen) - len(weighed),
-            bound=batch.bounds.get(mass, math.nan),
+            bound=known.bounds.get(mass, math.nan),
         )
         results.append(result)
     return results
 
 
-def evaluate_batches(
-    batches: Sequence[Batch], estimators: Sequence[LineParameters], n_jobs: int | None = None
+def evaluate_sets(
+    sets: Sequence[PassSet], estimators: Sequence[LineParameters], n_jobs: int | None = None
 ) -> tuple[ConditionResult, ...]:
-    """Return the results of estimators on batches, in the order of the estimators.
+    """Return the results of estimators on sets, in the order of the estimators.
 
     Each set of parameters has another estimator. `n_jobs` is the number of processes, as in
     `checkweigher_validation.jobs.run_jobs`.
     """
-    calls = [partial(evaluate_batch, batch, line) for line in estimators for batch in batches]
+    calls = [partial(evaluate_set, known, line) for line in estimators for known in sets]
     return tuple(chain.from_iterable(run_jobs(calls, n_jobs, 'weighing')))

@@ -58,9 +58,7 @@ class FamilyTable:
 
     title: str
     speeds: tuple[float, ...]  # m/s
-    attainable: tuple[
-        float, ...
-    ]  # attainable A in kg, mean over the machines: each speed, then all
+    attainable: tuple[float, ...]  # A in kg, mean over the machines: each speed, then all
     rows: tuple[FamilyRow, ...]
 
 

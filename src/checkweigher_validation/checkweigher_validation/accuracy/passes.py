@@ -123,7 +123,7 @@ def group_by_speed(passes: Iterable[KnownPass]) -> tuple[SpeedGroup, ...]:
     return tuple(groups)
 
 
-def spread(group: SpeedGroup, count: int) -> Sequence[KnownPass]:
+def evenly_chosen(group: SpeedGroup, count: int) -> Sequence[KnownPass]:
     """Return at most `count` passes of a group, spread evenly over its masses and over time."""
     by_mass = sorted(range(len(group.passes)), key=lambda i: (group.passes[i].mass, i))
     chosen = np.unique(np.linspace(0, len(by_mass) - 1, min(count, len(by_mass))).round())

@@ -69,9 +69,12 @@ class ResultJoiner:
         reference = self._references.at(estimate.t1)
         return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
 
-    def knows_t4(self, t3: int | None) -> bool:
-        """Return whether t4 is known: an edge after t3 has arrived, or there is no t3."""
-        return t3 is None or bisect_right(self._outfeed, (t3, True)) < len(self._outfeed)
+    def is_complete(self, estimate: MassEstimate, known: int) -> bool:
+        """Return whether nothing more will arrive for an item; all before `known`, ns, is there."""
+        return (estimate.t1 is None or estimate.t1 + SAME_ITEM < known) and (
+            estimate.t3 is None
+            or bisect_right(self._outfeed, (estimate.t3, True)) < len(self._outfeed)
+        )
 
     def _t4(self, t3: int | None) -> int | None:
         """Return the time of the edge after t3 if the outfeed eye clears with it."""
@@ -110,51 +113,31 @@ def weigh_stretches(
     """
     stretches = iter(stretches)
     first = next(stretches)
+    joiner = ResultJoiner((), ())
+    waiting: list[Weighing] = []  # for edges, references and earlier items; by item
+    known, following = -1, 1  # ns, time before which all has arrived; number of the next item
+
+    def arriving() -> Iterator[Recording]:
+        nonlocal known
+        for stretch in chain([first], stretches):
+            joiner.extend(stretch.edges, stretch.references)
+            if len(stretch.blocks):
+                known = stretch.blocks[-1].stamp
+            yield stretch
+
     line = WeighingLine(first.load_cell, parameters)
-    waiting = _WaitingResults()
-    known = map(waiting.know, chain([first], stretches))
-    for weighing in line.weigh_all(join_stretches(known)):
-        waiting.add(weighing)
-        yield from waiting.complete()
-    yield from waiting.rest()
-
-
-class _WaitingResults:
-    """Weighings that wait for edges and references of their items, and for earlier items."""
-
-    def __init__(self) -> None:
-        self._joiner = ResultJoiner((), ())
-        self._waiting: list[Weighing] = []  # by item, then in order of arrival
-        self._next = 1  # number of the next item
-        self._known = -1  # ns; everything before this time has arrived
-
-    def know(self, stretch: Recording) -> Recording:
-        """Add edges and known masses of the next stretch, and return the stretch."""
-        self._joiner.extend(stretch.edges, stretch.references)
-        if len(stretch.blocks):
-            self._known = stretch.blocks[-1].stamp
-        return stretch
-
-    def add(self, weighing: Weighing) -> None:
-        """Add the next weighing."""
-        insort(self._waiting, weighing, key=lambda each: each.estimate.item_id)
-
-    def complete(self) -> Iterator[ItemResult]:
-        """Yield the results of the next items for which nothing more will arrive."""
-        while self._waiting and self._waiting[0].estimate.item_id <= self._next:
-            estimate = self._waiting[0].estimate
-            is_known = estimate.t1 is None or estimate.t1 + SAME_ITEM < self._known
-            if not (is_known and self._joiner.knows_t4(estimate.t3)):
-                return
-            self._next = estimate.item_id + 1
-            yield self._joiner.join(estimate, self._waiting.pop(0).verdict)
+    for weighing in line.weigh_all(join_stretches(arriving())):
+        insort(waiting, weighing, key=lambda each: each.estimate.item_id)
+        while waiting and waiting[0].estimate.item_id <= following:
+            estimate = waiting[0].estimate
+            if not joiner.is_complete(estimate, known):
+                break
+            following = estimate.item_id + 1
+            yield joiner.join(estimate, waiting.pop(0).verdict)
             if estimate.t1 is not None:
-                self._joiner.forget(estimate.t1)
-
-    def rest(self) -> Iterator[ItemResult]:
-        """Yield the results of all remaining items, at the end of the recording."""
-        for weighing in self._waiting:
-            yield self._joiner.join(weighing.estimate, weighing.verdict)
+                joiner.forget(estimate.t1)
+    for weighing in waiting:
+        yield joiner.join(weighing.estimate, weighing.verdict)
 
 
 TABLE_HEADER = (

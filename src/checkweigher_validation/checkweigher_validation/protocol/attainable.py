@@ -39,7 +39,6 @@ def attainable_errors(
 
 
 def _samples(window: WeighWindow) -> int:
-    """Return the number of samples between t1 and t3."""
     return int(transit(window) * window.sample_rate)
 
 

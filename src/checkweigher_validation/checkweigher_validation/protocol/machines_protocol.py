@@ -13,7 +13,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.machine import PREFIX
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters, own_values
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation
-from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.evaluating import PassSet, evaluate_sets
 from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, CHOSEN, MachineResult
 from checkweigher_validation.accuracy.paper_table import PAPER_MASSES
 from checkweigher_validation.accuracy.passes import (
@@ -144,13 +144,13 @@ def _weigh(
     n_jobs: int | None,
 ) -> MachineResult:
     """Return the results of the tuned estimators on both parts, of untrained ones on the test."""
-    parts = [Batch(run.speed, 'train', run.train) for run in runs]
-    parts += [Batch(run.speed, 'test', run.test) for run in runs]
-    unknown = [Batch(run.speed, 'test', run.untrained) for run in runs]
+    parts = [PassSet(run.speed, 'train', run.train) for run in runs]
+    parts += [PassSet(run.speed, 'test', run.test) for run in runs]
+    unknown = [PassSet(run.speed, 'test', run.untrained) for run in runs]
     attainable = [one for run in runs for one in run.attainable]
-    found = evaluate_batches(parts, [each.parameters for each in tuned.values()], n_jobs)
-    untrained = evaluate_batches(unknown, [base.with_estimator(name) for name in tuned], n_jobs)
-    chosen = choose(tuned).estimator
+    found = evaluate_sets(parts, [each.parameters for each in tuned.values()], n_jobs)
+    untrained = evaluate_sets(unknown, [base.with_estimator(name) for name in tuned], n_jobs)
+    chosen, _ = choose(tuned)
     best = [replace(one, estimator=CHOSEN) for one in found if one.estimator == chosen]
     title = f'machine {machine}'
     return MachineResult(

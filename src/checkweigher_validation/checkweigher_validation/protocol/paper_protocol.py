@@ -12,7 +12,7 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.errors import ConditionResult
-from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.evaluating import PassSet, evaluate_sets
 from checkweigher_validation.accuracy.paper_table import PAPER_MASSES, PAPER_SPEEDS
 from checkweigher_validation.accuracy.passes import (
     KnownPass,
@@ -93,10 +93,10 @@ def evaluate_protocol(
     bounds = iter(run_jobs(computations, n_jobs, 'computing the bound'))
     groups = [SpeedGroup(run.speed, whole_passes(run.train)) for run in runs]
     tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
-    batches = []
+    sets = []
     for run in runs:
         bound_of = {mass: next(bounds) for mass in MASSES}
         for part, passes in (('train', run.train), ('test', run.test)):
-            batches.append(Batch(run.speed, part, passes, bound_of))
+            sets.append(PassSet(run.speed, part, passes, bound_of))
     lines = [tuned[name].parameters for name in estimators]
-    return evaluate_batches(batches, lines, n_jobs), tuned
+    return evaluate_sets(sets, lines, n_jobs), tuned

@@ -59,7 +59,6 @@ def render_machines(
 
 
 def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, Look]) -> Iterator[str]:
-    """Yield a sentence on the best estimator of each table."""
     for table in tables:
         rows = [row for row in table.rows if row.estimator != CHOSEN]
         mean, worst, label = min((*row.cells[-1], looks[row.estimator].label) for row in rows)

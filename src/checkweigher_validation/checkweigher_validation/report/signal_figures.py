@@ -133,7 +133,6 @@ def energy_limit(example: Example) -> float:
 
 
 def _draw_pass(axes: Axes, example: Example) -> None:
-    """Draw times, window and axes of a pass."""
     _draw_window(axes, example)
     for name in ('t1', 't2', 't3', 't4'):
         time = MILLISECONDS * (getattr(example, name) - example.t1)

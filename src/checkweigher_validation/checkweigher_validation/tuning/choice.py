@@ -3,7 +3,6 @@
 """The choice among tuned estimators, by passes that were held out from all of them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -19,16 +18,10 @@ _BLOCKS = 20  # of passes, left out in turn
 _LEAST = 1e-12  # kg, of an index without errors
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """The chosen estimator, and the reason in one line."""
-
-    estimator: str
-    reason: str
-
-
-def choose(tuned: Mapping[str, Tuned]) -> Choice:
+def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
     """Choose the estimator of the smallest A on held-out passes, or a simpler one as good.
+
+    Returns its name, and the reason in one line.
 
     A is compared as a ratio, in the geometric mean over the belt speeds. A simpler estimator is as
     good if its difference from the best and the standard error together are negligible (a test of
@@ -45,7 +38,7 @@ def choose(tuned: Mapping[str, Tuned]) -> Choice:
     logs = {name: _log_index(tuned[name], None) for name in names}
     best, *others = sorted(names, key=lambda name: logs[name])
     if not others:
-        return Choice(best, f'{best}: nothing else was tuned')
+        return best, f'{best}: nothing else was tuned'
     without = {name: _without_blocks(tuned[name]) for name in names}
     more = {name: logs[name] - logs[best] for name in others}
     # The standard error of a jackknife, by the results without each block.
@@ -57,11 +50,11 @@ def choose(tuned: Mapping[str, Tuned]) -> Choice:
         if more[name] + errors[name] <= _NEGLIGIBLE:
             loss = f'{_percent(more[name])} +- {_percent(errors[name])}'
             why = f'simpler than {best}, whose A is smaller by next to nothing'
-            return Choice(name, f'{name}: {why}, {loss}')
+            return name, f'{name}: {why}, {loss}'
     second = others[0]
     loss = f'{_percent(more[second])} +- {_percent(errors[second])}'
     why = f'smallest A on held-out passes; that of {second} is larger by'
-    return Choice(best, f'{best}: {why} {loss}')
+    return best, f'{best}: {why} {loss}'
 
 
 def _log_index(tuned: Tuned, block: int | None) -> float:

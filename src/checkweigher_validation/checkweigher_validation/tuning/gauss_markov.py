@@ -24,7 +24,7 @@ from checkweigher_dsp.estimation.estimators.gauss_markov import (
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.signal.platform_response import responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
-from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, spread
+from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, evenly_chosen
 from checkweigher_validation.tuning.calibration import held_out_errors, index
 from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable, TuningError
@@ -98,7 +98,7 @@ def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float
     """
     indices = []
     for group in groups:
-        some = replace(group, passes=tuple(spread(group, _CHECKED_PASSES)))
+        some = replace(group, passes=tuple(evenly_chosen(group, _CHECKED_PASSES)))
         tunable = TunedGaussMarkov('gauss_markov', some, base)
         estimates = tunable.estimates({'order': _CHECKED_ORDER})
         if not np.all(estimates > 0):  # NaN is not
@@ -133,7 +133,7 @@ def fit_platform(
         return [
             (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups
-            for each in spread(group, count)
+            for each in evenly_chosen(group, count)
         ]
 
     def misfit(values: NDArray[np.float64], passes: Any) -> NDArray[np.float64]:

@@ -65,7 +65,6 @@ class TunedIswdEksi(Tunable):
         }
 
     def _denoise(self, values: Mapping[str, float]) -> DenoiseParameters:
-        """Return the parameters of denoise for the one speed."""
         known = self.base.denoise
         changes: dict[str, Any] = {'speeds': (self.group.speed,)}
         for name in _BANDS:

@@ -219,7 +219,6 @@ def empty_belt_covariances(
 
 
 def _evidence(group: SpeedGroup, layout: Layout) -> Evidence:
-    """Return the features of the passes of a group."""
     features = np.array([pass_features(each.window, layout) for each in group.passes])
     return Evidence(features, group.masses)
 

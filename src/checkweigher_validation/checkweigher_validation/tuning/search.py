@@ -82,23 +82,29 @@ def search(
     start = np.array([start_position(axis) for axis in axes])
     evaluate(start, {axis.name: axis.start for axis in axes})
     if axes and budget > 1:
-        spread = qmc.LatinHypercube(len(axes), rng=np.random.default_rng(_SEED))
-        for point in spread.random(max(round(budget * _EXPLORED) - 1, 0)):
-            at(point)
-        origins = _best_apart(tried)
-        share = (budget - len(tried)) // (len(origins) + 1)
-        for origin in origins:
-            _descend(at, origin, _FIRST_STEP, share)
-        step = _FIRST_STEP
-        while budget - len(tried) > len(axes) + 1:
-            step /= 2
-            _descend(at, min(tried, key=itemgetter(0))[1], step, budget - len(tried))
+        _explore(at, tried, len(axes), budget)
     least, _, values = min(tried, key=itemgetter(0))
     return values, least
 
 
+def _explore(
+    at: Callable[[Point], float], tried: Sequence[_Trial], dimensions: int, budget: int
+) -> None:
+    """Evaluate until the budget is used up; `at` adds each evaluation to `tried`."""
+    points = qmc.LatinHypercube(dimensions, rng=np.random.default_rng(_SEED))
+    for point in points.random(max(round(budget * _EXPLORED) - 1, 0)):
+        at(point)
+    origins = _best_apart(tried)
+    share = (budget - len(tried)) // (len(origins) + 1)
+    for origin in origins:
+        _descend(at, origin, _FIRST_STEP, share)
+    step = _FIRST_STEP
+    while budget - len(tried) > dimensions + 1:
+        step /= 2
+        _descend(at, min(tried, key=itemgetter(0))[1], step, budget - len(tried))
+
+
 def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
-    """Return the best points that lie apart from all better ones."""
     chosen: list[Point] = []
     for _, point, _ in sorted(tried, key=itemgetter(0)):
         if all(np.max(np.abs(point - other)) > _APART for other in chosen):

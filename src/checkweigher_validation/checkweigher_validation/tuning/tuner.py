@@ -132,7 +132,6 @@ def tune(
 
 
 def _check_passes(groups: Sequence[SpeedGroup]) -> None:
-    """Raise TuningError if there are too few passes at a speed."""
     for group in groups:
         if len(group.passes) < FEWEST_PASSES:
             raise TuningError(

@@ -79,7 +79,7 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True)
-class Evaluation:
+class Outcome:
     """Results of all attempts in their order, and the departures from the recommendations."""
 
     results: tuple[Result, ...]
@@ -99,7 +99,7 @@ class Evaluation:
         return tuple(each for each in self.results if each.number == each.attempts)
 
 
-def evaluate(procedure: Procedure) -> Evaluation:
+def outcome_of(procedure: Procedure) -> Outcome:
     """Evaluate a procedure."""
     totals = Counter(attempt.step.name for attempt in procedure.attempts)
     made: Counter[str] = Counter()
@@ -115,7 +115,7 @@ def evaluate(procedure: Procedure) -> Evaluation:
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
     missing = tuple(step.name for step in steps_of(procedure.plan) if step.name not in done)
     departures = tuple(_departures(procedure, results, missing))
-    return Evaluation(tuple(results), missing, departures)
+    return Outcome(tuple(results), missing, departures)
 
 
 def _judged(
@@ -208,7 +208,6 @@ def _excesses(result: Result, judgement: Judgement, in_y: bool) -> Iterator[str]
 
 
 def _with_figures(blank: Result, condition: ConditionResult) -> Result:
-    """Return a result with the figures of its passes."""
     load, errors = blank.attempt.step.load, condition.errors
     assert load is not None
     scatter = condition.std_dev / math.sqrt(condition.count) if condition.count else math.nan
@@ -261,7 +260,6 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
 def _departures(
     procedure: Procedure, results: Sequence[Result], missing: Sequence[str]
 ) -> Iterator[str]:
-    """Yield a sentence for each departure from the recommendations."""
     yield from (f'Step {name} was not made.' for name in missing)
     yield from _test_departures(procedure.plan)
     yield from _load_departures(procedure.plan)

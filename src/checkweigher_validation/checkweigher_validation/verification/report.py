@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from checkweigher_core.records import GRAMS, NANOSECONDS
-from checkweigher_validation.verification.evaluation import Result, evaluate, minutes_after
+from checkweigher_validation.verification.evaluation import Result, minutes_after, outcome_of
 from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.procedure import AtRest, Attempt, ItemPass, Procedure
 
@@ -31,7 +31,7 @@ _TEXTS = yaml.safe_load((files(__package__) / 'report_texts.yaml').read_text(enc
 
 def report_of(procedure: Procedure) -> Values:
     """Return the report of a procedure as plain values; an unknown value is None."""
-    found = evaluate(procedure)
+    found = outcome_of(procedure)
     cell, identity = asdict(procedure.load_cell), procedure.identity
     stamps = [stamp for each in procedure.attempts for stamp in (each.begin, each.end)]
     first = [each for each in found.results if each.attempt.step.minutes is not None][:1]

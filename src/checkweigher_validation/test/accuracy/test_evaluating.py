@@ -9,7 +9,7 @@ import pytest
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batch, evaluate_batches
+from checkweigher_validation.accuracy.evaluating import PassSet, evaluate_set, evaluate_sets
 from checkweigher_validation.accuracy.passes import KnownPass
 
 COUNTS_PER_KG = 1e6
@@ -47,8 +47,8 @@ PASSES = (
 
 
 def test_errors_uncertainties_and_faults_are_those_of_each_mass():
-    batch = Batch(1.0, 'test', PASSES, {0.1: 5e-5, 0.204: 7e-5})
-    light, middle, heavy = evaluate_batch(batch, CALIBRATED)
+    known = PassSet(1.0, 'test', PASSES, {0.1: 5e-5, 0.204: 7e-5})
+    light, middle, heavy = evaluate_set(known, CALIBRATED)
 
     assert (light.mass, light.count, light.faults) == (0.05, 0, 1)
     assert np.isnan(light.bound)
@@ -63,16 +63,16 @@ def test_errors_uncertainties_and_faults_are_those_of_each_mass():
 
 
 def test_references_that_differ_by_less_than_they_are_written_with_are_one_mass():
-    batch = Batch(1.0, 'test', (a_pass(100.0, 100.0), a_pass(100.0 + 1e-5, 100.0)), {})
-    (condition,) = evaluate_batch(batch, CALIBRATED)
+    known = PassSet(1.0, 'test', (a_pass(100.0, 100.0), a_pass(100.0 + 1e-5, 100.0)), {})
+    (condition,) = evaluate_set(known, CALIBRATED)
     assert condition.count == 2
 
 
 @pytest.mark.parametrize('n_jobs', [1, 2])
-def test_estimators_come_in_their_order_each_with_all_batches(n_jobs):
-    batches = [Batch(1.0, 'train', PASSES[:2], {}), Batch(1.0, 'test', PASSES[:1], {})]
+def test_estimators_come_in_their_order_each_with_all_sets(n_jobs):
+    sets = [PassSet(1.0, 'train', PASSES[:2], {}), PassSet(1.0, 'test', PASSES[:1], {})]
     lines = [CALIBRATED, LineParameters().with_estimator('hann')]
-    found = evaluate_batches(batches, lines, n_jobs)
+    found = evaluate_sets(sets, lines, n_jobs)
     cases = [('train', 0.1), ('train', 0.204), ('test', 0.204)]
     expected = [(name, *case) for name in ('mean', 'hann') for case in cases]
     assert [(one.estimator, one.part, one.mass) for one in found] == expected

@@ -18,9 +18,9 @@ from checkweigher_validation.accuracy.passes import (
     KnownPass,
     ReferenceMasses,
     SpeedGroup,
+    evenly_chosen,
     group_by_speed,
     known_passes,
-    spread,
 )
 
 MILLISECOND = 1_000_000  # ns
@@ -127,7 +127,7 @@ class TestSpeeds:
     def test_a_spread_has_each_mass_equally_often_and_reaches_over_the_run(self):
         masses = (0.3, 0.1, 0.2) * 20
         group = SpeedGroup(1.0, tuple(a_pass(1.0, m, n) for n, m in enumerate(masses)))
-        chosen = spread(group, 12)
+        chosen = evenly_chosen(group, 12)
         assert sorted(each.mass for each in chosen) == [0.1] * 4 + [0.2] * 4 + [0.3] * 4
         for mass in (0.1, 0.2, 0.3):
             numbers = [each.window.item_id for each in chosen if each.mass == mass]
@@ -135,4 +135,4 @@ class TestSpeeds:
 
     def test_a_spread_of_a_small_group_is_all_of_it(self):
         group = SpeedGroup(1.0, tuple(a_pass(1.0, 0.1, n) for n in range(4)))
-        assert list(spread(group, 20)) == list(group.passes)
+        assert list(evenly_chosen(group, 20)) == list(group.passes)

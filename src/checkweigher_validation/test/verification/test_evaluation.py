@@ -9,7 +9,7 @@ from made_procedure import PLAN, START, attempt_of, procedure_of
 import pytest
 
 from checkweigher_core.records import ZeroChange
-from checkweigher_validation.verification.evaluation import evaluate
+from checkweigher_validation.verification.evaluation import outcome_of
 
 GRAM = 1e-3
 IN_Y = PLAN.replace('class: XIII', 'class: Y(a)')
@@ -18,7 +18,7 @@ IN_Y = PLAN.replace('class: XIII', 'class: Y(a)')
 def test_figures_and_limits_of_passes_are_those_worked_by_hand():
     # Errors of 0.01, 0.03 and 0.05 g: mean 0.03, deviations -0.02, 0, 0.02, so sigma 0.02 g.
     passes = attempt_of('passes_60_small', masses=[74.51, 74.53, 74.55], std_devs=[0.02] * 3)
-    result = evaluate(procedure_of(passes)).results[0]
+    result = outcome_of(procedure_of(passes)).results[0]
     assert result.passed
     assert (result.count, result.faults, result.required) == (3, 0, 60)
     assert result.error == pytest.approx(0.03 * GRAM)
@@ -53,7 +53,7 @@ def test_figures_and_limits_of_passes_are_those_worked_by_hand():
 def test_each_test_is_judged_by_its_own_limits(
     name: str, masses: list[float], faults: int, why: tuple[str, ...]
 ):
-    found = evaluate(procedure_of(attempt_of(name, masses=masses, faults=faults)))
+    found = outcome_of(procedure_of(attempt_of(name, masses=masses, faults=faults)))
     assert found.results[0].failures == why
     assert found.verdict == ('failed' if why else 'incomplete')
 
@@ -73,19 +73,19 @@ def test_each_test_is_judged_by_its_own_limits(
 def test_category_y_bounds_each_pass_and_the_speed_is_that_of_the_plan(values, failures):
     plan, values = values['plan'], {key: values[key] for key in values if key != 'plan'}
     made = procedure_of(attempt_of('passes_60_small', **values), plan=plan)
-    assert evaluate(made).results[0].failures == failures
+    assert outcome_of(made).results[0].failures == failures
 
 
 def test_category_y_has_a_limit_of_its_own_at_rest():
     # 500 g are 5000 e: 1.5 e at rest, where 2 e are allowed in motion.
     for reading, passed in ((500.149, True), (500.151, False)):
         made = procedure_of(attempt_of('static_up_large', reading=reading), plan=IN_Y)
-        (result,) = evaluate(made).results
+        (result,) = outcome_of(made).results
         assert result.passed == passed
         assert result.max_error == pytest.approx(0.15 * GRAM)
     # So a mass is held to a third of that: 0.05 g, where motion asks for 0.066 g.
     badly = procedure_of(plan=IN_Y.replace('uncertainty_g: 0.005', 'uncertainty_g: 0.03'))
-    assert [each for each in evaluate(badly).departures if 'Reference' in each] == [
+    assert [each for each in outcome_of(badly).departures if 'Reference' in each] == [
         'Reference large is known to 0.06 g (k = 2), which is above a third of the limit, 0.05 g.'
     ]
 
@@ -103,9 +103,9 @@ def test_the_references_of_all_tests_are_held_to_their_limits(test: str):
     told = (
         'Reference badly is known to 0.04 g (k = 2), which is above a third of the limit, 0.0333 g.'
     )
-    assert told in evaluate(procedure_of(plan=plan)).departures
+    assert told in outcome_of(procedure_of(plan=plan)).departures
     without = plan.replace(lines[own], lines[own].replace('badly', 'middle'))
-    assert told not in evaluate(procedure_of(plan=without)).departures
+    assert told not in outcome_of(procedure_of(plan=without)).departures
 
 
 def test_zeros_are_held_to_the_zero_before_and_loads_to_the_latest():
@@ -123,14 +123,14 @@ def test_zeros_are_held_to_the_zero_before_and_loads_to_the_latest():
         for number, (name, reading, _) in enumerate(readings)
     ]
     made = procedure_of(*attempts, zeros=[ZeroChange(START + 2, 3.1 * GRAM, 0.0, 0.0)])
-    results = evaluate(made).results
+    results = outcome_of(made).results
     assert ['passed' if each.passed else 'failed' for each in results] == [
         verdict for *_, verdict in readings
     ]
     errors = [each.error / GRAM for each in results]
     assert errors == pytest.approx([0, 0.06, 0.02, 0.045, 0.09, 0.16, 0.06], abs=1e-9)
     # Without the service the zero of calibration counts.
-    alone = evaluate(procedure_of(attempts[2])).results[0]
+    alone = outcome_of(procedure_of(attempts[2])).results[0]
     assert alone.error / GRAM == pytest.approx(3.12)
 
 
@@ -138,13 +138,15 @@ def test_a_reading_that_there_is_none_of_fails():
     attempt = attempt_of('zero_1', reading=0.0)
     assert attempt.reading is not None
     lost = replace(attempt.reading, mass=math.nan, reasons=('SamplesLost',))
-    result = evaluate(procedure_of(replace(attempt, reading=lost))).results[0]
+    result = outcome_of(procedure_of(replace(attempt, reading=lost))).results[0]
     assert result.failures == ('no reading: SamplesLost',)
 
 
 def test_the_last_attempt_counts_and_all_are_told():
     masses = ([74.7] * 3, [74.5] * 3)
-    found = evaluate(procedure_of(*(attempt_of('passes_60_small', masses=each) for each in masses)))
+    found = outcome_of(
+        procedure_of(*(attempt_of('passes_60_small', masses=each) for each in masses))
+    )
     assert [(each.number, each.passed) for each in found.results] == [(1, False), (2, True)]
     assert [each.number for each in found.last] == [2]
     assert 'Step passes_60_small was made 2 times; the last one counts.' in found.departures
@@ -153,9 +155,9 @@ def test_the_last_attempt_counts_and_all_are_told():
 def test_what_was_another_one_after_the_last_step_is_told():
     unread = 'Parameters and audit log were not read again after the last step.'
     made = procedure_of()
-    assert unread not in evaluate(made).departures
-    assert unread in evaluate(replace(made, changes=None)).departures
-    assert 'It changed.' in evaluate(replace(made, changes=('It changed.',))).departures
+    assert unread not in outcome_of(made).departures
+    assert unread in outcome_of(replace(made, changes=None)).departures
+    assert 'It changed.' in outcome_of(replace(made, changes=('It changed.',))).departures
 
 
 def test_departures_from_what_is_recommended_are_told():
@@ -166,7 +168,7 @@ def test_departures_from_what_is_recommended_are_told():
         attempt_of('warm_up_zero_1', reading=0.0, begin=START + 200 * 10**9),
         plan=PLAN.replace('uncertainty_g: 0.005', 'uncertainty_g: 0.03'),
     )
-    found = evaluate(made)
+    found = outcome_of(made)
     assert 'zero_1' in found.missing
     for text in (
         'Step zero_1 was not made.',
@@ -178,4 +180,4 @@ def test_departures_from_what_is_recommended_are_told():
     ):
         assert text in found.departures, text
     without = procedure_of(plan=PLAN[: PLAN.index('static:')])
-    assert 'The plan has no test of loads at rest.' in evaluate(without).departures
+    assert 'The plan has no test of loads at rest.' in outcome_of(without).departures

@@ -12,7 +12,7 @@ from made_procedure import PLAN, START, attempt_of, procedure_of
 import pytest
 
 from checkweigher_validation.report.verification_page import render_verification
-from checkweigher_validation.verification.evaluation import evaluate
+from checkweigher_validation.verification.evaluation import outcome_of
 from checkweigher_validation.verification.procedure import ItemPass
 from checkweigher_validation.verification.report import as_json, report_of
 
@@ -125,5 +125,5 @@ def test_faults_between_the_steps_are_listed(report: dict[str, Any]):
 
 def test_a_page_of_nothing_can_be_made():
     made = procedure_of(plan=PLAN)
-    assert evaluate(made).verdict == 'incomplete'
+    assert outcome_of(made).verdict == 'incomplete'
     assert 'incomplete' in render_verification(report_of(made))

@@ -89,7 +89,6 @@ def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
 
 
 def _show_steps(path: Path) -> int:
-    """Print the steps of a plan, one per line."""
     from checkweigher_bringup.commissioning.verification import plan_of
     from checkweigher_validation.verification.steps import steps_of
 

@@ -61,7 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
-    """Show a table every second, after the first reports."""
     end = time.monotonic() + (arguments.duration or math.inf)
     patience = min(time.monotonic() + _PATIENCE, end)
     while not board.heard and time.monotonic() < patience:

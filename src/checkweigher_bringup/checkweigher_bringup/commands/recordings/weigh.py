@@ -59,7 +59,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
-    """Weigh a bag and show each item."""
     from checkweigher_bringup.output import check_output_file
     from checkweigher_core.whole_file import write_whole
     from checkweigher_recording.archive.copying import local_bag
