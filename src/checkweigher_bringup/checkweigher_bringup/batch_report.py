@@ -20,10 +20,7 @@ from checkweigher_validation.batch.figures import PartFigures, as_json
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
     """Return the batch of a record, compared with an audit log, by default that of the record.
 
-    Raises
-    ------
-    RecordError, AuditError
-        If the record, or the log that was given, cannot be read.
+    Raises `RecordError` or `AuditError` if the record, or the log that was given, cannot be read.
     """
     batch = read_record(path)
     named = next(read_lines(path)).get('audit_log')
@@ -65,17 +62,14 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
         why = '' if batch.end else ': the batch has not ended yet'
         yield f'{title}: the SHA-256 of its record is not in the audit log{why}'
     for part in parts:
-        yield f'{title}, {one_line(part.product.name or "no product")}: {_counts(part)}'
+        counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
+        product = one_line(part.product.name or 'no product')
+        yield f'{title}, {product}: {part.items} items: {counts or "none"}'
         for why, count in part.reasons.items():
             yield f'  {count:>6} {one_line(why)}'
         if not math.isnan(part.mean):
             yield f'  {_mean(part)}'
             yield from _judgement(part)
-
-
-def _counts(part: PartFigures) -> str:
-    counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
-    return f'{part.items} items: {counts or "none"}'
 
 
 def _mean(part: PartFigures) -> str:

@@ -151,7 +151,7 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run a command and return its status; print one line for what the user can correct."""
+    """Run a command and return its status; print an error that the user can correct as one line."""
     command = ''
     try:
         try:
@@ -195,7 +195,7 @@ def _line_for(error: Exception) -> str:
 
 
 def _discard_output() -> None:
-    """Discard what is still in the buffer of the standard output: writing it would fail again."""
+    """Discard the buffer of the standard output, because writing it would fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 

@@ -128,15 +128,12 @@ def record(
     """Record for a duration in s, until all passes have come, or SIGINT, SIGTERM or SIGHUP comes.
 
     The bag grows under its name from the first message on. If this process is killed, it lacks the
-    last second and ``metadata.yaml``. With `inputs_only` it does not contain what a replay computes
-    again. The known mass of `passes` is recorded in place of the references of the line.
+    last second and ``metadata.yaml``. With `inputs_only` the results are left out, because a replay
+    computes them again. The known mass of `passes` is recorded in place of the references of the
+    line.
 
-    Raises
-    ------
-    OutputError
-        If the bag cannot be written.
-    UserError
-        If no message came. An empty bag is of no use, so none is left.
+    Raises `OutputError` if the bag cannot be written; `UserError` if no message came. An empty bag
+    is of no use, so none is left.
     """
     recorded = ports.PLAYED if inputs_only else ports.RECORDED
     with (

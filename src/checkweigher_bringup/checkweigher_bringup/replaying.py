@@ -97,9 +97,11 @@ def replay(
     early or an item gets no verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
-    # However slow this machine is, a replay gives what `weigh` gives.
+    # Also on a slow machine, a replay has the results of `weigh`.
     values['reject']['deadlines'] = False
-    values['identifier']['learning.record'] = '-'  # what a line has learned is not in the bag
+    values['identifier']['learning.record'] = (
+        '-'  # the bag does not have the parameters that a line has learned
+    )
     values['driver'] = dict(driver)
     with spinning(namespace) as spinner, ExitStack() as stack:
         # One status comes for every quarter of a second of signal.

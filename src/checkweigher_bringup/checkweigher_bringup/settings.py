@@ -35,12 +35,8 @@ def line_parameters(
 def recipe_of(arguments: Namespace) -> Product | None:
     """Return the product of the options `--recipes` and `--product`, None without them.
 
-    Raises
-    ------
-    UserError
-        If only one is given, or the file has no such product.
-    SettingsError
-        If the file cannot be used.
+    Raises `UserError` if only one is given, or the file has no such product; `SettingsError` if the
+    file cannot be used.
     """
     path, name = arguments.recipes, arguments.product
     if path is None and name is None:
@@ -90,12 +86,8 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
 
     Workers that are not used are reported on stderr.
 
-    Raises
-    ------
-    UserError
-        If the options cannot be used together.
-    SchedulerError
-        If the cluster cannot be used.
+    Raises `UserError` if the options cannot be used together; `SchedulerError` if the cluster
+    cannot be used.
     """
     check_positive(arguments, 'jobs')
     if arguments.scheduler != LOCAL and arguments.jobs is not None:

@@ -35,6 +35,12 @@ class BagPasses:
     cell: LoadCell
     notes: tuple[str, ...]
 
+    def __str__(self) -> str:
+        whole = sum(each.whole for each in self.passes)
+        masses = len({each.mass for each in self.passes})
+        cell = f'{self.cell.model} {self.cell.serial_number}'
+        return f'{whole} passes of {masses} masses, {cell}'.rstrip()
+
 
 @dataclass(frozen=True, slots=True)
 class ReadPasses:
@@ -55,12 +61,8 @@ def read_passes(
 
     Of several bags, one that cannot be read is reported on stderr and skipped.
 
-    Raises
-    ------
-    UserError
-        If a bag has no such pass, or the bags are of different load cells.
-    BagError
-        If the only bag, or none of several, can be read.
+    Raises `UserError` if a bag has no such pass, or the bags are of different load cells;
+    `BagError` if the only bag, or none of several, can be read.
     """
     calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
     found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
@@ -73,7 +75,7 @@ def read_passes(
     for bag, each in read:
         _check(f'{bag}', each, rate=read[0][1].cell.sample_rate)
     passes = [one for _, each in read for one in each.passes]
-    return ReadPasses(passes, [f'{bag}: {_description(each)}' for bag, each in read], len(broken))
+    return ReadPasses(passes, [f'{bag}: {each}' for bag, each in read], len(broken))
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
@@ -89,13 +91,6 @@ def _check(bag: str, found: BagPasses, rate: float) -> None:
         raise UserError(
             f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'
         )
-
-
-def _description(found: BagPasses) -> str:
-    whole = sum(each.whole for each in found.passes)
-    masses = len({each.mass for each in found.passes})
-    cell = f'{found.cell.model} {found.cell.serial_number}'
-    return f'{whole} passes of {masses} masses, {cell}'.rstrip()
 
 
 def passes_of_bag(

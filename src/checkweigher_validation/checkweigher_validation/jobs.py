@@ -153,10 +153,7 @@ def jobs_as_done(
     The result of a job that kills its worker again is a `WorkerLostError`. The parameters are those
     of `run_jobs`.
 
-    Raises
-    ------
-    ClusterLostError
-        If the jobs were done by a cluster, and it was lost.
+    Raises `ClusterLostError` if the jobs were done by a cluster, and it was lost.
     """
     count = min(n_jobs or cpu_count(), len(jobs))
     elsewhere = _ELSEWHERE.get()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands of the checkweigher, one module each: a table `OPTIONS`, and `run(arguments)`.
 
-The modules import what is heavy in `run` alone, so that ``--help`` is there at once. Options that
+Heavy imports are in `run`, so that ``--help`` is there at once. Options that
 several commands have are defined here.
 """
 

@@ -49,7 +49,7 @@ _NOTHING_WAITS = f'nothing that was learned waits; call {ports.TUNE_PASSES} firs
 
 @dataclass(frozen=True)
 class DynamicSettingParameters(Parameters):
-    """Folder of bags and learned parameters, and what is trained."""
+    """Folder of bags and learned parameters, and parameters of the training."""
 
     node: ClassVar[str] = 'dynamic_setting'
 
@@ -167,7 +167,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return f'begun; {ports.DYNAMIC_SETTING.name} says when it is done'
 
     def _cancel(self, request: Any, response: Any) -> str:
-        """End recording or training, or drop what was learned; passes and parameters stay."""
+        """End recording or training, or drop the learned parameters; the passes stay."""
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)

@@ -54,10 +54,8 @@ def procedure_of_bags(
     A bag has the name of its step. Parameters cannot change during the run, so there is one
     identity.
 
-    Raises
-    ------
-    UserError
-        If a bag has no step, has another calibration or load, or overlaps in time with another bag.
+    Raises `UserError` if a bag has no step, has another calibration or load, or overlaps in time
+    with another bag.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
@@ -113,7 +111,7 @@ def _records(
     """Yield all records of a step in order; `items` is the number of items before."""
     begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
-        begin, end = _rest(bag, recording, Steadiness(plan.duration, plan.tolerance))
+        begin, end = _rest(bag, recording, Steadiness(plan.rest.duration_s, plan.rest.tolerance))
     yield begin, ports.VERIFICATION, VerificationStep(begin, step.name, StepState.BEGUN, begin)
     made: list[_Record] = [(each.stamp, _PORTS[type(each)], each) for each in recording]
     line = WeighingLine(recording.load_cell, parameters)

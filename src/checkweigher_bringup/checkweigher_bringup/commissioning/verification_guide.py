@@ -223,7 +223,7 @@ class _Guide:
         self._plan = plan
         self._cell = load_cell
         self._operator = operator
-        self._steadiness = Steadiness(plan.duration, plan.tolerance)
+        self._steadiness = Steadiness(plan.rest.duration_s, plan.rest.tolerance)
         self._attempts: list[Attempt] = []
         self._warm: int | None = None  # ns, begin of the warm-up
 

@@ -146,7 +146,7 @@ class RemoteOperator:
         return self._said.state is ProgressState.IDLE
 
     def answer(self, question: int, answer: StepAnswer, reason: str) -> None:
-        """Accept an answer; UserError if it does not fit what is asked."""
+        """Accept an answer; UserError if it does not fit the question."""
         with self._lock:
             said = self._said
             if question != said.question or said.state not in _ANSWERS:

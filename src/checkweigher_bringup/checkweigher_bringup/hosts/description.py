@@ -63,7 +63,7 @@ class LineDescription:
     discovery: str = HOSTS
 
     def shares(self, host: str) -> tuple[Share, ...]:
-        """Return what a host runs; `SettingsError` if there is no such host."""
+        """Return the shares of a host; `SettingsError` if there is no such host."""
         if host not in self.hosts:
             raise SettingsError(
                 f'host {host}: not in the line description; it has {", ".join(self.hosts)}'

@@ -11,6 +11,6 @@ from checkweigher_bringup.spinning import Spinner, spinning
 
 @pytest.fixture
 def spinner(request: pytest.FixtureRequest) -> Iterator[Spinner]:
-    """Serve nodes in the namespace `LANE` of the module of the test."""
-    with spinning(request.module.LANE) as running:
+    """Serve nodes in the namespace `LANE` of the module of the test, by default lane1."""
+    with spinning(getattr(request.module, 'LANE', 'lane1')) as running:
         yield running

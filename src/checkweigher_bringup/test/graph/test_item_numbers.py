@@ -26,8 +26,6 @@ from checkweigher_core.ros.conversion import stamp_from
 KILLS = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '40'))
 SHARD = int(os.environ.get('CHECKWEIGHER_SHARD', '0'))
 NODES = ('segmenter', 'driver', 'reject', 'identifier', 'reject', 'driver', 'segmenter', 'denoise')
-# The start of a simulation, whose stamps begin again with each stream.
-_RESTART = NANOSECONDS
 _DEADLINE = 2.0  # s, in which reject judges what left while the segmenter was dead
 _ON_THEIR_WAY = 1.0  # s, in which the verdicts come that were sent before a kill
 _SETTLE = 4.0  # s, in which the verdicts on what has entered come

@@ -15,17 +15,12 @@ import pytest
 from rclpy.node import Node
 from running import PATIENCE, ROOT
 
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.ros import ports
 
-NAMESPACE = '/own_nodes'
+LANE = 'own_nodes'
+NAMESPACE = f'/{LANE}'
 Start = Callable[..., None]
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('own_nodes') as running:
-        yield running
 
 
 @pytest.fixture

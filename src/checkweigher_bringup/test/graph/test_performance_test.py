@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The performance test of a recipe over real DDS: reminder, stop, passes, and its entry."""
 
-from collections.abc import Iterator
 from pathlib import Path
 import subprocess
 import sys
@@ -14,15 +13,9 @@ from product_line import Line
 import pytest
 from std_srvs.srv import Trigger
 
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.ros import ports
 from checkweigher_production.nodes.product import ProductNode
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('lane1') as running:
-        yield running
 
 
 class Watched:

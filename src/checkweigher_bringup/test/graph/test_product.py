@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node over real DDS: recipes of a running line."""
 
-from collections.abc import Iterator
 import math
 from pathlib import Path
 import subprocess
@@ -17,15 +16,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import Spinner, node_command, spinning, write_parameter_file
+from checkweigher_bringup.spinning import Spinner, node_command, write_parameter_file
 from checkweigher_core.ros import ports
 from checkweigher_production.nodes.product import ProductNode
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('lane1') as running:
-        yield running
 
 
 def test_a_selected_product_has_its_limits_from_the_next_item_on(spinner: Spinner, tmp_path: Path):

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches over real DDS: rules and counts go on where reject, product or both are started again."""
 
-from collections.abc import Iterator
 import hashlib
 import json
 from pathlib import Path
@@ -14,7 +13,7 @@ from product_line import Line
 import pytest
 
 from checkweigher_bringup.batch_reporter import BatchReporter
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.ros import ports
 from checkweigher_production.batch_record import read_lines
@@ -22,12 +21,6 @@ from checkweigher_production.nodes.product import ProductNode
 
 # 100 g in 4 g of packaging; 95 g lie between TU2, 91 g, and TU1, 95.5 g.
 GOOD, LIGHT = 0.102 + 0.004, 0.095 + 0.004
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('lane1') as running:
-        yield running
 
 
 def restart_product(line: Line, parameters: dict[str, object]) -> None:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node over real DDS: statistics and audit log of a running line."""
 
-from collections.abc import Iterator
 import csv
 from dataclasses import asdict
 import json
@@ -22,7 +21,7 @@ from rclpy.parameter import Parameter
 from running import BAGS, PATIENCE, run_command
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import (
     NANOSECONDS,
@@ -33,12 +32,6 @@ from checkweigher_core.ros.conversion import to_message
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_production.audit_log import read_log
 from checkweigher_production.nodes.product import ProductNode
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('lane1') as running:
-        yield running
 
 
 def test_what_becomes_of_the_zero_is_in_the_log(spinner: Spinner, tmp_path: Path):

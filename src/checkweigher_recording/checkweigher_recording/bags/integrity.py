@@ -27,7 +27,7 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
     `name` is the name of the file for errors if `path` is a copy.
 
-    Raises `BagError` if it cannot be read, is of another kind, was cut, or differs from what was
+    Raises `BagError` if it cannot be read, is of another kind, was cut, or was changed after it was
     written.
     """
     name = name or path

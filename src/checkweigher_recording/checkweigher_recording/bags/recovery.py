@@ -19,13 +19,9 @@ def recover_bag(source: Path, path: Path) -> int:
     `source` is an ``.mcap`` file without an end, or the folder of a recording that broke off. A
     chunk with a wrong check sum and everything after it are left out.
 
-    Raises
-    ------
-    BagError
-        If there is no message of a checkweigher in it, if they are of several lanes, or if they
-        have other definitions than those that are installed here.
-    OutputError
-        If the bag cannot be written.
+    Raises `BagError` if there is no message of a checkweigher in it, if they are of several lanes,
+    or if they have other definitions than those that are installed here; `OutputError` if the bag
+    cannot be written.
     """
     parts = unfinished_parts(source) or [source]
     if not parts[0].is_file():

@@ -116,12 +116,8 @@ def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = No
     `edges` is a file with the edges of the photo-eyes, see `edges_file.read_edges_file`. The
     ``first_index`` of the blocks jumps where the time column jumps.
 
-    Raises
-    ------
-    CsvError
-        If a file cannot be read, or its content does not agree with the parameters.
-    ParameterError
-        If parameters and files contradict each other.
+    Raises `CsvError` if a file cannot be read, or its content does not agree with the parameters;
+    `ParameterError` if parameters and files contradict each other.
     """
     if (edges is None) == (not parameters.infeed):
         raise ParameterError('import.infeed: give either columns of the eyes or an edges file')

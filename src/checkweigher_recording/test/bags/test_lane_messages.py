@@ -23,6 +23,12 @@ def long_recording():
     return simulate(SimulationParameters(count=300, samples_per_block=10))
 
 
+@pytest.fixture
+def timed(long_recording, messages_of):
+    """Messages with their log times."""
+    return [(message, message.stamp) for message in messages_of(long_recording)]
+
+
 def joined(parts):
     """Return the recording that stretches are of, the line on its end among it."""
     return replace(
@@ -44,22 +50,18 @@ def test_stretches_have_all_events_in_their_order(tmp_path, long_recording, same
 
 
 def test_messages_that_were_logged_late_are_put_in_order(
-    tmp_path, long_recording, write_mcap, messages_of, same
+    tmp_path, long_recording, write_mcap, timed, same
 ):
     chance = random.Random(1)
-    timed = [
-        (message, message.stamp + chance.randrange(50 * SECOND))
-        for message in messages_of(long_recording)
-    ]
-    write_mcap(tmp_path / 'late.mcap', timed)
+    late = [(message, stamp + chance.randrange(50 * SECOND)) for message, stamp in timed]
+    write_mcap(tmp_path / 'late.mcap', late)
 
     assert same(joined(list(read_stretches(tmp_path / 'late.mcap'))), long_recording)
 
 
 def test_messages_that_are_too_late_for_stretches_are_read_as_a_whole(
-    tmp_path, long_recording, write_mcap, messages_of, same
+    tmp_path, long_recording, write_mcap, timed, same
 ):
-    timed = [(message, message.stamp) for message in messages_of(long_recording)]
     late = next(n for n, (message, _) in enumerate(timed) if message.topic == '/photo_eyes')
     timed[late] = (timed[late][0], timed[-1][1])
     write_mcap(tmp_path / 'late.mcap', timed)
@@ -70,19 +72,15 @@ def test_messages_that_are_too_late_for_stretches_are_read_as_a_whole(
 
 
 def test_a_load_cell_that_is_logged_last_is_that_of_the_first_stretch(
-    tmp_path, long_recording, write_mcap, messages_of, same
+    tmp_path, long_recording, write_mcap, timed, same
 ):
-    cell, *rest = messages_of(long_recording)
-    timed = [(message, message.stamp) for message in rest]
-    write_mcap(tmp_path / 'line.mcap', [*timed, (cell, timed[-1][1])])
+    (cell, _), *rest = timed
+    write_mcap(tmp_path / 'line.mcap', [*rest, (cell, rest[-1][1])])
 
     assert same(joined(list(read_stretches(tmp_path / 'line.mcap'))), long_recording)
 
 
-def test_a_load_cell_that_changes_later_ends_the_stretches(
-    tmp_path, long_recording, write_mcap, messages_of
-):
-    timed = [(message, message.stamp) for message in messages_of(long_recording)]
+def test_a_load_cell_that_changes_later_ends_the_stretches(tmp_path, write_mcap, timed):
     other = replace(timed[0][0], content=timed[0][0].content | {'zero_counts': 1.0})
     write_mcap(tmp_path / 'line.mcap', [*timed, (other, timed[-1][1])])
 

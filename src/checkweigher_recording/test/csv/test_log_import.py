@@ -89,10 +89,8 @@ def test_columns_by_name_and_by_number(tmp_path):
 
 def test_eyes_that_are_blocked_below_the_threshold(tmp_path):
     text = '1,9,9\n1,0,9\n1,9,0\n1,9,9\n'
-    parameters = ImportParameters(
-        signal='0', infeed='1', outfeed='2', threshold=5.0, blocked_below=True, sample_rate=1000.0,
-        counts_per_kg=1.0,
-    )  # fmt: skip
+    eyes = {'infeed': '1', 'outfeed': '2', 'threshold': 5.0, 'blocked_below': True}
+    parameters = ImportParameters(signal='0', sample_rate=1000.0, counts_per_kg=1.0, **eyes)
     recording = import_csv(_log(tmp_path, text), parameters)
 
     assert [(e.stamp - START, e.eye, e.blocked) for e in recording.edges] == [
@@ -107,39 +105,32 @@ def test_a_calibration_in_grams(tmp_path):
     # g = 5000 * (mV/V) - 1000: empty at 0.2 mV/V, 1 kg more is 0.2 mV/V more.
     text = '0.2\n0.3\n0.400001\n'
     parameters = ImportParameters(slope=5000.0, offset=-1000.0, scale=1e6, sample_rate=1000.0)
-    edges = _no_edges(tmp_path)
-    recording = import_csv(_log(tmp_path, text), parameters, edges)
+    recording = import_csv(_log(tmp_path, text), parameters, _no_edges(tmp_path))
 
     assert _counts(recording).tolist() == [200_000, 300_000, 400_001]
     assert recording.load_cell.zero_counts == pytest.approx(200_000)
     assert recording.load_cell.counts_per_kg == pytest.approx(200_000)
 
 
-def test_decimal_commas_quotes_blank_lines_and_a_byte_order_mark(tmp_path):
+@pytest.mark.parametrize(
+    ('text', 'values', 'counts'),
+    [
+        # Decimal commas, quotes, a blank line and a byte order mark.
+        (
+            '\ufeff"Kraft, N";"Zeit"\r\n"1,5";0\r\n2,5;0,001\r\n\r\n3,5;0,002\r\n',
+            {'signal': 'Kraft, N', 'time': 'Zeit', 'delimiter': ';', 'decimal': ',', 'scale': 10.0},
+            [15, 25, 35],
+        ),
+        ('0\t0\n1\t1\n2\t2\n', {'signal': '1', 'delimiter': 'tab'}, [0, 1, 2]),
+        (' 0   0\n 1   1\n 2   2\n', {'signal': '1', 'delimiter': 'space'}, [0, 1, 2]),
+    ],
+)
+def test_logs_of_other_formats(tmp_path, text, values, counts):
     path = tmp_path / 'log.csv'
-    path.write_bytes(
-        '\ufeff"Kraft, N";"Zeit"\r\n"1,5";0\r\n2,5;0,001\r\n\r\n3,5;0,002\r\n'.encode()
-    )
-    parameters = ImportParameters(
-        signal='Kraft, N', time='Zeit', delimiter=';', decimal=',', scale=10.0, counts_per_kg=1.0
-    )
-    edges = _no_edges(tmp_path)
-    recording = import_csv(path, parameters, edges)
+    path.write_bytes(text.encode())
+    recording = import_csv(path, ImportParameters(counts_per_kg=1.0, **values), _no_edges(tmp_path))
 
-    assert _counts(recording).tolist() == [15, 25, 35]
-
-
-@pytest.mark.parametrize('delimiter', ['tab', 'space'])
-def test_white_space_between_columns(tmp_path, delimiter):
-    text = ''.join(
-        f'{row}\t{row}\n' if delimiter == 'tab' else f' {row}   {row}\n' for row in range(9)
-    )
-    parameters = ImportParameters(
-        signal='1', delimiter=delimiter, sample_rate=1000.0, counts_per_kg=1.0
-    )
-    edges = _no_edges(tmp_path)
-
-    assert _counts(import_csv(_log(tmp_path, text), parameters, edges)).tolist() == list(range(9))
+    assert _counts(recording).tolist() == counts
 
 
 def test_a_hole_in_the_time_column_is_a_jump_of_the_index(tmp_path):

@@ -13,8 +13,8 @@ categories at initial verification, and e. UK SI 2016/1153, Schedule 1G, repeats
 errors of category Y at rest (Chapter II, Table 1, "Static"); those in service are in NI SR
 2006/154, Schedule 5, Table 2, and the least Min of Y(a) and Y(b) in UK SI 2003/2761, Schedule 1.
 The errors of category Y in motion in service and the standard deviations above 300 g are quoted
-from memory and were not checked against the text of R 51. What a class may check is from the
-German FPackV of 2020, Annex 7, 1 b; its table of the largest e by nominal quantity is not here.
+from memory and were not checked against the text of R 51. The prepackages that a class may check
+are from the German FPackV of 2020, Annex 7, 1 b, whose table of the largest e is not used.
 
 Nothing here is type-approved for legal metrology: a verdict applies to a simulation or a test run
 and does not mean that a machine conforms.
@@ -85,10 +85,7 @@ _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
 class AccuracyClass:
     """A class as on a nameplate, and the occasion of the verification.
 
-    Raises
-    ------
-    ValueError
-        If there is no such class or no such class factor, or e is not positive.
+    Raises `ValueError` if there is no such class or no such class factor, or e is not positive.
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
@@ -196,10 +193,7 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
 
     The least Min is known for Y(a) and Y(b) alone.
 
-    Raises
-    ------
-    ValueError
-        If the class does not allow it; the message has the rule, in g.
+    Raises `ValueError` if the class does not allow it; the message has the rule, in g.
 
     References
     ----------

@@ -165,7 +165,7 @@ def family_json(
     """Return title, provenance and each condition of each machine with every error as JSON."""
     content = {
         'title': title,
-        'provenance': [list(pair) for pair in provenance],
+        'provenance': provenance,
         'machines': [
             {
                 'machine': each.machine,

@@ -53,7 +53,7 @@ def json_text(evaluation: Evaluation) -> str:
     """Return title, provenance and each condition with every error as JSON, in SI units."""
     content = {
         'title': evaluation.title,
-        'provenance': [list(pair) for pair in evaluation.provenance],
+        'provenance': evaluation.provenance,
         'conditions': json_conditions(evaluation),
     }
     return json.dumps(content, indent=1, allow_nan=False) + '\n'
@@ -102,7 +102,7 @@ def _ordered(evaluation: Evaluation) -> list[ConditionResult]:
 
 
 def _values(one: ConditionResult) -> dict[str, Any]:
-    """Return what CSV and JSON have of a condition, in SI units; NaN where it is not known."""
+    """Return the values of a condition in CSV and JSON, in SI units; NaN if not known."""
     return {
         'part': one.part,
         'estimator': one.estimator,

@@ -65,10 +65,7 @@ class ResultsFolder:
         Earlier results of a bag that is broken now are removed. They stay if the bag could not be
         reached.
 
-        Raises
-        ------
-        OutputError
-            If they cannot be written.
+        Raises `OutputError` if they cannot be written.
         """
         file = self.file_of(weighed.bag)
         try:
@@ -103,10 +100,7 @@ class ResultsFolder:
     def close(self) -> str:
         """Write the summary, one row per bag in the order of the jobs; return one line on all.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
+        Raises `OutputError` if it cannot be written.
         """
         done = [self._done[job.bag] for job in self.jobs if job.bag in self._done]
         self._write_summary(done)

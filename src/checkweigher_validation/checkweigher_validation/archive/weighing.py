@@ -99,14 +99,11 @@ def weigh_bag(job: WeighJob) -> Weighed:
 def weigh_bags(
     jobs: Sequence[WeighJob], n_jobs: int | None = None
 ) -> Generator[Weighed, None, None]:
-    """Weigh bags by processes, as `run_jobs` has them; yield what became of each as it is done.
+    """Weigh bags by processes, as `run_jobs` does; yield the result of each as soon as it is done.
 
     A bag that kills its process has a problem; the others are weighed.
 
-    Raises
-    ------
-    ClusterLostError
-        If the jobs were done by a cluster, and it was lost.
+    Raises `ClusterLostError` if the jobs were done by a cluster, and it was lost.
     """
     with closing(jobs_as_done([partial(weigh_bag, job) for job in jobs], n_jobs)) as done:
         for number, found in done:

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches: what passed, how it is judged, and the report."""
+"""Batches: their items, figures and reports."""

@@ -37,10 +37,7 @@ class InLog(StrEnum):
 class BatchItem:
     """One item.
 
-    Raises
-    ------
-    ValueError
-        If the item was accepted without a mass.
+    Raises `ValueError` if the item was accepted without a mass.
     """
 
     number: int

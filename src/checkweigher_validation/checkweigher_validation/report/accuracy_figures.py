@@ -14,6 +14,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.errors import Evaluation, average
 from checkweigher_validation.accuracy.paper_table import comparable_index
 from checkweigher_validation.accuracy.tables import METRES_PER_MINUTE
+from checkweigher_validation.report.content import looks_of
 from checkweigher_validation.report.inline_svg import (
     DASHED,
     MUTED,
@@ -22,7 +23,6 @@ from checkweigher_validation.report.inline_svg import (
     new_figure,
     stand_in,
 )
-from checkweigher_validation.report.palette import looks_of
 
 _BOUND: dict[str, Any] = {**DASHED, 'label': '3 × bound'}
 _COLUMNS = 3

@@ -3,12 +3,15 @@
 """Numbers of the report of an evaluation, and how they are written."""
 
 from collections.abc import Iterator, Sequence
+from itertools import cycle
 import math
 from typing import Any
 
 import numpy as np
 
 from checkweigher_core.records import GRAMS
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators.base import Look
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
     Average,
@@ -24,9 +27,25 @@ from checkweigher_validation.accuracy.paper_table import (
     paper_result,
 )
 from checkweigher_validation.accuracy.tables import LEVELS, METRES_PER_MINUTE
-from checkweigher_validation.report.palette import looks_of
 
 NONE = '–'
+
+# Looks of estimators, the same ones in every table and figure. Colours are told apart with any kind
+# of colour vision (after Okabe and Ito), each in a light and a dark variant.
+_LOOKS = {name: each.look for name, each in ESTIMATORS.items() if each.look}
+# Name of the estimator that `tune` has chosen, in machine_tables.
+_LOOKS['chosen'] = Look('Chosen by tune', '<', '#7a5230', '#c79a6f')
+
+# For estimators that have no look of their own.
+_OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
+
+
+def looks_of(estimators: tuple[str, ...]) -> dict[str, Look]:
+    """Return the looks of estimators by name; one that is not known here is called as it is."""
+    others = cycle(_OTHERS)
+    return {
+        name: _LOOKS[name] if name in _LOOKS else Look(name, *next(others)) for name in estimators
+    }
 
 
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
@@ -124,7 +143,7 @@ class Content:
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:
-        """Return what is not within the limits: μ the error, σ its deviation, n the weighings."""
+        """Return the exceeded limits: μ of the error, σ of its deviation, n of the weighings."""
         found = judge(condition, self._class)
         kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)
         return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)

@@ -9,6 +9,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 import numpy as np
 
+from checkweigher_dsp.estimation.estimators.base import Look
 from checkweigher_validation.accuracy.errors import Evaluation, average
 from checkweigher_validation.accuracy.machine_tables import (
     CHOSEN,
@@ -18,7 +19,7 @@ from checkweigher_validation.accuracy.machine_tables import (
     family_tables,
     ratios,
 )
-from checkweigher_validation.report.content import number
+from checkweigher_validation.report.content import looks_of, number
 from checkweigher_validation.report.inline_svg import (
     DASHED,
     INK,
@@ -29,7 +30,6 @@ from checkweigher_validation.report.inline_svg import (
     stand_in,
 )
 from checkweigher_validation.report.page import fill
-from checkweigher_validation.report.palette import Look, looks_of
 
 
 @rc_context(fname=STYLE)

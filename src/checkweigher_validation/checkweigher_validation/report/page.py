@@ -16,7 +16,6 @@ from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.tables import LEVELS
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
-from checkweigher_validation.report.palette import looks_of
 
 
 @rc_context(fname=STYLE)
@@ -72,7 +71,7 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
     shared = {
         'grams': content.grams,
         'levels': [f'{100 * level:.0f} %' for level in LEVELS],
-        'looks': list(looks_of(tuple(estimators)).values()),
+        'looks': list(content.looks_of(tuple(estimators)).values()),
         'mass_label': content.mass_label,
         'number': content.number,
         'picture': picture,

@@ -25,14 +25,11 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
 
     A is compared as a ratio, in the geometric mean over the belt speeds. A simpler estimator is as
     good if its difference from the best and the standard error together are negligible (a test of
-    non-inferiority). With few passes that holds for none, and the best is chosen. The standard
+    non-inferiority). With few passes none is, and the best is chosen. The standard
     error is that of a jackknife over blocks of passes. Both estimators weigh the same passes, so
     that common disturbances cancel. [own derivation]
 
-    Raises
-    ------
-    ValueError
-        If there are no estimators.
+    Raises `ValueError` if there are no estimators.
     """
     names = sorted(tuned, key=lambda name: (*ESTIMATORS, name).index(name))
     logs = {name: _log_index(tuned[name], None) for name in names}

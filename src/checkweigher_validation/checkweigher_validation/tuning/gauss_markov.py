@@ -31,7 +31,7 @@ from checkweigher_validation.tuning.tunables import Tunable, TuningError
 
 # Of the autoregression; a line of the rollers takes about twenty to be resolved.
 ORDERS = (20, 40, 80, 120, 160, 200)
-_CHECKED_PASSES = 40  # of each speed, and with this order, on which model or none is decided
+_CHECKED_PASSES = 40  # of each speed and with this order, to decide between the model and none
 _CHECKED_ORDER = 40
 _STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient: written out it is not 1
 _FIRST_ORDER = 40

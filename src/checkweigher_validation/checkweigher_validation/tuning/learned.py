@@ -1,15 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Tuning of the learned estimator: the covariance of what a pass has beside its load.
+r"""Tuning of the learned estimator: the covariance of the signal of a pass beside its load.
 
 .. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o
    + n (d d' + z^2 1 1')
 
 R are the residuals of the n passes of a speed from the mean curve, and :math:`\sigma^2` the mean of
-their variances. What they cannot tell yet, being few, is drawn from what is known beside them: the
-noise N of the empty belt, white noise, the residuals :math:`R_o` of the other speeds at the same
-places of the belt, the curve d by which a heavier product rings slower, and the error z of the
-zero, which hardly shows because successive passes share it. These terms dominate with few passes.
+their variances. The other terms come from other signals or are assumed, and dominate with few
+passes: the noise N of the empty belt, white noise, the residuals :math:`R_o` of the other speeds at
+the same places of the belt, the curve d by which a heavier product rings slower, and the error z of
+the zero, which successive passes share and therefore hardly show.
 The coefficients a to c are averaged over a grid, each point weighted by the likelihood of held-out
 passes. [own derivation]
 """
@@ -44,7 +44,7 @@ _ALONE = 0.02  # share of the training passes that may have less than the gap
 _LESS = 0.95  # of that gap will do in production
 _FEWEST = 3  # passes that teach weights
 _FOLDS = 8
-_SLOWER = 0.01  # by what share the ringing of one product may be slower than that of another
+_SLOWER = 0.01  # largest relative difference of the ringing frequency between products
 _ZERO = 2.0  # z, as a multiple of the standard deviation that the segmenter states
 _LEAST_VARIANCE = 1e-18  # kg^2
 # a, b and c.
@@ -53,7 +53,7 @@ _SHARES = tuple(product((0.0, 0.03, 0.3, 3.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What passes of one speed show: features (n, k) of loads of `masses` (n,), both in kg."""
+    """Features (n, k) of the passes of one speed, and their `masses` (n,), both in kg."""
 
     features: NDArray[np.float64]
     masses: NDArray[np.float64]
@@ -76,7 +76,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known beside the passes of a speed."""
+    """Knowledge from outside the passes of a speed."""
 
     noise: NDArray[np.float64]  # (k, k), kg^2, of the empty belt
     elsewhere: NDArray[np.float64]  # (k, k), residuals of other speeds, each of variance 1
@@ -84,7 +84,7 @@ class Prior:
     zero: float = 0.0  # kg^2, variance of an error that all parts have
 
     def last(self, count: int) -> 'Prior':
-        """Return that of the last parts alone."""
+        """Return the prior of the last parts alone."""
         end = slice(-count, None)
         return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end], self.zero)
 
@@ -107,7 +107,7 @@ def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Weights (k,) and the estimates (n,), kg, of the passes by weights that others taught."""
+    """Weights (k,), and estimates (n,), kg, of each pass by weights from other passes."""
 
     weights: NDArray[np.float64]
     held_out: NDArray[np.float64]
@@ -151,7 +151,7 @@ class TunedLearned(Tunable):
         return replace(base, identifier=base.identifier.with_set('learned', known))
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the load of every pass by weights that the others have taught."""
+        """Return the load of every pass by weights from the other passes."""
         alone, led = self._fits
         result = alone.held_out.copy()
         if led is not None:
@@ -159,7 +159,7 @@ class TunedLearned(Tunable):
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the weights that all passes teach."""
+        """Return the weights from all passes."""
         alone, led = self._fits
         layout = self.known.layout
         before = np.zeros(layout.count - layout.window)
@@ -205,8 +205,8 @@ def empty_belt_covariances(
 ) -> NDArray[np.float64]:
     """Return the covariances, (layout.count,) kg^2, of parts of the empty belt by their distance.
 
-    They are those about zero, for what the zero is off is noise, too. Distances for which there is
-    too little of empty belt have 0.
+    They are about zero, because an error of the zero counts as noise. The covariance is 0 at
+    distances for which there is too little of the empty belt.
     """
     segments = []
     for window in windows:

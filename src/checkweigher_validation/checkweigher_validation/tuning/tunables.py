@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators on the passes of one belt speed: what is searched, and the masses that follow."""
+"""Estimators on the passes of one belt speed: the parameters to search, and the masses."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ from checkweigher_validation.tuning.search import Values, search
 
 
 class TuningError(ValueError):
-    """Passes that an estimator cannot be tuned on; the message says what is missing."""
+    """An estimator cannot be tuned on these passes; the message has the reason."""
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
@@ -35,9 +35,9 @@ def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.fl
 class Tunable:
     """An estimator on the passes of one belt speed.
 
-    The class of the estimator defines what is searched and learned. A subclass is for an estimator
-    that needs more: the passes at other speeds, which are `others`, or a model of the machine.
-    `base` has all parameters that are not tuned at a single speed.
+    The class of the estimator defines the parameters that are searched and learned. A subclass is
+    for an estimator that needs more: the passes at other speeds, which are `others`, or a model of
+    the machine. `base` has all parameters that are not tuned at a single speed.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Tunable:
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the load of every pass, before gain and offset: (n,) float64, kg.
 
-        An estimator that learns weighs each pass by what others taught.
+        An estimator that learns weighs each pass with parameters learned from other passes.
         """
         passes = np.arange(len(self.windows))
         fold = folds(self.group.masses, max(self.estimator.folds, 1))

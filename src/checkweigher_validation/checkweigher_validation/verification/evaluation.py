@@ -104,30 +104,25 @@ def outcome_of(procedure: Procedure) -> Outcome:
     totals = Counter(attempt.step.name for attempt in procedure.attempts)
     made: Counter[str] = Counter()
     zeros: list[tuple[StepKind, AtRest]] = []  # readings of zero so far
+    accuracy_class = procedure.plan.accuracy_class
     results = []
     for attempt in procedure.attempts:
         step, reading = attempt.step, attempt.reading
         made[step.name] += 1
         blank = Result(attempt, made[step.name], totals[step.name])
-        results.append(_judged(blank, procedure, zeros))
+        if attempt.skipped:
+            results.append(blank)
+        elif reading is None:
+            results.append(_judge_passes(blank, accuracy_class))
+        else:
+            zero = _zero_for(attempt, procedure.zeros, zeros)
+            results.append(_judge_reading(blank, reading, accuracy_class, zero))
         if reading and not reading.reasons and not step.load:
             zeros.append((step.kind, reading))
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
     missing = tuple(step.name for step in steps_of(procedure.plan) if step.name not in done)
     departures = tuple(_departures(procedure, results, missing))
     return Outcome(tuple(results), missing, departures)
-
-
-def _judged(
-    blank: Result, procedure: Procedure, zeros: Sequence[tuple[StepKind, AtRest]]
-) -> Result:
-    accuracy_class = procedure.plan.accuracy_class
-    if blank.attempt.skipped:
-        return blank
-    if blank.attempt.reading is not None:
-        zero = _zero_for(blank.attempt, procedure.zeros, zeros)
-        return _judge_reading(blank, blank.attempt.reading, accuracy_class, zero)
-    return _judge_passes(blank, accuracy_class)
 
 
 def _zero_for(
@@ -157,11 +152,12 @@ def _judge_reading(
             blank, error=0.0, max_error=math.inf, uncertainty=COVERAGE * reading.std_error
         )
     if step.load is not None:
-        limit = accuracy_class.max_static_error(step.load.mass)
+        mass, uncertainty = step.load.mass, step.load.uncertainty
+        limit = accuracy_class.max_static_error(mass)
     else:
+        mass = uncertainty = 0.0
         share = ZERO_ACCURACY if step.kind == StepKind.ZEROING else ZERO_STABILITY
         limit = share * accuracy_class.interval
-    mass, uncertainty = (step.load.mass, step.load.uncertainty) if step.load else (0.0, 0.0)
     error = reading.mass - zero.mass - mass
     return replace(
         blank,
@@ -249,7 +245,7 @@ def _shortcomings(attempt: Attempt, condition: ConditionResult) -> Iterator[str]
 
 
 def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[str]:
-    """Yield what is wrong with passes outside of the range: none of them may get a mass."""
+    """Yield the faults of passes outside of the range, none of which may get a mass."""
     passes = condition.count + condition.faults
     if passes < planned:
         yield f'{passes} of {planned} planned passes'

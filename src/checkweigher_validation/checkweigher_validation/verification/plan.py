@@ -125,6 +125,11 @@ class Rest(Settings):
     duration_s: float = parameter(5.0, 'time of a reading', unit='s', minimum=0.2, maximum=60)
     tolerance_g: float = _grams('by which it may move', 0.1)
 
+    @property
+    def tolerance(self) -> float:
+        """Largest change of the load during a reading, kg."""
+        return self.tolerance_g / GRAMS
+
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(Settings):
@@ -188,16 +193,6 @@ class Plan(Settings):
     def maximum(self) -> float:
         """Max, kg."""
         return self.max_g / GRAMS
-
-    @property
-    def duration(self) -> float:
-        """Time for which a load at rest is read, s."""
-        return self.rest.duration_s
-
-    @property
-    def tolerance(self) -> float:
-        """Largest change of a load at rest during a reading, kg."""
-        return self.rest.tolerance_g / GRAMS
 
     @property
     def prepackages(self) -> tuple[Suitability, ...]:

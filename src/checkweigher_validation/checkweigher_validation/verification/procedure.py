@@ -104,10 +104,7 @@ class Procedure:
 def read_procedure(path: Path) -> Procedure:
     """Read the bag of a procedure.
 
-    Raises
-    ------
-    BagError
-        If the bag holds no procedure, or is damaged.
+    Raises `BagError` if the bag holds no procedure, or is damaged.
     """
     found = read_records(
         path, ports.VERIFICATION, ports.MASS_ESTIMATE, ports.VERDICT, ports.ZERO_SETTING

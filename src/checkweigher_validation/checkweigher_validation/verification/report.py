@@ -8,16 +8,16 @@ computer that makes it has no influence. The same bag gives the same report, to 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from datetime import UTC, datetime
 import hashlib
 from importlib.resources import files
 import json
 import math
 from typing import Any
 
+import numpy as np
 import yaml
 
-from checkweigher_core.records import GRAMS, NANOSECONDS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.verification.evaluation import Result, minutes_after, outcome_of
 from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.procedure import AtRest, Attempt, ItemPass, Procedure
@@ -197,6 +197,4 @@ def _number(value: float, digits: int) -> float | None:
 
 def _time(stamp: int) -> str:
     """Return ns since 1970 as ISO 8601 in UTC, to the millisecond."""
-    whole, rest = divmod(stamp, NANOSECONDS)
-    text = datetime.fromtimestamp(whole, UTC).strftime('%Y-%m-%dT%H:%M:%S')
-    return f'{text}.{rest // 1_000_000:03d}Z'
+    return f'{np.datetime64(stamp // 1_000_000, "ms")}Z'

@@ -55,20 +55,13 @@ def test_coverage_counts_the_errors_within_the_stated_interval(make_condition):
     assert coverage([one], 0.95) == 0.5
     assert coverage([one], 0.68) == 0.0  # 0.9945 standard deviations
     assert coverage([one], 0.69) == 0.25  # 1.0152
-
-
-def test_coverage_leaves_out_passes_that_state_no_standard_deviation(make_condition):
-    one = make_condition([0.0, 1.0, 1.0], std_devs=[1e-4, math.nan, math.nan])
-
-    assert coverage([one], 0.95) == 1.0
+    # Passes that state no standard deviation are left out.
+    some = make_condition([0.0, 1.0, 1.0], std_devs=[1e-4, math.nan, math.nan])
+    assert coverage([some], 0.95) == 1.0
     assert math.isnan(coverage([make_condition([0.0], std_devs=[math.nan])], 0.95))
-
-
-def test_coverage_over_conditions_counts_each_pass_once(make_condition):
-    # One of one and none of three.
-    conditions = [make_condition([0.0]), make_condition([1.0, 1.0, 1.0], mass=0.1)]
-
-    assert coverage(conditions, 0.95) == 0.25
+    # Each pass counts once: one of one and none of three.
+    pair = [make_condition([0.0]), make_condition([1.0, 1.0, 1.0], mass=0.1)]
+    assert coverage(pair, 0.95) == 0.25
     assert math.isnan(coverage([], 0.95))
 
 

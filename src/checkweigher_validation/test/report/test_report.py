@@ -14,10 +14,9 @@ from checkweigher_validation.accuracy.classes import AccuracyClass
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, MachineResult
-from checkweigher_validation.report.content import grams, number
+from checkweigher_validation.report.content import grams, looks_of, number
 from checkweigher_validation.report.machines_page import render_machines
 from checkweigher_validation.report.page import render
-from checkweigher_validation.report.palette import looks_of
 from checkweigher_validation.report.signal_figures import amplitude_spectrum, energy_limit
 
 # Elements that HTML leaves open.

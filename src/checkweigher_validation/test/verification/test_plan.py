@@ -95,5 +95,5 @@ def test_a_plan_of_a_newer_format_may_have_keys_that_are_not_known():
 def test_what_a_plan_leaves_out_is_the_default():
     rest = EXAMPLE[EXAMPLE.index('rest:') :]
     plan = read_plan(EXAMPLE.replace(rest, '').replace('{readings: 5', '{'))
-    assert (plan.duration, plan.tolerance) == (5.0, 1e-4)
+    assert (plan.rest.duration_s, plan.rest.tolerance) == (5.0, 1e-4)
     assert read_plan(EXAMPLE.replace('factor: 1 ', '# ')).accuracy_class.factor == 1.0

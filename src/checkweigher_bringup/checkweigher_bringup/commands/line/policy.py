@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Write the security policy of a line for SROS2: what each node may do.
+"""Write the security policy of a line for SROS2: the rights of each node.
 
 checkweigher policy --namespace lane1 lane2 --output policy.xml
 """

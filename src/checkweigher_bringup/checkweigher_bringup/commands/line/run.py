@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Run a live line, show each verdict, start again what dies.
+"""Run a live line, show each verdict, and restart processes that end.
 
 checkweigher run --params my_line.yaml --processes
 """

@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-import random
 import subprocess
 import sys
 import time
@@ -97,15 +96,6 @@ def test_parameters_reach_the_graph_as_they_reach_offline(rows: Rows, tmp_path: 
     }
     assert [row['reasons'] for row in offline if row['reasons']] == 2 * ['TU1Quota']
     assert [row['mass_g'] for row in offline] != [row['mass_g'] for row in rows('weigh', bag)]
-
-
-def test_message_order_in_the_bag_does_not_matter(rows: Rows, tmp_path: Path):
-    line = simulated(speed=1.5, count=8)
-    events = list(line)
-    random.Random(1).shuffle(events)
-    write_bag(tmp_path / 'sorted', line.load_cell, line)
-    write_bag(tmp_path / 'shuffled', line.load_cell, events)
-    assert rows('weigh', tmp_path / 'shuffled') == rows('weigh', tmp_path / 'sorted')
 
 
 def test_a_second_driver_on_the_same_topics_is_refused(tmp_path: Path):
