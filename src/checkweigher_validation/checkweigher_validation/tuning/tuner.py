@@ -118,11 +118,7 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
-    tasks = [
-        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
-        for name, line in lines.items()
-        for group in groups
-    ]
+    tasks = _tasks(groups, lines)
     found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
     for (task, _), error in broken.items():
         failed.setdefault(task.name, error)
@@ -144,6 +140,14 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
             )
     if not groups:
         raise TuningError('no whole pass of known mass')
+
+
+def _tasks(groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters]) -> list[Tunable]:
+    return [
+        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
+        for name, line in lines.items()
+        for group in groups
+    ]
 
 
 def _jobs(
