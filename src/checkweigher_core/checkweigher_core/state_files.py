@@ -21,6 +21,15 @@ def state_file(name: str) -> Path:
     return Path(state, 'checkweigher', re.sub(r'[^\w.-]', '_', name)).expanduser()
 
 
+def sync_folder(folder: Path) -> None:
+    """Write the names in a folder to the disk: the file of a name that is not there is lost."""
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
+
+
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
     """Write a file whole, in place of one that is there; OSError leaves that one as it is.
 
@@ -37,3 +46,4 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
     except BaseException:
         os.unlink(name)
         raise
+    sync_folder(path.parent)

@@ -5,20 +5,28 @@
 The file says that the belt may run before it does, on the disk. So the next start notices any end
 that was not orderly, also a power cut. The names of the items are written by a thread of their own
 and need not outlive a power cut, so that the outputs never wait for a disk.
+
+An empty file beside it, with `.begun` behind its name, says that there has been a record: without
+a record it was lost, and the belt may have run. Without both this is the first start.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import astuple, dataclass
 import fcntl
 import json
 import os
 from pathlib import Path
+from typing import Self
+import zlib
 
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.state_files import state_file
+from checkweigher_core.state_files import state_file, sync_folder
 
 _SIZE = 16_384  # bytes, allocated at the start, so that a full disk does no harm later
 _NAME = 'rejector.record'
+# Record of an earlier version without check sum, after an orderly end with an empty belt.
+_EMPTY_BEFORE = b'[false, [], []]'
 
 
 @dataclass(frozen=True)
@@ -32,6 +40,27 @@ class OnBelt:
     released: bool = False
     items: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+
+    @classmethod
+    def of_line(cls, data: bytes) -> Self:
+        """Return the state in the first line of a record; if it is damaged, the belt may have run.
+
+        A check sum in front decides, so that no damage can look like an orderly end.
+        """
+        line = data.split(b'\n', 1)[0]
+        if line == _EMPTY_BEFORE:
+            return cls()
+        check, _, text = line.partition(b' ')
+        with suppress(ValueError, TypeError):
+            if int(check, 16) == zlib.crc32(text):
+                released, items, doubts = json.loads(text)
+                return cls(bool(released), tuple(map(str, items)), tuple(map(str, doubts)))
+        return cls(released=True)
+
+    def line(self) -> bytes:
+        """Return the line of a record, with its end."""
+        text = json.dumps(astuple(self)).encode()
+        return b'%08x %s\n' % (zlib.crc32(text), text)
 
     def to_look_for(self) -> tuple[str, ...]:
         """Return texts of all that is in doubt at a start; empty after an orderly end."""
@@ -52,16 +81,33 @@ class BeltRecord:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        begun = path.with_name(f'{path.name}.begun')
         try:
+            new_folders = [folder for folder in path.parents if not folder.exists()]
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            created = not os.path.lexists(path)
+            flags = os.O_RDWR | os.O_CLOEXEC | (os.O_CREAT | os.O_EXCL if created else 0)
+            self._file = os.open(path, flags, 0o644)
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                data = os.pread(self._file, _SIZE, 0)
+                os.posix_fallocate(self._file, 0, _SIZE)
+                first = created and not begun.exists()
+                if first:
+                    self._write(OnBelt())
+                    os.fsync(self._file)
+                with suppress(PermissionError):  # then nobody here can remove the record either
+                    begun.touch()
+                for folder in (path, *new_folders):
+                    sync_folder(folder.parent)
+            except OSError as error:
+                if created and not isinstance(error, BlockingIOError):
+                    path.unlink()  # a first start that is refused leaves no record
+                os.close(self._file)
+                raise
         except OSError as error:
             raise self._refusal(error) from None
-        try:
-            self.found = self._open()
-        except OSError as error:
-            os.close(self._file)
-            raise self._refusal(error) from None
+        self.found = OnBelt() if first else OnBelt.of_line(data)
         self._kept = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
         self._writing = self._writer.submit(lambda: None)  # the last write
@@ -73,17 +119,6 @@ class BeltRecord:
         return ParameterError(
             f'{_NAME}: {str(self._path)!r}: {why}; must be a file that outlives this process'
         )
-
-    def _open(self) -> OnBelt:
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        data = os.pread(self._file, _SIZE, 0)
-        os.posix_fallocate(self._file, 0, _SIZE)
-        folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-        return _parse(data) if data else OnBelt()
 
     def keep(self, belt: OnBelt) -> None:
         """Write the state of the belt: to the disk before it is released, else soon.
@@ -101,9 +136,8 @@ class BeltRecord:
             os.fsync(self._file)
 
     def _write(self, belt: OnBelt) -> None:
-        data = json.dumps([belt.released, belt.items, belt.doubts]).encode()
         try:
-            os.pwrite(self._file, data[: _SIZE - 1] + b'\n', 0)
+            os.pwrite(self._file, belt.line()[:_SIZE], 0)
         except OSError as error:
             why = error.strerror or error
             raise OSError(f'{_NAME}: {str(self._path)!r}: {why}') from None
@@ -116,15 +150,6 @@ class BeltRecord:
             os.fsync(self._file)
         finally:
             os.close(self._file)
-
-
-def _parse(data: bytes) -> OnBelt:
-    """Return the content of a file; if it is damaged, the belt may have run."""
-    try:
-        released, items, doubts = json.loads(data.split(b'\n', 1)[0])
-        return OnBelt(bool(released), tuple(map(str, items)), tuple(map(str, doubts)))
-    except (ValueError, TypeError):
-        return OnBelt(released=True)
 
 
 def record_path(wanted: str, machine: str) -> Path:

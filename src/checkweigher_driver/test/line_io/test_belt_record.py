@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of the belt over ends of all kinds, in files and processes of their own."""
 
+import errno
+from itertools import combinations
+import os
 import signal
 import subprocess
 import sys
@@ -63,11 +66,76 @@ def test_a_killed_process_leaves_the_names_of_what_was_on_the_belt(tmp_path):
     assert 'look for item 7 UNDER, and what has entered since' in text
 
 
-@pytest.mark.parametrize('data', [b'\0' * 100, b'[true, [', b'7\n', b'[false]\n', b'\xff\xfe\n'])
+@pytest.mark.parametrize(
+    'data',
+    [
+        b'', b'\0' * 100, b'["", [], []]\n', b'[true, [', b'[' * 16_384, b'7\n', b'[false]\n',
+        b'\xff\xfe\n', b'00000000 \n', b'1a75953e [7]\n',
+    ],
+)  # fmt: skip
 def test_a_record_that_cannot_be_read_leaves_all_in_doubt(tmp_path, data):
     path = tmp_path / 'belt'
     path.write_bytes(data)
     assert 'did not end with an empty belt' in found(path).to_look_for()[0]
+
+
+def test_a_record_that_is_gone_is_no_first_start(tmp_path):
+    path = tmp_path / 'belt'
+    assert found(path).to_look_for() == found(path).to_look_for() == ()
+    path.unlink()
+    assert found(path) == OnBelt(released=True)
+
+
+def test_an_orderly_end_of_the_version_without_check_sums_leaves_nothing_in_doubt(tmp_path):
+    path = tmp_path / 'belt'
+    path.write_bytes(b'[false, [], []]\n"], []]\n' + b'\0' * 100)
+    assert found(path) == OnBelt()
+
+
+def test_a_first_start_that_is_refused_leaves_nothing(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / 'belt'
+    with monkeypatch.context() as context:
+        context.setattr(os, 'posix_fallocate', full)
+        with pytest.raises(ParameterError, match='No space left'):
+            BeltRecord(path)
+    assert list(tmp_path.iterdir()) == []
+    assert found(path) == OnBelt()
+
+
+# Of a line that was killed, and of one that ended in order, each with a product on its belt.
+WITH_A_PRODUCT = (
+    OnBelt(True, ('item 7 UNDER (entered 22:13:20.5)',), ()),
+    OnBelt(doubts=('the outputs were made safe: look for item 7 UNDER',)),
+)
+
+
+@pytest.mark.parametrize('belt', WITH_A_PRODUCT)
+def test_no_damage_hides_a_product(belt):
+    line = belt.line()
+    assert OnBelt.of_line(line) == belt
+    for place in range(len(line)):
+        spoilt = [line[:place], line[:place] + line[place + 1 :]]
+        spoilt += [line[:place] + bytes([byte]) + line[place + 1 :] for byte in b'\0\n ]0e\xff']
+        assert all(OnBelt.of_line(each).to_look_for() for each in spoilt), place
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('belt', WITH_A_PRODUCT)
+def test_no_damage_hides_a_product_soak(belt):
+    line = belt.line()
+    cuts = list(combinations(range(len(line) + 1), 2))
+    spoilt = [line[:begin] + line[end:] for begin, end in cuts]
+    spoilt += [line[:begin] + b'\0' * (end - begin) + line[end:] for begin, end in cuts]
+    spoilt += [
+        line[:place] + bytes([byte]) + line[place + 1 :]
+        for place in range(len(line))
+        for byte in range(256)
+    ]
+    assert all(OnBelt.of_line(each).to_look_for() for each in spoilt)
+    print(f'{len(spoilt)} damaged records, none of them an empty belt')
 
 
 @pytest.mark.parametrize('name', ['', 'file/belt', 'fifo', 'full'])

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rejector and stop over Modbus TCP, against a server process on a real port."""
 
+import os
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ import time
 from modbus_machine import MS, REJECTOR, RELEASE, permit, switching, wait_for
 
 from checkweigher_core.records import Decision, Verdict
+from checkweigher_driver.line_io.belt_record import BeltRecord, OnBelt
 from checkweigher_driver.line_io.modbus_link import ModbusLink
 
 
@@ -107,6 +109,21 @@ def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_st
         assert plc.switches(REJECTOR)[0][1] is True
         assert [on for _, on in plc.switches(RELEASE)] == [False]
         assert outputs.figures()['output losses'] == 1
+
+
+def test_an_emptied_record_of_a_bad_product_holds_the_belt_until_a_person_has_looked(plc, tmp_path):
+    record = tmp_path / 'belt'
+    kept = BeltRecord(record)
+    kept.keep(OnBelt(released=True, items=('item 7 UNDER',)))
+    kept.close(OnBelt(released=True, items=('item 7 UNDER',)))  # what a kill leaves
+    os.truncate(record, 0)
+    plc.start()
+    with switching(plc, record=str(record)) as outputs:
+        run(outputs)
+        wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
+        assert plc.state(RELEASE) is False
+        assert 'did not end with an empty belt' in outputs.reset()
+        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
 
 
 def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
