@@ -4,7 +4,9 @@
 
 import subprocess
 import sys
+import time
 
+import numpy as np
 import pytest
 
 from checkweigher_core.parameters import ParameterError, Parameters
@@ -12,6 +14,7 @@ from checkweigher_core.recording import canonical_order
 from checkweigher_core.records import LoadCell
 from checkweigher_driver.devices import EYES, SOURCES, eyes_class, source_class, source_maker
 from checkweigher_driver.sources import EdgeSource, Source
+from checkweigher_driver.sources.simulator import LiveSimulationParameters
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
@@ -44,15 +47,25 @@ def test_a_source_with_eyes_of_its_own_takes_no_others(tmp_path):
 def test_the_simulator_delivers_its_line():
     parameters = SimulationParameters(count=2)
     source = source_class('simulator')(parameters)
+    assert source.paced
+    assert isinstance(source.load_cell, LoadCell)
+    begin = source.start_stamp
     events = list(source)
     source.close()
 
-    assert source.paced
-    assert isinstance(source.load_cell, LoadCell)
-    assert source.start_stamp == events[0].stamp
+    assert begin == events[0].stamp
     assert [canonical_order(event) for event in events] == [
         canonical_order(event) for event in simulate(parameters)
     ]
+
+
+def test_each_stream_of_a_simulator_begins_now_and_none_before_the_end_of_another():
+    source = source_class('simulator')(LiveSimulationParameters(count=1, lead_in=0.1))
+    streams = [(time.time_ns(), *(event.stamp for event in source)) for _ in range(2)]
+    (began, *first), (_, *second) = streams
+    assert began <= first[0] <= time.time_ns()
+    assert second[0] > first[-1]
+    assert np.diff(first).tolist() == np.diff(second).tolist()
 
 
 def test_the_bag_delivers_what_was_recorded(tmp_path):

@@ -4,7 +4,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-import time
 
 from rclpy.node import Node
 
@@ -87,7 +86,7 @@ class MachineFolder:
 
     def defaults(self) -> ParameterSets:
         """Return parameters that the files override: a simulated line has no end."""
-        return {'driver': {'simulator.count': 0, 'simulator.start_time': int(time.time())}}
+        return {'driver': {'simulator.count': 0}}
 
     def files(self, given: Path | None) -> list[Path]:
         """Return the parameter files in use, including the latest training."""

@@ -43,6 +43,7 @@ def simulator(mass: float) -> dict[str, object]:
         'masses': [mass],
         'lead_in': 1.0,
         'seed': round(1000 * mass),
+        'start_time': 1_700_000_000,
         'samples_per_block': 48,  # 50 ms: three lines share what the machine has
     }
 

@@ -24,7 +24,12 @@ from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 # 90 m/min, and each product enters soon after the one before it has left the belt.
-CLOSE: dict[str, object] = {'speed': 1.5, 'spacing': 0.35, 'lead_in': 2.0}
+CLOSE: dict[str, object] = {
+    'speed': 1.5,
+    'spacing': 0.35,
+    'lead_in': 2.0,
+    'start_time': 1_700_000_000,
+}
 # Not as fast as it goes: the diagnostics remember a minute, and by then a shift would be over.
 RATE = 20.0
 SETTLED = 7_000  # items, 80 s: results are kept for 1,000, and the reject stage remembers as many

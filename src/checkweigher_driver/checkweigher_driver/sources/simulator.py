@@ -3,7 +3,10 @@
 """A simulated line as a source."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+import time
 
+from checkweigher_core.parameters import parameter
 from checkweigher_core.recording import Event
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.sources import Source
@@ -14,21 +17,43 @@ from checkweigher_recording.simulation.simulator import (
 )
 
 
-class SimulatorSource(Source):
-    """A line that exists only in the computer; with ``count`` 0 it runs without end."""
+@dataclass(frozen=True)
+class LiveSimulationParameters(SimulationParameters):
+    """Machine, belt and products of a simulated line that runs now."""
 
-    parameters = SimulationParameters
+    start_time: int = parameter(
+        0,
+        'stamp of the first sample, since 1970; 0: now',
+        unit='s',
+        minimum=0,
+        maximum=2_000_000_000,
+    )
+
+
+class SimulatorSource(Source):
+    """A line that exists only in the computer; with ``count`` 0 it runs without end.
+
+    Each stream begins now, or at `start_time`, but never before the end of the stream before it.
+    """
+
+    parameters = LiveSimulationParameters
     operation = OperationParameters
     paced = True
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self._simulation = Simulation(parameters)
+        self._now = parameters.start_time == 0
         self.load_cell = self._simulation.load_cell
-        self.start_stamp = parameters.start_time * NANOSECONDS
+        self.start_stamp = parameters.start_time * NANOSECONDS or time.time_ns()
 
     def __iter__(self) -> Iterator[Event]:
         """Yield the line's events in canonical order."""
-        return iter(self._simulation)
+        if self._now:
+            self.start_stamp = max(self.start_stamp, time.time_ns())
+        self._simulation.start = self.start_stamp
+        for event in self._simulation:
+            self.start_stamp = event.stamp + NANOSECONDS  # of the next stream
+            yield event
 
     def operate(self, operation: OperationParameters) -> None:
         """Apply settings of an operator."""

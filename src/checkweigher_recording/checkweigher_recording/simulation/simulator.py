@@ -230,11 +230,13 @@ class Simulation:
     length; with ``count`` 0 it does not end. The first products do not depend on the number of
     products that follow. `filler` is that of the last iteration; its correction holds for products
     that are planned afterwards, up to a second ahead. `operation` has the settings of the operator,
-    which may change at any time and hold a second later.
+    which may change at any time and hold a second later. `start` is the stamp of the first sample
+    of the next iteration, ns.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.operation = OperationParameters()
+        self.start = parameters.start_time * NANOSECONDS
         self._parameters = parameters
         self.load_cell = LoadCell.of(
             parameters,
@@ -284,7 +286,7 @@ class Simulation:
         # Whole seconds are added as integers, because a float resolves a stamp only to 200 ns.
         whole = math.floor(time)
         nanoseconds = round((time - whole) * NANOSECONDS)
-        return (self._parameters.start_time + whole) * NANOSECONDS + nanoseconds
+        return self.start + whole * NANOSECONDS + nanoseconds
 
 
 def simulate(parameters: SimulationParameters) -> Recording:
