@@ -3,6 +3,7 @@
 """A small recording and a PLC."""
 
 from collections.abc import Iterator
+import os
 from pathlib import Path
 
 from modbus_machine import Plc
@@ -24,3 +25,17 @@ def plc(tmp_path: Path) -> Iterator[Plc]:
     yield made
     if made.process is not None and made.process.poll() is None:
         made.kill()
+
+
+@pytest.fixture
+def on_disk(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Return the list to which each file and folder is added that is written to the disk."""
+    found: list[Path] = []
+    sync = os.fsync
+
+    def note(number: int) -> None:
+        sync(number)
+        found.append(Path(os.readlink(f'/proc/self/fd/{number}')))
+
+    monkeypatch.setattr(os, 'fsync', note)
+    return found

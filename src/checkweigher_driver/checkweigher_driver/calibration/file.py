@@ -17,6 +17,7 @@ import yaml
 from checkweigher_core.parameters import ParameterError, check_sections, flatten, in_section
 from checkweigher_core.records import GRAMS
 from checkweigher_core.settings_files import plain
+from checkweigher_core.state_files import sync_folder
 from checkweigher_core.whole_file import check_folder_of, output_error, write_whole
 from checkweigher_core.yaml_files import opened
 from checkweigher_driver.calibration.static_calibration import (
@@ -138,6 +139,7 @@ def replace_version(path: Path, new: Path) -> int:
         _keep(path, version)
         version += 1
     os.replace(new, path)
+    sync_folder(path.parent)
     return version
 
 

@@ -10,7 +10,11 @@ import pytest
 
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.whole_file import OutputError
-from checkweigher_driver.calibration.file import read_calibration, write_version
+from checkweigher_driver.calibration.file import (
+    read_calibration,
+    replace_version,
+    write_version,
+)
 from checkweigher_driver.calibration.static_calibration import CalibrationPoint, calibrate
 
 POINTS = [CalibrationPoint(0.0, 1000.0, 2.0), CalibrationPoint(1.0, 5000.0, 2.0)]
@@ -67,3 +71,14 @@ def test_a_full_disk_leaves_the_calibration_as_it_was(tmp_path: Path):
         write_version(path, 'aed', calibrate(POINTS), POINTS)
     assert path.read_text() == CELL
     assert sorted(os.listdir(tmp_path)) == ['cell.v3.yaml', 'cell.yaml']
+
+
+def test_each_version_and_its_name_are_on_the_disk(tmp_path: Path, on_disk: list[Path]):
+    path = cell_of(tmp_path)
+    write_version(path, 'aed', calibrate(POINTS), POINTS)
+    assert len(on_disk) == 2
+    assert on_disk[1] == tmp_path
+    new = tmp_path / 'new'
+    new.write_text(CELL)
+    assert replace_version(path, new) == 5
+    assert on_disk[2:] == [tmp_path]

@@ -35,6 +35,19 @@ def test_a_first_start_and_an_orderly_end_leave_nothing_in_doubt(tmp_path):
     assert found(path).to_look_for() == ()
 
 
+def test_a_record_and_its_release_are_on_the_disk_before_the_belt_runs(tmp_path, on_disk):
+    path = tmp_path / 'machines' / 'lane1' / 'belt'
+    record = BeltRecord(path)
+    assert on_disk[0] == path
+    assert set(on_disk[1:]) == {path.parent, path.parent.parent, tmp_path}
+    assert path.with_name('belt.begun').exists()
+    on_disk.clear()
+    record.keep(RUNNING)
+    assert on_disk == [path]
+    record.close(OnBelt())
+    assert on_disk == [path, path]
+
+
 def test_what_nobody_has_looked_for_is_told_at_the_next_start(tmp_path):
     record = BeltRecord(tmp_path / 'belt')
     record.keep(OnBelt(True, (), ('item 3',)))
