@@ -18,7 +18,7 @@ from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.outputs import OutputPort
-from checkweigher_driver.line_io.rejector_control import Levels
+from checkweigher_driver.line_io.rejector.switching import Levels
 from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 
 _CONSUMER = 'checkweigher'

@@ -16,7 +16,7 @@ from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
 from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
 from checkweigher_driver.line_io.outputs import OutputPort
-from checkweigher_driver.line_io.rejector_control import Levels
+from checkweigher_driver.line_io.rejector.switching import Levels
 from checkweigher_driver.sources import RETRY_TIME, EdgeSource, EyeEvent
 
 _MAX_INPUTS = 64  # inputs in one request

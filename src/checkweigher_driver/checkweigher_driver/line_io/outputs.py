@@ -11,13 +11,9 @@ import time
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.records import NANOSECONDS, EyeEdge, Item, Permission, StopRequest, Verdict
 from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
-from checkweigher_driver.line_io.missed_products import Latch, LatchEvent
-from checkweigher_driver.line_io.rejector_control import (
-    Levels,
-    OutputParameters,
-    RejectorControl,
-    Switches,
-)
+from checkweigher_driver.line_io.rejector.missed_products import Latch, LatchEvent
+from checkweigher_driver.line_io.rejector.switching import Levels, Switches
+from checkweigher_driver.line_io.rejector_control import OutputParameters, RejectorControl
 from checkweigher_driver.prompt_threads import shorten_switch_interval
 from checkweigher_driver.sources import RETRY_TIME
 
@@ -117,7 +113,7 @@ class MachineOutputs:
 
     def figures(self) -> dict[str, float]:
         """Return the figures for /diagnostics."""
-        return {**self._control.figures, 'clock steps': self._control.clock.steps}
+        return self._control.figures
 
     def finding(self) -> Finding:
         """Return the aspect Outputs of the diagnostics."""
@@ -132,7 +128,7 @@ class MachineOutputs:
         values: dict[str, float | str] = {
             name.replace(' ', '_'): value for name, value in self.figures().items()
         }
-        belt_runs = self._control.belt_runs
+        belt_runs = self._control.motion.measured
         values['belt_runs'] = {None: 'unknown', True: 'yes', False: 'no'}[belt_runs]
         return conclude('Outputs', 'switched as told', found, values)
 

@@ -20,7 +20,7 @@ from checkweigher_driver.line_io.gpio import (
     GpioOutputParameters,
     GpioOutputs,
 )
-from checkweigher_driver.line_io.rejector_control import Levels
+from checkweigher_driver.line_io.rejector.switching import Levels
 from checkweigher_driver.sources import EyesBack, EyesLost
 
 CONFIG = Path('/sys/kernel/config/gpio-sim')

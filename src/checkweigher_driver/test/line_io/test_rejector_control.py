@@ -11,13 +11,9 @@ from checkweigher_core.records import Decision, Eye, EyeEdge, Item, Permission, 
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_core.ros.ports import FRESH_TIME
 from checkweigher_driver.line_io.belt_record import OnBelt
-from checkweigher_driver.line_io.missed_products import LatchEvent
-from checkweigher_driver.line_io.rejector_control import (
-    Levels,
-    OutputParameters,
-    RejectorControl,
-    Switches,
-)
+from checkweigher_driver.line_io.rejector.missed_products import LatchEvent
+from checkweigher_driver.line_io.rejector.switching import Levels, Switches
+from checkweigher_driver.line_io.rejector_control import OutputParameters, RejectorControl
 
 MS = 1_000_000
 FOREVER = 10**12

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, RejectPulses
+from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime, PulseTimes, RejectPulses
 
 
 def pulses(duration=100, min_pause=20, late_tolerance=10, belt_margin=0):

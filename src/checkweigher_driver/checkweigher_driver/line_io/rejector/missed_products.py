@@ -40,11 +40,16 @@ _TRANSITIONS = {
 
 
 class MissedProducts:
-    """The latch, and the texts of the missed products."""
+    """The latch, and the texts of the missed products.
+
+    `looked_at` is the time at which a person had last looked for all of them, ns, None before.
+    """
 
     def __init__(self) -> None:
         self.state = Latch.CLEAR
+        self.looked_at: int | None = None
         self._texts: list[str] = []
+        self._stopped = False  # as `stop` has returned last
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -71,3 +76,10 @@ class MissedProducts:
         self.state = _TRANSITIONS.get((self.state, event), self.state)
         if self.state is Latch.CLEAR:
             self._texts.clear()
+
+    def stop(self, now: int) -> bool:
+        """Return whether the line has to stop for a missed product."""
+        stopped, self._stopped = self._stopped, self.state is not Latch.CLEAR
+        if stopped and not self._stopped:
+            self.looked_at = now
+        return self._stopped

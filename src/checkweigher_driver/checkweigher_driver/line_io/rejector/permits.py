@@ -10,7 +10,7 @@ that a PLC can assign it to one product.
 from bisect import insort
 import math
 
-from checkweigher_driver.line_io.reject_pulses import BeltTime
+from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 
 
 class Permits:

@@ -3,7 +3,7 @@
 """Verdicts that do not come are noticed; holes in a product and flicker are no products."""
 
 from checkweigher_core.records import Decision, Eye, EyeEdge, Verdict
-from checkweigher_driver.line_io.verdict_watch import VerdictWatch
+from checkweigher_driver.line_io.rejector.verdict_watch import VerdictWatch
 
 MS = 1_000_000
 IN, OUT = Eye.INFEED, Eye.OUTFEED

@@ -4,7 +4,7 @@
 
 import pytest
 
-from checkweigher_driver.line_io.missed_products import Latch, LatchEvent, MissedProducts
+from checkweigher_driver.line_io.rejector.missed_products import Latch, LatchEvent, MissedProducts
 
 SHOW, FORGET, RUN, RESET = LatchEvent.SHOW, LatchEvent.FORGET, LatchEvent.RUN, LatchEvent.RESET
 ALL = 'item 1; item 2; item 3; and others'

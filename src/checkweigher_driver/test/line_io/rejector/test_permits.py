@@ -4,8 +4,8 @@
 
 import math
 
-from checkweigher_driver.line_io.permits import Permits
-from checkweigher_driver.line_io.reject_pulses import BeltTime
+from checkweigher_driver.line_io.rejector.permits import Permits
+from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 
 MS = 1_000_000
 

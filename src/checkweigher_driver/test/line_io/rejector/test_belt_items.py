@@ -7,7 +7,7 @@ import time
 import pytest
 
 from checkweigher_core.records import Decision, Eye, EyeEdge, Item, Verdict
-from checkweigher_driver.line_io.belt_items import BeltItems
+from checkweigher_driver.line_io.rejector.belt_items import BeltItems
 
 MS = 1_000_000
 T1 = 1_700_000_000_500_000_000

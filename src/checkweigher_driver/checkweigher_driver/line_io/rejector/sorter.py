@@ -1,0 +1,144 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The way of each judged item: to the rejector, to a station or, by a permit, straight on."""
+
+import math
+
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_driver.line_io.rejector.arrivals import Arrivals, Times, at_station
+from checkweigher_driver.line_io.rejector.belt_items import BeltItems
+from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
+from checkweigher_driver.line_io.rejector.missed_products import MissedProducts
+from checkweigher_driver.line_io.rejector.permits import Permits
+from checkweigher_driver.line_io.rejector.reject_pulses import PulseTimes, RejectPulses
+from checkweigher_driver.line_io.rejector.switching import Switches
+
+
+class Sorter:
+    """Pulses of the rejector and of `stations` beside it, and permits to pass.
+
+    Permits have a `permit_margin`, ns, at both ends; without it (None) the machine has no permits.
+    An item that can have taken another way than it should is added to `missed`.
+    """
+
+    def __init__(
+        self,
+        times: PulseTimes,
+        stations: int,
+        permit_margin: int | None,
+        motion: BeltMotion,
+        arrivals: Arrivals,
+        missed: MissedProducts,
+    ) -> None:
+        self._times = times
+        self._motion = motion
+        self._arrivals = arrivals
+        self._missed = missed
+        # By the number of the station; 0 is the rejector.
+        self._pulses = [RejectPulses(times, motion.time) for _ in range(1 + stations)]
+        self._permitting = permit_margin is not None
+        self.permits = Permits(motion.time, permit_margin or 0, times.min_pause)
+        counted = 'late rejects', 'permits', 'permits withheld', 'not sorted'
+        self.figures: dict[str, float] = dict.fromkeys(counted, 0)
+
+    def sort(self, verdict: Verdict, items: BeltItems, now: int, *, reached: bool) -> None:
+        """Send an item of a belt its way. `reached` is false while no output can be switched."""
+        times = self._arrivals.times(verdict, now)
+        there, belt = at_station(verdict, times), self._motion.time
+        arrivals = [belt.arrival(*each)[0] for each in (times, there) if each]
+        end = None
+        if arrivals:
+            end = max(*arrivals, belt.at(now)) + self._times.duration + self._times.belt_margin
+        passage = items.judge(verdict, end).passage
+        if verdict.decision != Decision.ACCEPT:
+            if arrivals:
+                self.permits.deny(arrivals[0])
+            if arrivals or not self._was_looked_for(verdict):
+                self._reject(verdict, there, now, reached=reached)
+            return
+        if verdict.station:
+            self._divert(there, now, verdict.station)
+        if self._permitting:
+            given = False
+            if arrivals and passage is not None and not self._was_stopped(times):
+                given = self.permits.permit(arrivals[0], passage, now)
+            self.figures['permits' if given else 'permits withheld'] += 1
+
+    def _was_stopped(self, times: Times | None) -> bool:
+        """Return whether the line has stopped the belt since an item was at the outfeed eye."""
+        return times is not None and self._motion.was_stopped_since(times.since)
+
+    def _was_looked_for(self, verdict: Verdict) -> bool:
+        """Return whether an item was on the belt when a person cleared it, and never left it.
+
+        The line gives up such an item only after some time. If it is still there, it leaves the
+        belt without a verdict, and the line stops for that.
+        """
+        looked_at = self._missed.looked_at
+        return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
+
+    def _divert(self, times: Times | None, now: int, station: int) -> None:
+        """Schedule the pulse of a station; if it is missed, the item goes straight on."""
+        known = station < len(self._pulses) and not self._was_stopped(times)
+        if times is None or not known or now - times.due > self._times.late_tolerance:
+            self.figures['not sorted'] += 1
+        else:
+            self._pulses[station].add(times.due, times.since, now, times.entered)
+
+    def _reject(self, verdict: Verdict, times: Times | None, now: int, *, reached: bool) -> None:
+        """Schedule a pulse, and check whether it can miss its item."""
+        item, station = f'item {verdict.item_id}', verdict.station
+        if station >= len(self._pulses):
+            times = None
+            self._missed.add(f'{item}: is for station {station}, which the outputs lack')
+        if times is None:
+            why = 'the time at which it is at the rejector is not known; look for it'
+            self.eject(now, f'{item}: {why}')
+            return
+        late = self._pulses[station].add(times.due, times.since, now, times.entered)
+        if late:
+            self.figures['late rejects'] += 1
+            after = f'{1e-6 * late:.0f} ms after its reject time'
+            self._missed.add(f'{item}: its verdict came {after}; look for it behind the rejector')
+        elif not reached:
+            what = 'the rejector could not be reached; look for it behind the rejector'
+            self._missed.add(f'{item}: {what}')
+        elif self._was_stopped(times):
+            what = 'the belt was stopped on its way to the rejector; look for it'
+            self._missed.add(f'{item}: {what}')
+
+    def eject(self, now: int, why: str) -> None:
+        """Eject at once, perhaps another item, and latch the stop."""
+        self._pulses[0].act(now)
+        self._missed.add(why)
+
+    def acting(self, now: int) -> list[bool]:
+        """Return whether rejector and stations have to act."""
+        skipped = sum(pulses.skipped for pulses in self._pulses)
+        acting = [pulses.acting(now) for pulses in self._pulses]
+        if sum(pulses.skipped for pulses in self._pulses) > skipped:
+            self._missed.add('the machine was too busy to switch the rejector; look behind it')
+        return acting
+
+    def next_switches(self, now: int) -> Switches:
+        """Return the times at which the outputs switch next."""
+        reject, *stations = (pulses.next_change(now) for pulses in self._pulses)
+        permit = self.permits.next_change(now)
+        return Switches(reject, permit, min(stations, default=math.inf))
+
+    def reconnect(self, now: int) -> None:
+        """Check whether a pulse has begun while no output could be switched."""
+        if any(pulses.begun(now) for pulses in self._pulses):
+            why = 'the rejector could not be reached when it should act; look behind it'
+            self._missed.add(why)
+
+    def resume(self, here: int) -> None:
+        """Lengthen the pulses to come after a stop of the belt at its time `here`, ns."""
+        for pulses in self._pulses:
+            pulses.resume(here)
+
+    def clear(self) -> None:
+        """Cancel all pulses and permits."""
+        for pulses in self._pulses:
+            pulses.clear()
+        self.permits.clear()

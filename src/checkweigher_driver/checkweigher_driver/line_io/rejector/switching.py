@@ -1,0 +1,66 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Levels of the outputs, and how late they were switched."""
+
+import math
+from typing import NamedTuple
+
+
+class Levels(NamedTuple):
+    """Rejector, stop output, permit to pass the rejector and each station, on or off."""
+
+    reject: bool
+    stop: bool
+    permit: bool = False
+    stations: tuple[bool, ...] = ()
+
+
+class Switches(NamedTuple):
+    """Times of the next switches of rejector, permit and any station, ns; infinite for none."""
+
+    reject: float = math.inf
+    permit: float = math.inf
+    station: float = math.inf
+
+
+class SwitchTiming:
+    """Errors of the times of switches; beyond `late_tolerance`, ns, one is too late.
+
+    `figures` has the number of switches of the rejector and, in ms, their errors; positive is late.
+    """
+
+    def __init__(self, late_tolerance: int) -> None:
+        self._late_tolerance = late_tolerance
+        self.figures: dict[str, float] = {
+            'switches': 0,
+            'switch error ms': 0,
+            'largest switch error ms': 0,
+            'switch uncertainty ms': 0,
+        }
+
+    def add(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> list[str]:
+        """Add outputs that were switched between two times; return the late ones in words."""
+        delays = []
+        if before.reject != after.reject and due.reject <= begun:
+            self._count(1e-6 * ((begun + done) / 2 - due.reject), 1e-6 * (done - begun) / 2)
+            if after.reject:
+                delays.append(('the rejector was', done - due.reject))
+        stations = zip(before.stations, after.stations, strict=True)
+        if due.station <= begun and any(new and not old for old, new in stations):
+            delays.append(('a station was', done - due.station))
+        if before.permit and not after.permit:
+            delays.append(('the end of a permit was', done - due.permit))
+        return [
+            f'{what} {1e-6 * late:.0f} ms late; look behind it'
+            for what, late in delays
+            if late > self._late_tolerance
+        ]
+
+    def _count(self, error: float, uncertainty: float) -> None:
+        """Add a switch of the rejector to the figures, both in ms."""
+        figures = self.figures
+        figures['switches'] += 1
+        figures['switch error ms'] += (error - figures['switch error ms']) / figures['switches']
+        largest = 'largest switch error ms'
+        figures[largest] = max(figures[largest], error, key=abs)
+        figures['switch uncertainty ms'] = max(figures['switch uncertainty ms'], uncertainty)
