@@ -127,7 +127,7 @@ def permit(outputs):
     ended = threading.Event()
 
     def give():
-        while not (ended.is_set() or outputs._closed):
+        while outputs.is_open and not ended.is_set():
             outputs.take_permission(Permission(time.time_ns(), run=True))
             ended.wait(0.1)
 

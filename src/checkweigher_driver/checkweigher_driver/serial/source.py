@@ -12,24 +12,20 @@ import math
 import termios
 import threading
 import time
-from typing import NamedTuple
 
-import numpy as np
 import serial
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.recording import Event
-from checkweigher_core.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, SampleBlock
-from checkweigher_driver.serial.decoder import Decoded, Decoder
+from checkweigher_core.records import MAX_SAMPLE_RATE, LoadCell
+from checkweigher_driver.serial.blocks import BlockMaker
+from checkweigher_driver.serial.decoder import Decoder
 from checkweigher_driver.serial.port import SerialError, open_port, reason_of
-from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
+from checkweigher_driver.serial.reads import Read, ValueReader
 from checkweigher_driver.sources import RETRY_TIME, Source
 
 BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
 _BROKEN = (OSError, termios.error)  # errors of a port that is gone
-_RATE_PERIOD = 5.0  # s over which the rate is measured, longer than a stall of the machine
-_RATE_TOLERANCE = 0.05
-_RESUMING = 0.1  # s of signal after a break that determine the index
 _reading = partial(parameter, minimum=-(2**31), maximum=2**31 - 1)
 
 
@@ -93,40 +89,6 @@ class SerialParameters(Parameters):
             )
 
 
-class _RateCheck:
-    """Check of the rate of the device against its parameter; `text` is the difference, if any."""
-
-    def __init__(self, parameters: SerialParameters) -> None:
-        self._name, self._rate = f'{parameters.node}.sample_rate', parameters.sample_rate
-        self._begin: float | None = None
-        self._number = 0
-        self.text = ''
-
-    def add(self, number: int) -> None:
-        """Add a number of values that have come by now."""
-        now = time.monotonic()
-        if self._begin is None:
-            self._begin = now
-            return
-        self._number += number
-        elapsed = now - self._begin
-        if elapsed >= _RATE_PERIOD:
-            found = self._number / elapsed
-            self.text = ''
-            if abs(found / self._rate - 1) >= _RATE_TOLERANCE:
-                sent = f'the device sends {found:.0f} values a second'
-                self.text = f'{sent}, {self._name} is {self._rate:g}'
-            self._begin, self._number = now, 0
-
-
-class _Read(NamedTuple):
-    """One read of the port that completed values."""
-
-    values: Decoded
-    at: int  # ns, when the last of them had come
-    size: int  # bytes
-
-
 class SerialSource(Source):
     """Values that a device streams over a serial port.
 
@@ -140,19 +102,16 @@ class SerialSource(Source):
     def __init__(self, parameters: SerialParameters, bytes_per_value: int) -> None:
         parameters.check_complete(bytes_per_value)
         self._settings = parameters
-        self._frame_time = bytes_per_value * BITS_PER_BYTE / parameters.baud_rate
+        frame_time = bytes_per_value * BITS_PER_BYTE / parameters.baud_rate
         self._closed = threading.Event()
         self._reading = False
         self._port: serial.Serial | None = None
-        self._trouble = ''
-        self._rate = _RateCheck(parameters)
-        counted = 'samples', 'samples lost', 'bytes skipped', 'bad frames', 'breaks'
-        self._figures = dict.fromkeys(counted, 0)
-        self._clock = SampleClock(
-            parameters.sample_rate, latency=parameters.delay + self._frame_time
-        )
-        self._stamper = SampleStamper(self._clock)
-        self._index = 0  # of the next sample
+        self._broken = ''  # the last break, until values come again
+        self._breaks = 0
+        rate, latency = parameters.sample_rate, parameters.delay + frame_time
+        in_block = max(1, round(parameters.block_duration * rate))
+        self._reader = ValueReader(rate, in_block, parameters.timeout, self._closed)
+        self._blocks = BlockMaker(rate, latency, (parameters.min_counts, parameters.max_counts))
         try:
             load_cell = LoadCell.of(parameters)
         except ValueError as error:
@@ -174,8 +133,6 @@ class SerialSource(Source):
 
     def _end(self, port: serial.Serial) -> None:
         """Ask the device to stop its stream."""
-
-    # The port: open, broken, open again, closed
 
     def __iter__(self) -> Iterator[Event]:
         """Yield blocks until `close`; `SerialError` if another device answers after a break."""
@@ -208,9 +165,10 @@ class SerialSource(Source):
     def _break_off(self, error: Exception) -> None:
         if self._closed.is_set():
             return
-        self._figures['breaks'] += 1
+        self._breaks += 1
+        self._reader.comes = False
         broken = f'{self._settings.port}: the connection broke off; is the device plugged in?'
-        self._trouble = broken if isinstance(error, _BROKEN) else str(error)
+        self._broken = broken if isinstance(error, _BROKEN) else str(error)
         self._let_go()
 
     def _open_again(self) -> None:
@@ -219,7 +177,7 @@ class SerialSource(Source):
             try:
                 identity = self._open()
             except SerialError as error:
-                self._trouble = str(error)
+                self._broken = str(error)
                 continue
             if identity != self._identity:
                 raise SerialError(
@@ -243,102 +201,29 @@ class SerialSource(Source):
         if not self._reading:
             self._let_go()
 
-    # One stream of the device, from its beginning to a break
-
     def _stream(self) -> Iterator[Event]:
+        """Yield the blocks of one stream of the device, from its beginning to a break."""
         port = self._port
         assert port is not None
-        self._rate = _RateCheck(self._settings)
         self._begin(port)
-        reads = self._reads(port)
-        first = []
-        if self._index:
-            first = self._first_reads(port, reads)
+        reads = self._reader.reads(port, self._make_decoder())
+        first: list[Read] = []
+        if self._blocks.index:
+            first = self._reader.first_reads(port, reads)
             if self._closed.is_set():
                 return
-            self._jump(self._lost_before(first))
+            self._blocks.resume(first)
         for read in chain(first, reads):
-            yield from self._blocks(read)
-
-    def _reads(self, port: serial.Serial) -> Iterator[_Read]:
-        """Yield the reads that complete values; `SerialError` if none come for too long."""
-        decoder, rate = self._make_decoder(), self._settings.sample_rate
-        values_in_block = max(1, round(self._settings.block_duration * rate))
-        last_value, idle_bytes = time.monotonic(), 0
-        while not self._closed.is_set():
-            # Until the frame size is known, one byte at least for each value.
-            rest = (values_in_block - 1) * max(decoder.frame_bytes, 1)
-            skipped, bad = decoder.skipped_bytes, decoder.bad_frames
-            data = port.read(rest + decoder.missing)
-            now = time.time_ns()
-            values = decoder.feed(data)
-            self._figures['bytes skipped'] += decoder.skipped_bytes - skipped
-            self._figures['bad frames'] += decoder.bad_frames - bad
-            if len(values.counts):
-                last_value, idle_bytes = time.monotonic(), 0
-                self._trouble = ''
-                self._rate.add(len(values.counts))
-                # Values that wait in the decoder have come after the last of these.
-                yield _Read(values, now - round(decoder.waiting * NANOSECONDS / rate), len(data))
-                continue
-            idle_bytes += len(data)
-            if time.monotonic() - last_value > self._settings.timeout:
-                raise SerialError(self._silence(idle_bytes))
-
-    def _silence(self, bytes_came: int) -> str:
-        what, advice = 'no bytes come', 'check its supply and the cable'
-        if bytes_came:
-            what = 'bytes come, but no values'
-            advice = 'check baud_rate and the format that the device is set to'
-        return f'{self._settings.port}: {what} for {self._settings.timeout:g} s; {advice}'
-
-    def _first_reads(self, port: serial.Serial, reads: Iterator[_Read]) -> list[_Read]:
-        """Return the reads after a break, up to one that has not waited in the port.
-
-        The time of values that have waited is unknown.
-        """
-        first, number = [], 0
-        for read in reads:
-            first.append(read)
-            number += len(read.values.counts)
-            if number >= _RESUMING * self._settings.sample_rate and port.in_waiting <= read.size:
-                break
-        return first
-
-    def _lost_before(self, reads: list[_Read]) -> int:
-        """Return the number of samples lost before some reads, from the time since the last one.
-
-        The read with the smallest delay decides.
-        """
-        latency = round(NANOSECONDS * (self._settings.delay + self._frame_time))
-        index, least = self._index - 1, math.inf
-        for read in reads:
-            index += len(read.values.counts) + int(read.values.lost.sum())
-            least = min(least, read.at - latency - self._clock.stamp(index))
-        return max(1, math.floor(least * self._settings.sample_rate / NANOSECONDS))
-
-    def _blocks(self, read: _Read) -> Iterator[SampleBlock]:
-        """Yield blocks of values, with a new block behind each gap, where the index jumps."""
-        values, limits = read.values, self._settings
-        at_limit = np.where(values.counts < 0, limits.min_counts, limits.max_counts)
-        counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)
-        gaps = np.flatnonzero(values.lost[1:]) + 1
-        lost = values.lost[np.r_[0, gaps]].tolist()
-        for lost_before, piece in zip(lost, np.split(counts, gaps), strict=True):
-            self._jump(lost_before)
-            first, self._index = self._index, self._index + len(piece)
-            self._figures['samples'] += len(piece)
-            yield from self._stamper.add(first, piece, read.at)
-
-    def _jump(self, lost: int) -> None:
-        self._index += lost
-        self._figures['samples lost'] += lost
+            yield from self._blocks.blocks(read)
 
     @property
     def trouble(self) -> str:
         """Present trouble in one line."""
-        return self._trouble or self._rate.text
+        if not self._reader.comes:
+            return self._broken
+        name, rate = f'{self._settings.node}.sample_rate', self._settings.sample_rate
+        return self._reader.trouble and f'{self._reader.trouble}, {name} is {rate:g}'
 
     def figures(self) -> dict[str, float]:
         """Return the counts of samples, losses and breaks, and the figures of their clock."""
-        return {**self._figures, **self._clock.figures()}
+        return {**self._blocks.figures(), **self._reader.figures, 'breaks': self._breaks}

@@ -1,0 +1,61 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Blocks of the values of a device, numbered and stamped."""
+
+from collections.abc import Iterator, Sequence
+import math
+
+import numpy as np
+
+from checkweigher_core.records import NANOSECONDS, SampleBlock
+from checkweigher_driver.serial.reads import Read
+from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
+
+
+class BlockMaker:
+    """Blocks of reads. The index goes on over breaks and jumps by the number of lost samples.
+
+    `latency`, s, is the time from a sample to the earliest moment at which a read can return it;
+    `limits` are the counts at which the converter is at its limit.
+    """
+
+    def __init__(self, sample_rate: float, latency: float, limits: tuple[int, int]) -> None:
+        self._rate = sample_rate
+        self._latency = round(NANOSECONDS * latency)
+        self._limits = limits
+        self._clock = SampleClock(sample_rate, latency=latency)
+        self._stamper = SampleStamper(self._clock)
+        self.index = 0  # of the next sample
+        self._lost = self._samples = 0
+
+    def resume(self, reads: Sequence[Read]) -> None:
+        """Continue after a break with the index that belongs to the time of the next reads.
+
+        The read with the smallest delay decides.
+        """
+        index, least = self.index - 1, math.inf
+        for read in reads:
+            index += len(read.values.counts) + int(read.values.lost.sum())
+            least = min(least, read.at - self._latency - self._clock.stamp(index))
+        self._jump(max(1, math.floor(least * self._rate / NANOSECONDS)))
+
+    def blocks(self, read: Read) -> Iterator[SampleBlock]:
+        """Yield blocks of values, with a new block behind each gap, where the index jumps."""
+        values, (low, high) = read.values, self._limits
+        at_limit = np.where(values.counts < 0, low, high)
+        counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)
+        gaps = np.flatnonzero(values.lost[1:]) + 1
+        lost = values.lost[np.r_[0, gaps]].tolist()
+        for lost_before, piece in zip(lost, np.split(counts, gaps), strict=True):
+            self._jump(lost_before)
+            first, self.index = self.index, self.index + len(piece)
+            self._samples += len(piece)
+            yield from self._stamper.add(first, piece, read.at)
+
+    def _jump(self, lost: int) -> None:
+        self.index += lost
+        self._lost += lost
+
+    def figures(self) -> dict[str, float]:
+        """Return the counts of samples and losses, and the figures of their clock."""
+        return {'samples': self._samples, 'samples lost': self._lost, **self._clock.figures()}
