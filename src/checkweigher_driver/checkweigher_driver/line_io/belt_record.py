@@ -106,19 +106,16 @@ class BeltRecord:
                 os.close(self._file)
                 raise
         except OSError as error:
-            raise self._refusal(error) from None
+            why = error.strerror or str(error)
+            if isinstance(error, BlockingIOError):
+                why = 'another driver has it, and so these outputs'
+            raise ParameterError(
+                f'{_NAME}: {str(path)!r}: {why}; must be a file that outlives this process'
+            ) from None
         self.found = OnBelt() if first else OnBelt.of_line(data)
         self._kept = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
         self._writing = self._writer.submit(lambda: None)  # the last write
-
-    def _refusal(self, error: OSError) -> ParameterError:
-        why = error.strerror or str(error)
-        if isinstance(error, BlockingIOError):
-            why = 'another driver has it, and so these outputs'
-        return ParameterError(
-            f'{_NAME}: {str(self._path)!r}: {why}; must be a file that outlives this process'
-        )
 
     def keep(self, belt: OnBelt) -> None:
         """Write the state of the belt: to the disk before it is released, else soon.

@@ -225,7 +225,9 @@ class ModbusOutputs(OutputPort):
             self._link.write_register(wanted.watchdog, self._cycles)
         if wanted.belt < 0:
             return None
-        return self._link.read_bits('discrete', wanted.belt, 1)[0] != wanted.belt_inverted
+        return (
+            self._link.read_inputs('discrete', (wanted.belt,))[wanted.belt] != wanted.belt_inverted
+        )
 
     def _coils(self, levels: Levels) -> dict[int, bool]:
         wanted = self._parameters

@@ -39,22 +39,20 @@ class ModbusLink:
                 'whether the device runs'
             )
 
-    def read_bits(self, kind: str, address: int, count: int) -> list[bool]:
-        """Return the state of successive discrete inputs (``discrete``) or coils (``coil``)."""
-        client = self._client
+    def read_inputs(self, kind: str, addresses: Collection[int]) -> dict[int, bool]:
+        """Return the states of discrete inputs (``discrete``) or coils (``coil``) by address.
+
+        They are read in one request.
+        """
+        client, address = self._client, min(addresses)
+        count = max(addresses) - address + 1
         read = client.read_discrete_inputs if kind == 'discrete' else client.read_coils
         what = f'{"discrete input" if kind == "discrete" else "coil"} {address}'
         bits = self._ask(read, address, f'{what} cannot be read', count=count).bits
         if len(bits) < count:
             self.close()
             raise ModbusLinkError(f'{self._name}: {what}: {len(bits)} bits came, not {count}')
-        return list(bits[:count])
-
-    def read_inputs(self, kind: str, addresses: Collection[int]) -> dict[int, bool]:
-        """Return the states of discrete inputs or coils by their addresses, read in one request."""
-        first = min(addresses)
-        bits = self.read_bits(kind, first, max(addresses) - first + 1)
-        return {address: bits[address - first] for address in addresses}
+        return {each: bits[each - address] for each in addresses}
 
     def write_coil(self, address: int, value: bool) -> None:
         """Set a coil."""

@@ -14,8 +14,7 @@ from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
 from checkweigher_driver.line_io.rejector.missed_products import Latch, LatchEvent
 from checkweigher_driver.line_io.rejector.switching import Levels, Switches
 from checkweigher_driver.line_io.rejector_control import OutputParameters, RejectorControl
-from checkweigher_driver.prompt_threads import shorten_switch_interval
-from checkweigher_driver.sources import RETRY_TIME
+from checkweigher_driver.sources import RETRY_TIME, shorten_switch_interval
 
 _CLOSE_TIME = 3.0  # s
 _REFRESH_TIME = 5_000_000  # longest duration of a refresh, ns
@@ -80,8 +79,8 @@ class OutputLoop:
         self.trouble = 'the outputs are not connected yet'
         self.closed = False
         shorten_switch_interval()
-        self._thread = threading.Thread(target=self._run, name='outputs', daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name='outputs', daemon=True)
+        self.thread.start()
 
     def close(self) -> None:
         """Make the control safe and disconnect."""
@@ -89,11 +88,7 @@ class OutputLoop:
             self._control.make_safe()
             self.closed = True
             self._changed.notify_all()
-        self._thread.join(timeout=_CLOSE_TIME)
-
-    def wait_until_ended(self) -> None:
-        """Wait for the thread after `close`; its last request may still wait for an answer."""
-        self._thread.join()
+        self.thread.join(timeout=_CLOSE_TIME)
 
     def _run(self) -> None:
         """Connect, serve, and connect again after a loss, until the outputs are closed."""
@@ -293,7 +288,7 @@ class MachineOutputs:
         if self._port is None or self.is_open:
             return
         if self._loop is not None:
-            self._loop.wait_until_ended()
+            self._loop.thread.join()  # its last request may still wait for an answer
         port, wanted = self._port, self._parameters
         record = BeltRecord(record_path(wanted.record, port.name))
         self._control = RejectorControl(wanted, permits=port.permits, stations=port.stations)

@@ -6,14 +6,20 @@ from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, SampleBlock
 from checkweigher_driver.serial.reads import Read
-from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
+from checkweigher_driver.serial.sample_clock import SampleClock
 
 
 class BlockMaker:
     """Blocks of reads. The index goes on over breaks and jumps by the number of lost samples.
+
+    Blocks are held back while their stamps are in doubt. At the start that takes a second; an item
+    on the belt then waits for its samples. After late reads it ends with the next read in time.
+    After a step of the host's clock or an unnoticed loss of samples it takes a second: an item on
+    the belt gets no mass in time, and is a fault.
 
     `latency`, s, is the time from a sample to the earliest moment at which a read can return it;
     `limits` are the counts at which the converter is at its limit.
@@ -24,7 +30,7 @@ class BlockMaker:
         self._latency = round(NANOSECONDS * latency)
         self._limits = limits
         self._clock = SampleClock(sample_rate, latency=latency)
-        self._stamper = SampleStamper(self._clock)
+        self._held: list[tuple[int, NDArray[np.int32]]] = []
         self.index = 0  # of the next sample
         self._lost = self._samples = 0
 
@@ -40,7 +46,7 @@ class BlockMaker:
         self._jump(max(1, math.floor(least * self._rate / NANOSECONDS)))
 
     def blocks(self, read: Read) -> Iterator[SampleBlock]:
-        """Yield blocks of values, with a new block behind each gap, where the index jumps."""
+        """Yield the blocks that can be sent now, with a new one behind each gap of the index."""
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)
         counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)
@@ -48,9 +54,14 @@ class BlockMaker:
         lost = values.lost[np.r_[0, gaps]].tolist()
         for lost_before, piece in zip(lost, np.split(counts, gaps), strict=True):
             self._jump(lost_before)
-            first, self.index = self.index, self.index + len(piece)
+            self._clock.add(self.index, len(piece), read.at)
+            self._held.append((self.index, piece))
+            self.index += len(piece)
             self._samples += len(piece)
-            yield from self._stamper.add(first, piece, read.at)
+            if self._clock.settled:
+                for first, kept in self._held:
+                    yield SampleBlock(self._clock.stamp(first), first, kept)
+                self._held = []
 
     def _jump(self, lost: int) -> None:
         self.index += lost

@@ -20,10 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numpy as np
-from numpy.typing import NDArray
-
-from checkweigher_core.records import NANOSECONDS, SampleBlock
+from checkweigher_core.records import NANOSECONDS
 
 _WINDOW = 60.0  # s of signal for the fit of the line
 _BUCKET = 1.0  # s of points of which only the hull is kept
@@ -234,27 +231,3 @@ class SampleClock:
             'clock steps': self._steps,
             'clock shifts': self._shifts,
         }
-
-
-class SampleStamper:
-    """Blocks from reads, held back while their stamps are in doubt.
-
-    At the start that takes a second; an item on the belt then waits for its samples. After late
-    reads it ends with the next read in time. After a step of the host's clock or an unnoticed loss
-    of samples it takes a second: an item on the belt gets no mass in time, and is a fault.
-    """
-
-    def __init__(self, clock: SampleClock) -> None:
-        self._clock = clock
-        self._held: list[tuple[int, NDArray[np.int32]]] = []
-
-    def add(self, first_index: int, counts: NDArray[np.int32], host_ns: int) -> list[SampleBlock]:
-        """Add a read and return the blocks that can be sent now, in order."""
-        if len(counts):
-            self._clock.add(first_index, len(counts), host_ns)
-            self._held.append((first_index, counts))
-        if not self._clock.settled:
-            return []
-        blocks = [SampleBlock(self._clock.stamp(index), index, kept) for index, kept in self._held]
-        self._held = []
-        return blocks

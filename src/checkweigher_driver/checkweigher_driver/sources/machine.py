@@ -10,8 +10,13 @@ from typing import Any, ClassVar
 from checkweigher_core.parameters import Parameters
 from checkweigher_core.recording import Event
 from checkweigher_core.records import SampleBlock
-from checkweigher_driver.prompt_threads import shorten_switch_interval
-from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
+from checkweigher_driver.sources import (
+    EdgeSource,
+    EyesBack,
+    EyesLost,
+    Source,
+    shorten_switch_interval,
+)
 
 _END_PATIENCE = 2.0  # s for a thread to end
 

@@ -84,9 +84,9 @@ def test_a_device_that_refuses_is_said_to(plc):
     link = ModbusLink('127.0.0.1', plc.port, 1, 1.0)
     link.connect()
     with pytest.raises(ModbusLinkError, match='discrete input 900 cannot be read: the device ref'):
-        link.read_bits('discrete', 900, 1)
+        link.read_inputs('discrete', [900])
     link.connect()
-    assert link.read_bits('discrete', 0, 3) == [False, False, True]  # the belt runs
+    assert link.read_inputs('discrete', range(3)) == {0: False, 1: False, 2: True}  # the belt runs
     link.close()
 
 

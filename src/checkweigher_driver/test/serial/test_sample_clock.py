@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from checkweigher_core.records import NANOSECONDS, SampleBlock
-from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
+from checkweigher_driver.serial.blocks import BlockMaker
+from checkweigher_driver.serial.decoder import Decoded
+from checkweigher_driver.serial.reads import Read
+from checkweigher_driver.serial.sample_clock import SampleClock
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
@@ -178,10 +181,11 @@ def test_windows_and_masses_of_a_bag_hold_to_one_sample_at_200_ppm_and_5_ms():
         replace(edge, stamp=START + round((edge.stamp - begin) * (1 + 200e-6)))
         for edge in recording.edges
     ]
-    stamper = SampleStamper(SampleClock(RATE))
-    blocks = []
+    maker, blocks = BlockMaker(RATE, latency=0.0, limits=(-(2**23), 2**23 - 1)), []
     for first, size, host in device.blocks(len(counts) / RATE):
-        blocks += stamper.add(first, counts[first : first + size], host)
+        read = counts[first : first + size]
+        values = Decoded(read, np.zeros(len(read), bool), np.zeros(len(read), np.int64))
+        blocks += maker.blocks(Read(values, host, 0))
     true_blocks = [
         SampleBlock(device.time(block.first_index), block.first_index, block.counts)
         for block in recording.blocks

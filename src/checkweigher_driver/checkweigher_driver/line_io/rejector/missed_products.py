@@ -40,7 +40,7 @@ _TRANSITIONS = {
 
 
 class MissedProducts:
-    """The latch, and the texts of the missed products.
+    """The latch, and the `texts` of the missed products.
 
     `looked_at` is the time at which a person had last looked for all of them, ns, None before.
     """
@@ -48,34 +48,27 @@ class MissedProducts:
     def __init__(self) -> None:
         self.state = Latch.CLEAR
         self.looked_at: int | None = None
-        self._texts: list[str] = []
+        self.texts: tuple[str, ...] = ()
         self._stopped = False  # as `stop` has returned last
-
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """The texts of the missed products."""
-        return tuple(self._texts)
 
     @property
     def text(self) -> str:
         """The texts in one line, empty if there are none."""
-        return '; '.join(self._texts)
+        return '; '.join(self.texts)
 
     def add(self, text: str) -> None:
         """Add the text of a product that can have been missed; only the first texts are kept."""
-        if text in self._texts:
+        if text in self.texts:
             return
-        if len(self._texts) < _MAX_MISSED:
-            self._texts.append(text)
-        elif _MORE not in self._texts:
-            self._texts.append(_MORE)
+        named = self.texts[:_MAX_MISSED]
+        self.texts = (*named, text if len(named) < _MAX_MISSED else _MORE)
         self.take(LatchEvent.MISS)
 
     def take(self, event: LatchEvent) -> None:
         """Make the transition of an event."""
         self.state = _TRANSITIONS.get((self.state, event), self.state)
         if self.state is Latch.CLEAR:
-            self._texts.clear()
+            self.texts = ()
 
     def stop(self, now: int) -> bool:
         """Return whether the line has to stop for a missed product."""
