@@ -79,11 +79,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self, self.parameters, self._watch, self._note, lambda: self._outputs.ready
         )
         self.subscribe(ports.SEGMENTER_STATUS, self.stream.hear_segmenter)
-        self.subscribe(ports.ITEMS, self._outputs.announce, needed=False)
+        self.subscribe(ports.ITEMS, self._outputs.take, needed=False)
         self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
         self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
         if self._outputs.exist:
-            self.subscribe(ports.PERMISSION, self._outputs.take_permission)
+            self.subscribe(ports.PERMISSION, self._outputs.take)
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         source = self.parameters.source
         self._calibration = CalibrationServices(
@@ -181,11 +181,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self.stream.end(self._close_source if blocks else None)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        self._outputs.verdict(verdict)  # before all else: the rejector waits
+        self._outputs.take(verdict)  # before all else: the rejector waits
         self.stream.hear_verdict()
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
-        self._outputs.take_request(request)
+        self._outputs.take(request)
         not_ready = request is not None and request.reason is StopReason.NOT_READY
         self.stream.reject_ready = not not_ready
 
@@ -195,7 +195,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if not isinstance(event, Reference):
             self._calibration.add(event)
         if isinstance(event, EyeEdge):
-            self._outputs.edge(event)
+            self._outputs.take(event)
 
     def _hear_inputs(self, said: Said) -> None:
         """Publish an external reject, or the conditions of the machine."""

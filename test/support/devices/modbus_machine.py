@@ -128,7 +128,7 @@ def permit(outputs):
 
     def give():
         while outputs.is_open and not ended.is_set():
-            outputs.take_permission(Permission(time.time_ns(), run=True))
+            outputs.take(Permission(time.time_ns(), run=True))
             ended.wait(0.1)
 
     threading.Thread(target=give, daemon=True).start()

@@ -8,9 +8,6 @@ import queue
 import threading
 import time
 
-import numpy as np
-from numpy.typing import NDArray
-
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.pacing import Pacer
@@ -32,7 +29,6 @@ class SampleFeed:
         self.load_cell: LoadCell | None = None
         self._messages: queue.Queue[_Message] = queue.Queue()
         self.latest: SampleBlock | None = None  # yielded by `blocks`
-        self._next: int | None = None
 
     def put(self, message: _Message) -> None:
         """Add a block, the load cell, or the reason why nothing more comes; from any thread."""
@@ -48,17 +44,14 @@ class SampleFeed:
         """Discard the samples up to now, from before the load was on the belt."""
         while not self._messages.empty():
             self._take()
-        self._next = None
 
-    def blocks(self) -> Iterator[tuple[NDArray[np.int32], bool]]:
-        """Yield the counts of each block, and whether it follows the block before without a gap."""
+    def blocks(self) -> Iterator[SampleBlock]:
+        """Yield the blocks as they come."""
         while True:
             block = self._take()
             if block is not None:
-                whole = self._next is None or block.first_index == self._next
-                self._next = block.first_index + len(block.counts)
                 self.latest = block
-                yield block.counts, whole
+                yield block
 
     def _take(self) -> SampleBlock | None:
         try:

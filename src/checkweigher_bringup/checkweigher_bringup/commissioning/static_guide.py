@@ -106,8 +106,8 @@ def read_at_rest(
     """
     feed.forget()
     reading, shown = RestReading(load_cell, steadiness), None
-    for block, whole in feed.blocks():
-        found = reading.add(block, whole=whole)
+    for block in feed.blocks():
+        found = reading.add(block)
         if reading.latest is not shown and reading.latest is not None:
             shown = reading.latest
             show(_line(shown, load_cell, reading.duration))

@@ -136,11 +136,8 @@ def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
 def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
     """Return begin and end in ns of the first segment in which the load is at rest."""
     reading = RestReading(recording.load_cell, steadiness)
-    following: int | None = None
     for block in recording.blocks:
-        whole = following in (None, block.first_index)
-        following = block.first_index + len(block.counts)
-        if reading.add(block.counts, whole=whole) is not None:
+        if reading.add(block) is not None:
             end = end_of_block(block, recording.load_cell)
             return end - round(steadiness.duration * NANOSECONDS), end
     raise UserError(

@@ -69,27 +69,6 @@ class CalibrationParameters(Parameters):
         return Path(self.file) if self.file else None
 
 
-@dataclass
-class _LoadReading:
-    """A load that is being read."""
-
-    mass: float  # kg
-    uncertainty: float  # kg
-    rest: RestReading
-    next_index: int | None = None  # index of the next sample if none is lost
-
-    def take(self, event: SampleBlock | EyeEdge) -> StaticReading | None:
-        """Process an event of the stream; return the reading if it is complete."""
-        if isinstance(event, EyeEdge):
-            raise CalibrationError(
-                f'the {Eye(event.eye).name.lower()} eye has switched while the load was read; '
-                'stop the feed, and keep clear of the belt'
-            )
-        whole = self.next_index is None or event.first_index == self.next_index
-        self.next_index = event.first_index + len(event.counts)
-        return self.rest.add(event.counts, whole=whole)
-
-
 class CalibrationSession:
     """Points of a calibration: loads are read one at a time, then the points are fitted.
 
@@ -102,7 +81,8 @@ class CalibrationSession:
         self._steadiness = steadiness
         self._began = math.nan
         self.points: list[CalibrationPoint] = []
-        self.reading: _LoadReading | None = None  # None while idle
+        self.reading: RestReading | None = None  # None while idle
+        self._load = (0.0, 0.0)  # mass and uncertainty of the load that is read, kg
 
     def begin(self, mass: float, uncertainty: float, edges: Sequence[EyeEdge]) -> None:
         """Begin to read a load; mass and uncertainty in kg, both 0 for the empty belt.
@@ -118,8 +98,8 @@ class CalibrationSession:
             )
         if mass == 0:
             _check_clear(edges)
-        rest = RestReading(self.load_cell, self._steadiness)
-        self.reading = _LoadReading(mass, uncertainty, rest)
+        self._load = mass, uncertainty
+        self.reading = RestReading(self.load_cell, self._steadiness)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
         """Process an event of the stream, and return the reading of the point that it completes.
@@ -127,17 +107,22 @@ class CalibrationSession:
         `now` is in s, on a clock that never steps back. Raises CalibrationError if the load cannot
         be read; there is no point then.
         """
-        load, self.reading = self.reading, None
-        if load is None:
+        reading, self.reading = self.reading, None  # an error ends it
+        if reading is None:
             return None
-        found = load.take(event)  # an error ends the reading
+        if isinstance(event, EyeEdge):
+            raise CalibrationError(
+                f'the {Eye(event.eye).name.lower()} eye has switched while the load was read; '
+                'stop the feed, and keep clear of the belt'
+            )
+        found = reading.add(event)
         if found is None:
-            self.reading = load
+            self.reading = reading
             return None
         if not self.points:
             self._began = now
-        point = CalibrationPoint(load.mass, found.mean, found.std_error, load.uncertainty)
-        self.points.append(point)
+        mass, uncertainty = self._load
+        self.points.append(CalibrationPoint(mass, found.mean, found.std_error, uncertainty))
         return found
 
     def cancel(self) -> None:

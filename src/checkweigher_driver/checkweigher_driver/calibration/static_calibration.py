@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_core.records import GRAMS, LoadCell
+from checkweigher_core.records import GRAMS, LoadCell, SampleBlock
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES
@@ -89,16 +89,18 @@ class RestReading:
         self._least = max(1, round(steadiness.duration * load_cell.sample_rate))
         self._counts = np.zeros(0, np.int32)
         self._seen = self._looked = self._gaps = 0
+        self._next: int | None = None  # index of the next sample if none is lost
         self.latest: StaticReading | None = None
 
-    def add(self, counts: NDArray[np.int32], *, whole: bool = True) -> StaticReading | None:
-        """Add samples, (n,), and return the reading if the load has been at rest long enough.
+    def add(self, block: SampleBlock) -> StaticReading | None:
+        """Add a block, and return the reading if the load has been at rest long enough.
 
-        `whole` is false after a loss of samples, which may hide a movement: the reading begins
-        again. Raises CalibrationError if the converter is at its limit, or the load has not come to
-        rest in time.
+        After a loss of samples, which may hide a movement, the reading begins again. Raises
+        CalibrationError if the converter is at its limit, or the load has not come to rest in time.
         """
-        rate, wanted = self._load_cell.sample_rate, self._steadiness
+        rate, wanted, counts = self._load_cell.sample_rate, self._steadiness, block.counts
+        whole = self._next in (None, block.first_index)
+        self._next = block.first_index + len(counts)
         self._gaps += not whole
         self._counts = np.concatenate([self._counts[-self._least :], counts]) if whole else counts
         self._seen += len(counts)

@@ -243,15 +243,23 @@ class MachineOutputs:
         with self._change() as control:
             control.make_safe()
 
-    def take_permission(self, permission: Permission) -> None:
-        """Process a permission of reject."""
+    def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
+        """Process a record of the line; None says that reject asks for no stop any more."""
+        now = time.monotonic_ns()
         with self._change() as control:
-            control.reject_word.take_permission(permission, time.monotonic_ns())
-
-    def take_request(self, request: StopRequest | None) -> None:
-        """Process a stop request, None if it says that the line may run."""
-        with self._change() as control:
-            control.reject_word.take_request(request)
+            match record:
+                case Permission():
+                    control.reject_word.take_permission(record, now)
+                case StopRequest() | None:
+                    control.reject_word.take_request(record)
+                case _ if not self.is_open:
+                    pass
+                case EyeEdge():
+                    control.edge(record, now)
+                case Item():
+                    control.announce(record)
+                case Verdict():
+                    control.verdict(record, now)
 
     def reset(self) -> str:
         """Let the line run again after missed products; return their text."""
@@ -259,24 +267,6 @@ class MachineOutputs:
             missed = control.missed.text
             control.missed.take(LatchEvent.RESET)
             return missed
-
-    def edge(self, edge: EyeEdge) -> None:
-        """Process an edge that was published."""
-        with self._changed:
-            if self.is_open:
-                self._control.edge(edge, time.monotonic_ns())
-
-    def announce(self, item: Item) -> None:
-        """Add the number of an item that the segmenter has announced."""
-        with self._changed:
-            if self.is_open:
-                self._control.announce(item)
-
-    def verdict(self, verdict: Verdict) -> None:
-        """Process a verdict."""
-        with self._change() as control:
-            if self.is_open:
-                control.verdict(verdict, time.monotonic_ns())
 
     def open(self, held: Callable[[], bool] = lambda: False) -> None:
         """Connect, safe until `activate`; a device that is missing is waited for.

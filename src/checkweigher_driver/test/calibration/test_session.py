@@ -23,12 +23,8 @@ SIZE = 96  # samples in a block of 0.1 s
 BLOCKED, CLEAR = EyeEdge(0, Eye.INFEED, True), EyeEdge(1, Eye.INFEED, False)
 
 
-def level(value: float, count: int = SIZE) -> np.ndarray:
-    return np.full(count, round(value), np.int32)
-
-
 def block(number: int, value: float) -> SampleBlock:
-    return SampleBlock(0, SIZE * number, level(value))
+    return SampleBlock(0, SIZE * number, np.full(SIZE, round(value), np.int32))
 
 
 def found(readings: Iterable[StaticReading | None]) -> StaticReading:
@@ -44,13 +40,13 @@ def fed(session: CalibrationSession, mass: float, said: float) -> None:
 
 def test_a_load_is_read_once_it_has_been_at_rest_for_the_whole_duration():
     reading, moving = RestReading(CELL, STEADINESS), np.arange(1000, 1000 + 2 * 960, 2)
-    for piece in np.array_split(moving.astype(np.int32), 20):  # 2 s, 4 g a second
-        assert reading.add(piece) is None
-    taken = 0
-    while (rested := reading.add(level(5000))) is None:
-        taken += 1
+    for number, piece in enumerate(np.array_split(moving.astype(np.int32), 20)):  # 4 g a second
+        assert reading.add(SampleBlock(0, SIZE * number, piece)) is None
+    number = 20
+    while (rested := reading.add(block(number, 5000))) is None:
+        number += 1
     assert rested.mean == 5000  # nothing of what moved is in it
-    assert taken * SIZE >= RATE - SIZE
+    assert (number - 20) * SIZE >= RATE - SIZE
 
 
 def test_a_load_that_goes_on_moving_is_given_up_with_the_figures():
@@ -59,13 +55,13 @@ def test_a_load_that_goes_on_moving_is_given_up_with_the_figures():
     numbers = np.arange(5 * 960).reshape(-1, SIZE)
     pieces = np.round(numbers * SENSITIVITY * 1e-3 / RATE).astype(np.int32)
     with pytest.raises(CalibrationError, match=r'differ by 0\.5\d\d g.*within 0\.1 g'):
-        found(reading.add(piece) for piece in pieces)
+        found(reading.add(SampleBlock(0, SIZE * n, piece)) for n, piece in enumerate(pieces))
 
 
 def test_samples_that_were_lost_begin_it_again_and_are_named():
     reading = RestReading(CELL, STEADINESS)
     with pytest.raises(CalibrationError, match='samples were lost'):
-        found(reading.add(level(1000), whole=number % 8 > 0) for number in range(100))
+        found(reading.add(block(number + number // 8, 1000)) for number in range(100))
 
 
 def test_a_converter_at_its_limit_is_refused():

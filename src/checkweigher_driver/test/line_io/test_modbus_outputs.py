@@ -33,8 +33,8 @@ def test_the_rejector_is_switched_when_it_is_due(plc):
         first = time.time_ns() + 200 * MS
         dues = [first + number * 400 * MS for number in range(5)]
         for number, due in enumerate(dues):
-            outputs.verdict(reject(number + 1, due))
-            outputs.verdict(reject(100 + number, due + 300 * MS, Decision.ACCEPT))
+            outputs.take(reject(number + 1, due))
+            outputs.take(reject(100 + number, due + 300 * MS, Decision.ACCEPT))
         wait_for(lambda: outputs.figures()['switches'] >= 10, 'the pulses')
         figures = outputs.figures()
         assert outputs.trouble == ''
@@ -98,7 +98,7 @@ def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_st
         run(outputs)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         due = time.time_ns() + 300 * MS
-        outputs.verdict(reject(1, due))
+        outputs.take(reject(1, due))
         plc.kill()
         wait_for(lambda: 'not reached' in outputs.trouble, 'the loss')
         wait_for(lambda: time.time_ns() > due + 50 * MS, 'the missed pulse')
@@ -139,7 +139,7 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
         'outputs.open()\n'
         'outputs.activate()\n'
         'while True:\n'
-        '    outputs.take_permission(Permission(0, True))\n'
+        '    outputs.take(Permission(0, True))\n'
         '    time.sleep(0.1)\n'
     )
     with subprocess.Popen([sys.executable, str(program), str(plc.port)]) as master:
@@ -169,7 +169,7 @@ def test_the_belt_input_holds_the_rejector_back(plc):
 
         wait_for(lambda: belt_runs() == 'yes' and plc.state(REJECTOR) is False, 'the belt')
         due = time.time_ns() + 400 * MS
-        outputs.verdict(reject(1, due))
+        outputs.take(reject(1, due))
         link.write_register(1, 1)
         wait_for(lambda: belt_runs() == 'no', 'the stop')
         wait_for(lambda: time.time_ns() > due + 200 * MS, 'the time without the stop')
