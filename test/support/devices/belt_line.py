@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.ports import NODES
+from checkweigher_driver.line_io.belt_record import OnBelt
 
 MACHINE = Path(__file__).with_name('belt_machine.py')
 GOOD, LIGHT, HEAVY = 150.0, 80.0, 240.0  # g
@@ -130,11 +131,15 @@ class BeltLine:
         lines = self.events_file.read_text(encoding='utf-8').splitlines()
         return [json.loads(line) for line in lines]
 
-    def recorded(self) -> list[str]:
+    def recorded(self) -> tuple[str, ...]:
         """Return what is on the belt by the record of the driver."""
-        (record,) = (self.folder / 'state' / 'checkweigher').iterdir()
-        items: list[str] = json.loads(record.read_bytes().split(b'\n')[0])[1]
-        return items
+        return OnBelt.of_line(self.record.read_bytes()).items
+
+    @property
+    def record(self) -> Path:
+        """The record of the belt."""
+        (record,) = (self.folder / 'state' / 'checkweigher').glob('*.belt')
+        return record
 
     def runs(self) -> bool:
         """Tell whether the belt runs."""

@@ -89,7 +89,7 @@ def interrupted(line: BeltLine, rng: random.Random) -> None:
     line.start()
 
 
-def supervisor_killed(line: BeltLine, rng: random.Random) -> None:
+def all_killed(line: BeltLine, rng: random.Random) -> None:
     assert line.command is not None
     nodes = NODES if line.processes else ('line',)
     left = [pid for node in (*nodes, 'product') for pid in line.pids(node)]
@@ -100,6 +100,21 @@ def supervisor_killed(line: BeltLine, rng: random.Random) -> None:
         if Path(f'/proc/{pid}').exists():
             os.kill(pid, signal.SIGKILL)
     line.wait_for(lambda: not any(Path(f'/proc/{pid}').exists() for pid in left), 'the end')
+
+
+def supervisor_killed(line: BeltLine, rng: random.Random) -> None:
+    all_killed(line, rng)
+    line.start()
+
+
+def record_damaged(line: BeltLine, rng: random.Random) -> None:
+    all_killed(line, rng)
+    data = bytearray(line.record.read_bytes())
+    begin, end = sorted(rng.sample(range(data.index(b'\n')), 2))
+    data[begin:end] = rng.choice((b'', b'\0' * (end - begin), rng.randbytes(end - begin)))
+    line.record.write_bytes(rng.choice((b'', data[:begin], data, data)))
+    if rng.random() < 0.2:
+        line.record.unlink()
     line.start()
 
 
@@ -123,6 +138,7 @@ OF_ALL = [
     deactivated('reject'),
     Fault('supervisor killed', supervisor_killed, stops=True),
     Fault('line interrupted', interrupted, stops=True),
+    Fault('line killed, record damaged', record_damaged, stops=True),
 ]
 IN_ONE_PROCESS = [killed('line'), halted('line'), *OF_ALL]
 IN_PROCESSES = [

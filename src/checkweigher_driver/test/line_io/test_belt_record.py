@@ -129,18 +129,8 @@ WITH_A_PRODUCT = (
 def test_no_damage_hides_a_product(belt):
     line = belt.line()
     assert OnBelt.of_line(line) == belt
-    for place in range(len(line)):
-        spoilt = [line[:place], line[:place] + line[place + 1 :]]
-        spoilt += [line[:place] + bytes([byte]) + line[place + 1 :] for byte in b'\0\n ]0e\xff']
-        assert all(OnBelt.of_line(each).to_look_for() for each in spoilt), place
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize('belt', WITH_A_PRODUCT)
-def test_no_damage_hides_a_product_soak(belt):
-    line = belt.line()
     cuts = list(combinations(range(len(line) + 1), 2))
-    spoilt = [line[:begin] + line[end:] for begin, end in cuts]
+    spoilt = [line[:begin] + line[end:] for begin, end in cuts]  # also each truncation
     spoilt += [line[:begin] + b'\0' * (end - begin) + line[end:] for begin, end in cuts]
     spoilt += [
         line[:place] + bytes([byte]) + line[place + 1 :]
