@@ -86,9 +86,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self.subscribe(ports.PERMISSION, self._outputs.take)
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         source = self.parameters.source
-        self._calibration = CalibrationServices(
-            self, calibration, source, lambda: self.stream.sent, self._restart_stream
-        )
+        self._calibration = CalibrationServices(self, calibration, source, self._restart_stream)
         self._look_timer = self.create_timer(
             _LOOK_PERIOD, self._look_after_machine, autostart=False
         )

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream of a source: announced, sent in step with the line behind it, and ended."""
 
-from collections import deque
 from collections.abc import Callable
 import math
 import threading
@@ -29,7 +28,6 @@ _REMINDER = 5.0  # s
 # shows may not know the writer yet, and would learn of the stream from the next heartbeat, after
 # 3 s. Until then it would take the first items for those of another stream.
 _REPEATS = (0.2, 0.5, 1.0)
-_MAX_EDGES = 400  # 20 s and more at five items a second
 
 
 class SentStream:
@@ -40,7 +38,6 @@ class SentStream:
         self.flow = FlowControl()
         self.edges_sent = 0
         self.stamp = 0  # of the last block, ns
-        self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
 
     def add(self, event: Event) -> None:
         """Add an event that is about to be sent."""
@@ -48,13 +45,7 @@ class SentStream:
         if isinstance(event, SampleBlock):
             self.stamp = event.stamp
         elif isinstance(event, EyeEdge):
-            self._edges.append(event)
             self.edges_sent += 1
-
-    @property
-    def latest_edges(self) -> tuple[EyeEdge, ...]:
-        """The latest edges, up to 400."""
-        return tuple(self._edges)
 
     def status(self, state: StreamState, text: str) -> StreamStatus:
         """Return the progress of the stream."""

@@ -32,7 +32,6 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticCalibration,
     StaticReading,
 )
-from checkweigher_driver.source_stream import SentStream
 
 _SILENCE = 5.0  # s beyond the patience of a reading, after which no samples come
 
@@ -45,8 +44,7 @@ _Answer = tuple[bool, str, StaticReading | None]  # success, message, and the re
 class CalibrationServices:
     """Services that read loads at rest, calibrate, write the file and restart the stream with it.
 
-    `sent` returns the latest stream. `restart` begins a new stream; it returns why that
-    could not be done, else an empty string.
+    `restart` begins a new stream; it returns why that could not be done, else an empty string.
     """
 
     def __init__(
@@ -54,13 +52,13 @@ class CalibrationServices:
         node: StageNode[Any],
         parameters: CalibrationParameters,
         source: str,
-        sent: Callable[[], SentStream],
         restart: Callable[[], str],
     ) -> None:
         self._node = node
         self._parameters = parameters
         self._source = source
-        self._sent = sent
+        self._edges: dict[int, EyeEdge] = {}  # the latest of each eye in the stream
+        self._stamp = 0  # of the latest block, ns
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
         self._waiting: Future | None = None  # answer of a call that waits while a load is read
@@ -94,6 +92,7 @@ class CalibrationServices:
 
     def begin(self, load_cell: LoadCell) -> None:
         """Begin a session with a new stream of a load cell."""
+        self._edges.clear()
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
@@ -102,7 +101,11 @@ class CalibrationServices:
         self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Process an event that was published. The caller has the lock of the process."""
+        """Process an event that is published. The caller has the lock of the process."""
+        if isinstance(event, EyeEdge):
+            self._edges[event.eye] = event
+        else:
+            self._stamp = event.stamp
         session = self._session
         if session is None or self._waiting is None:
             return
@@ -149,7 +152,7 @@ class CalibrationServices:
         """Read a load."""
         try:
             session, _ = self._checked()
-            session.begin(mass, uncertainty, self._sent().latest_edges)
+            session.begin(mass, uncertainty, self._edges.values())
         except ValueError as error:
             return self._refused(str(error))
         self._waiting = Future()
@@ -182,7 +185,7 @@ class CalibrationServices:
         session = self._session
         self._refuse('cancelled')
         if session is not None:
-            self.begin(session.load_cell)
+            self._session = CalibrationSession(session.load_cell, self._parameters.steadiness)
         points = 0 if session is None else len(session.points)
         response.success, response.message = True, f'{points} readings forgotten'
         return response
@@ -194,8 +197,8 @@ class CalibrationServices:
             setattr(response, name, math.nan)
         try:
             session, path = self._checked()
-            sent, now = self._sent(), time.monotonic()
-            found = session.finish(float(request.max_residual), sent.latest_edges, sent.stamp, now)
+            edges, residual = self._edges.values(), float(request.max_residual)
+            found = session.finish(residual, edges, self._stamp, time.monotonic())
             version = await self._write(session, path, found)
         except ValueError as error:
             response.message = str(error)

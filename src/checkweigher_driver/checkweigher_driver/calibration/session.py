@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A calibration on a line: known masses, read one after the other while no product passes."""
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -84,10 +84,10 @@ class CalibrationSession:
         self.reading: RestReading | None = None  # None while idle
         self._load = (0.0, 0.0)  # mass and uncertainty of the load that is read, kg
 
-    def begin(self, mass: float, uncertainty: float, edges: Sequence[EyeEdge]) -> None:
+    def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
         """Begin to read a load; mass and uncertainty in kg, both 0 for the empty belt.
 
-        `edges` are the latest of the line. Raises CalibrationError if the load cannot be read now.
+        `edges` are the latest of each eye. Raises CalibrationError if the load cannot be read now.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
@@ -130,12 +130,12 @@ class CalibrationSession:
         self.reading = None
 
     def finish(
-        self, max_residual: float, edges: Sequence[EyeEdge], stamp: int, now: float
+        self, max_residual: float, edges: Collection[EyeEdge], stamp: int, now: float
     ) -> StaticCalibration:
         """Return the calibration of the points; they are kept.
 
         `max_residual` is the largest residual of a mass in kg, 0 for any. `edges` are the latest of
-        the line, `stamp` is that of its last block, ns, and `now` is in s on the clock of `add`.
+        each eye, `stamp` is that of the last block, ns, and `now` is in s on the clock of `add`.
         Raises CalibrationError if the points make no calibration, or a product may be on the belt.
         """
         if self.reading is not None:
@@ -148,7 +148,7 @@ class CalibrationSession:
                 'drifts; call cancel_calibration and begin again'
             )
         _check_clear(edges)
-        if edges and stamp - edges[-1].stamp < _QUIET:
+        if any(stamp - edge.stamp < _QUIET for edge in edges):
             raise CalibrationError(
                 f'an eye has switched within the last {_QUIET / NANOSECONDS:g} s; stop the feed, '
                 'and wait until nothing passes'
@@ -173,8 +173,9 @@ class CalibrationSession:
         return zero_only(self.points[0], self.load_cell.counts_per_kg)
 
 
-def _check_clear(edges: Sequence[EyeEdge]) -> None:
-    """Raise CalibrationError if an eye is blocked after some edges."""
-    for eye, blocked in {edge.eye: edge.blocked for edge in edges}.items():
-        if blocked:
-            raise CalibrationError(f'the {Eye(eye).name.lower()} eye is blocked; empty the belt')
+def _check_clear(edges: Collection[EyeEdge]) -> None:
+    """Raise CalibrationError if an eye is blocked after its latest edge."""
+    for edge in edges:
+        if edge.blocked:
+            eye = Eye(edge.eye).name.lower()
+            raise CalibrationError(f'the {eye} eye is blocked; empty the belt')

@@ -77,7 +77,7 @@ def test_nothing_is_read_while_products_pass():
     session = CalibrationSession(CELL, STEADINESS)
     with pytest.raises(CalibrationError, match='infeed eye is blocked'):
         session.begin(0.0, 0.0, [BLOCKED])
-    session.begin(0.0, 0.0, [BLOCKED, CLEAR])
+    session.begin(0.0, 0.0, [CLEAR])
     assert session.add(block(0, 1000), 0.0) is None
     with pytest.raises(CalibrationError, match='infeed eye has switched'):
         session.add(BLOCKED, 0.0)
@@ -100,7 +100,7 @@ def test_the_points_make_a_calibration_when_nothing_passes():
         session.finish(0.0, (), 0, 0.0)
     fed(session, 0.0, 0.0)
     fed(session, 0.5, 0.5)
-    edges, soon, later = (BLOCKED, CLEAR), NANOSECONDS, 3 * NANOSECONDS
+    edges, soon, later = (CLEAR,), NANOSECONDS, 3 * NANOSECONDS
     with pytest.raises(CalibrationError, match='wait until nothing passes'):
         session.finish(0.0, edges, soon, 0.0)
     with pytest.raises(CalibrationError, match='more than 60 min ago'):
