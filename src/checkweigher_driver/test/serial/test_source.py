@@ -113,16 +113,6 @@ def replaced(link):
     return reader
 
 
-def overflowing(link):
-    """Return the reader of a device whose status says overflow."""
-    machine = SerialDevice(link, '--rate', RATE, '--status', 0b0010)
-    reader = Reader(make('aed', link, checksum=False))
-    reader.wait_for_samples(20)
-    reader.close()
-    machine.end()
-    return reader
-
-
 def slower(link):
     """Return what a source says of a device that is set to another rate."""
     machine = SerialDevice(link, '--rate', 600)
@@ -143,7 +133,7 @@ def running(tmp_path_factory):
 
     with ThreadPoolExecutor(8) as pool:
         done = {name: pool.submit(travel, *line, port()) for name, line in LINES.items()}
-        for task in (stopped, replaced, overflowing, slower):
+        for task in (stopped, replaced, slower):
             done[task] = pool.submit(task, port())
         yield done
 
@@ -292,11 +282,6 @@ def test_a_device_that_is_set_to_another_rate_is_said_to_be(running):
     )
     assert found
     assert float(found[1]) == pytest.approx(600, rel=0.1)
-
-
-def test_an_overflow_that_the_device_reports_is_a_saturated_reading(running):
-    counts = np.concatenate([block.counts for block in running[overflowing].result().events])
-    assert set(counts.tolist()) <= {-(2**23), 2**23 - 1}
 
 
 def test_a_port_that_cannot_be_opened_says_why(device, tmp_path):

@@ -10,6 +10,8 @@ from itertools import cycle
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_recording.simulation.noise import Array
+
 # Half of the mass of a product that is half on the belt moves with the platform. The share is
 # kept constant over 1/16 of the crossing. The error is at most 1/32 of the product.
 _STAIRS = 16
@@ -101,25 +103,23 @@ class BeltTravel:
         self.passes += added
         return added
 
-    def travel(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travel(self, time: Array) -> Array:
         """Return the travel in m since the first entry, at times (n,) within the plan."""
         return np.interp(time, self._times, self._travels)
 
-    def load(self, time: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
+    def load(self, time: Array, travel: Array) -> Array:
         """Return the mass on the belt in kg at times and their travels, (n,) each."""
         load = np.full(len(time), self.resting)
         for entry, touched in self.touched(time):
             load[touched] += entry.mass * self.share(entry, travel[touched])
         return load
 
-    def touched(self, time: NDArray[np.float64]) -> Iterator[tuple[Pass, slice]]:
+    def touched(self, time: Array) -> Iterator[tuple[Pass, slice]]:
         """Yield each pass with the slice of the times, (n,), at which it is on the belt."""
         for entry in self.passes:
             yield entry, slice(*np.searchsorted(time, (entry.t1, entry.t4)))
 
-    def load_steps(
-        self, time: NDArray[np.float64], travel: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    def load_steps(self, time: Array, travel: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the mass that moves with the platform as a staircase.
 
         Returns the steps at which it changes, (m + 1,) from 0 to n, and the mass between them,
@@ -138,7 +138,7 @@ class BeltTravel:
             mass += entry.mass * np.where((share > 0) & (share < 1), stair, share)
         return bounds, mass
 
-    def share(self, entry: Pass, travel: NDArray[np.float64]) -> NDArray[np.float64]:
+    def share(self, entry: Pass, travel: Array) -> Array:
         """Return the fraction of a product on the belt, in 0..1, at travels (n,) in m."""
         way = travel - entry.travel
         leaving = way - self._line.weigh_length

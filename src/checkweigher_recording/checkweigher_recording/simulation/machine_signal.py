@@ -6,7 +6,6 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
 from checkweigher_recording.simulation.machine import (
@@ -17,10 +16,8 @@ from checkweigher_recording.simulation.machine import (
     Transfer,
     generator,
 )
-from checkweigher_recording.simulation.noise import FloorNoise, Wander, white
+from checkweigher_recording.simulation.noise import Array, FloorNoise, Wander, white
 from checkweigher_recording.simulation.platform_dynamics import Platform
-
-Array = NDArray[np.float64]
 
 _TYPICAL_MASS = 0.165  # kg, reference mass of the disturbance parameters
 

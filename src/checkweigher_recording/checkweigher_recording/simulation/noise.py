@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 FLOOR_BAND = (4.0, 12.0)  # Hz
 
 _WAVES = 12
 
 
-def white(
-    density: float, step: float, steps: int, random: np.random.Generator
-) -> NDArray[np.float64]:
+def white(density: float, step: float, steps: int, random: np.random.Generator) -> Array:
     """Return white noise at steps of `step` s from the square root of its one-sided density."""
     # The power density times the bandwidth, which is half the step rate.
     return density * math.sqrt(1 / step / 2) * random.standard_normal(steps)
@@ -34,7 +34,7 @@ class FloorNoise:
         width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
         self._share = math.sqrt(width / (rate / 2))
 
-    def __call__(self, steps: int) -> NDArray[np.float64]:
+    def __call__(self, steps: int) -> Array:
         """Return the next steps, (steps,)."""
         from scipy.signal import sosfilt
 
@@ -57,7 +57,7 @@ class Wander:
         self._phases = 2 * math.pi * random.random(_WAVES)
         self._fastest = fastest
 
-    def __call__(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, at: Array) -> Array:
         """Return the function at (n,) ascending arguments."""
         # Interpolate linearly between knots that are close for the fastest sine.
         knots = np.arange(math.floor(at[0] * 20 * self._fastest), at[-1] * 20 * self._fastest + 2)

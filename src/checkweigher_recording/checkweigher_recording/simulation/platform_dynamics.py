@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_recording.simulation.machine import Mode
+from checkweigher_recording.simulation.noise import Array
 
 
 @dataclass
@@ -34,9 +35,7 @@ class Platform:
     _reading: float = field(default=0.0, init=False)
     _rate: float = field(default=0.0, init=False)
 
-    def run(
-        self, force: NDArray[np.float64], bounds: NDArray[np.intp], loads: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def run(self, force: Array, bounds: NDArray[np.intp], loads: Array) -> Array:
         """Return the reading at the begin of each step under a force, both (n,) in kg.
 
         `loads`, (m,) in kg, is the mass on the platform between the steps `bounds`, (m + 1,) from
@@ -47,7 +46,7 @@ class Platform:
             reading[begin:end] = self._run_at(force[begin:end], float(load))
         return reading
 
-    def _run_at(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
+    def _run_at(self, force: Array, load: float) -> Array:
         from scipy.signal import lfilter  # the import takes half a second
 
         a11, a12, a21, a22 = self.transition(load)

@@ -37,7 +37,7 @@ from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
 from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
-from checkweigher_recording.simulation.noise import FloorNoise, white
+from checkweigher_recording.simulation.noise import Array, FloorNoise, white
 from checkweigher_recording.simulation.platform_dynamics import Platform
 
 OVERSAMPLING = 8  # steps of the integration in one sample
@@ -372,7 +372,7 @@ class _Machine:
         """
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
 
-    def _convert(self, reading: NDArray[np.float64], first: int) -> NDArray[np.int32]:
+    def _convert(self, reading: Array, first: int) -> NDArray[np.int32]:
         """Return readings in kg as counts, with noise and drift of the electronics and limits."""
         parameters = self._parameters
         time = (first + np.arange(len(reading))) / parameters.sample_rate
@@ -404,9 +404,7 @@ class _ProfileSignal:
         """Return a pass with the times of the photo-eyes, which are exact."""
         return entry
 
-    def reading(
-        self, time: NDArray[np.float64], travel: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def reading(self, time: Array, travel: Array) -> Array:
         """Return the reading in the next steps, (n,) in kg, from their times and travels."""
         force = self._belt.load(time, travel)
         self._add_lines(force, travel)
@@ -415,13 +413,11 @@ class _ProfileSignal:
             self._add_impact(force, time, entry)
         return self._platform.run(force, *self._belt.load_steps(time, travel))
 
-    def electronics(
-        self, reading: NDArray[np.float64], time: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def electronics(self, reading: Array, time: Array) -> Array:
         """Return samples, (n,) in kg, with the noise of the electronics."""
         return reading + self._profile.electronic * self._electronic.standard_normal(len(reading))
 
-    def _add_lines(self, force: NDArray[np.float64], travel: NDArray[np.float64]) -> None:
+    def _add_lines(self, force: Array, travel: Array) -> None:
         """Add the vibration of the parts that turn with the belt: rollers and motor."""
         *roller, motor = self._phases
         for order, (amplitude, phase) in enumerate(
@@ -433,7 +429,7 @@ class _ProfileSignal:
             angle = 2 * math.pi * self._profile.motor_frequency * travel + motor
             force += self._belt.speed * self._profile.motor * np.sin(angle)
 
-    def _add_noise(self, force: NDArray[np.float64]) -> None:
+    def _add_noise(self, force: Array) -> None:
         """Add broadband noise and the floor's vibration."""
         if self._profile.broadband:
             density = self._profile.broadband * self._belt.speed
@@ -441,9 +437,7 @@ class _ProfileSignal:
         if self._profile.floor:
             force += self._profile.floor * self._floor(len(force))
 
-    def _add_impact(
-        self, force: NDArray[np.float64], time: NDArray[np.float64], entry: Pass
-    ) -> None:
+    def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
         """Add the impact of a product on the belt, half a sine."""
         size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
         begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))

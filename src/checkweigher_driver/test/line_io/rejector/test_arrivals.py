@@ -9,7 +9,6 @@ import pytest
 from checkweigher_core.records import Decision, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_driver.line_io.rejector.arrivals import Arrivals, Times, at_station
-from checkweigher_driver.line_io.rejector.belt_items import BeltItem
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 
 MS = 1_000_000
@@ -43,13 +42,3 @@ def test_a_station_is_before_or_behind_the_rejector():
     assert at_station(verdict, times) == Times(1000, 100, 0)
     assert at_station(Verdict(1, 100, Decision.ACCEPT, station=2), times) is None
     assert at_station(Verdict(1, 100, Decision.ACCEPT), times) == times
-
-
-def test_an_item_without_a_verdict_is_due_after_the_way_of_the_one_before():
-    arrivals, verdict, now = judged(500)
-    to_monotonic = arrivals.clock.look()
-    items = [BeltItem(now - to_monotonic)]
-    assert arrivals.unjudged(items, now + 10**12, 0, to_monotonic) == []  # no way is known yet
-    arrivals.times(verdict, now)
-    assert arrivals.unjudged(items, now + 690 * MS, 0, to_monotonic) == []
-    assert arrivals.unjudged(items, now + 720 * MS, 0, to_monotonic) == items
