@@ -193,12 +193,13 @@ class SourceStream:
             with LOCK:
                 if self._stopping:
                     return
-                if self._repeats and time.monotonic() > self._repeats[0]:
-                    del self._repeats[0]
-                    self.report(StreamState.RUNNING, self._trouble)
                 self._send(event)
 
     def _send(self, event: Event) -> None:
+        """Send an event, and before it the status if that is to be repeated."""
+        if self._repeats and time.monotonic() > self._repeats[0]:
+            del self._repeats[0]
+            self.report(StreamState.RUNNING, self._trouble)
         self._note(event)
         self.sent.add(event)
         if isinstance(event, SampleBlock):

@@ -81,30 +81,8 @@ class BeltRecord:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        begun = path.with_name(f'{path.name}.begun')
         try:
-            new_folders = [folder for folder in path.parents if not folder.exists()]
-            path.parent.mkdir(parents=True, exist_ok=True)
-            created = not os.path.lexists(path)
-            flags = os.O_RDWR | os.O_CLOEXEC | (os.O_CREAT | os.O_EXCL if created else 0)
-            self._file = os.open(path, flags, 0o644)
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                data = os.pread(self._file, _SIZE, 0)
-                os.posix_fallocate(self._file, 0, _SIZE)
-                first = created and not begun.exists()
-                if first:
-                    self._write(OnBelt())
-                    os.fsync(self._file)
-                with suppress(PermissionError):  # then nobody here can remove the record either
-                    begun.touch()
-                for folder in (path, *new_folders):
-                    sync_folder(folder.parent)
-            except OSError as error:
-                if created and not isinstance(error, BlockingIOError):
-                    path.unlink()  # a first start that is refused leaves no record
-                os.close(self._file)
-                raise
+            self.found = self._open()
         except OSError as error:
             why = error.strerror or str(error)
             if isinstance(error, BlockingIOError):
@@ -112,10 +90,42 @@ class BeltRecord:
             raise ParameterError(
                 f'{_NAME}: {str(path)!r}: {why}; must be a file that outlives this process'
             ) from None
-        self.found = OnBelt() if first else OnBelt.of_line(data)
         self._kept = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
         self._writing = self._writer.submit(lambda: None)  # the last write
+
+    def _open(self) -> OnBelt:
+        """Open the file, or create it; return the state at the end of the run before."""
+        path = self._path
+        new_folders = [folder for folder in path.parents if not folder.exists()]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        created = not os.path.lexists(path)
+        flags = os.O_RDWR | os.O_CLOEXEC | (os.O_CREAT | os.O_EXCL if created else 0)
+        self._file = os.open(path, flags, 0o644)
+        try:
+            found = self._begin(created)
+            for folder in (path, *new_folders):
+                sync_folder(folder.parent)
+        except OSError as error:
+            if created and not isinstance(error, BlockingIOError):
+                path.unlink()  # a first start that is refused leaves no record
+            os.close(self._file)
+            raise
+        return found
+
+    def _begin(self, created: bool) -> OnBelt:
+        """Lock, read and allocate the file, and note beside it that there is a record."""
+        begun = self._path.with_name(f'{self._path.name}.begun')
+        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        found = OnBelt.of_line(os.pread(self._file, _SIZE, 0))
+        os.posix_fallocate(self._file, 0, _SIZE)
+        if created and not begun.exists():  # the first start
+            found = OnBelt()
+            self._write(found)
+            os.fsync(self._file)
+        with suppress(PermissionError):  # then nobody here can remove the record either
+            begun.touch()
+        return found
 
     def keep(self, belt: OnBelt) -> None:
         """Write the state of the belt: to the disk before it is released, else soon.

@@ -59,10 +59,13 @@ class Sorter:
         if verdict.station:
             self._divert(there, now, verdict.station)
         if self._permitting:
-            given = False
-            if arrivals and passage is not None and not self._was_stopped(times):
-                given = self.permits.permit(arrivals[0], passage, now)
-            self.figures['permits' if given else 'permits withheld'] += 1
+            known = passage is not None and not self._was_stopped(times)
+            self._permit(arrivals[0] if arrivals and known else None, passage or 0, now)
+
+    def _permit(self, arrival: int | None, passage: int, now: int) -> None:
+        """Permit an accepted item to pass, if it is known when it arrives."""
+        given = arrival is not None and self.permits.permit(arrival, passage, now)
+        self.figures['permits' if given else 'permits withheld'] += 1
 
     def _was_stopped(self, times: Times | None) -> bool:
         """Return whether the line has stopped the belt since an item was at the outfeed eye."""

@@ -40,20 +40,20 @@ class SwitchTiming:
 
     def add(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> list[str]:
         """Add outputs that were switched between two times; return the late ones in words."""
-        delays = []
-        if before.reject != after.reject and due.reject <= begun:
+        rejector = before.reject != after.reject and due.reject <= begun
+        if rejector:
             self._count(1e-6 * ((begun + done) / 2 - due.reject), 1e-6 * (done - begun) / 2)
-            if after.reject:
-                delays.append(('the rejector was', done - due.reject))
         stations = zip(before.stations, after.stations, strict=True)
-        if due.station <= begun and any(new and not old for old, new in stations):
-            delays.append(('a station was', done - due.station))
-        if before.permit and not after.permit:
-            delays.append(('the end of a permit was', done - due.permit))
+        station = due.station <= begun and any(new and not old for old, new in stations)
+        delays = (
+            ('the rejector was', rejector and after.reject, done - due.reject),
+            ('a station was', station, done - due.station),
+            ('the end of a permit was', before.permit and not after.permit, done - due.permit),
+        )
         return [
             f'{what} {1e-6 * late:.0f} ms late; look behind it'
-            for what, late in delays
-            if late > self._late_tolerance
+            for what, matters, late in delays
+            if matters and late > self._late_tolerance
         ]
 
     def _count(self, error: float, uncertainty: float) -> None:
