@@ -8,17 +8,19 @@ from checkweigher_core.records import Decision, MassEstimate, ProductOnLine, Ver
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
+_NOISE = 1e-3  # kg, largest standard deviation of a mass that is smaller than that
+
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Return the verdict on an estimate by the limits of the product.
 
-    An item that was not weighed is a FAULT. So is one of a wrong length or speed, but it keeps its
-    mass.
+    An item that was not weighed is a FAULT. So is one of a wrong length or speed, or of a mass
+    without a usable standard deviation, but it keeps its mass.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
     if product.performance_test:  # a pass without a mass is a pass of the test as well
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
-    decision = decide(estimate, product.lower_limit, product.upper_limit)
+    decision = decide(estimate.mass, product.lower_limit, product.upper_limit)
     reject_at = parameters.reject_time(estimate.t3, estimate.line_speed)
     return Verdict(
         estimate.item_id,
@@ -36,12 +38,14 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
-    """Return the reasons against an item that was weighed, apart from its mass.
+    """Return the reasons against an item that was weighed, apart from the limits of its mass.
 
     An unknown length or speed is outside any range that is set.
     """
     length = estimate.product_length
-    found = [Reason.NO_PRODUCT] if limits.needed and not limits.product else []
+    found = [] if _is_certain(estimate) else [Reason.NO_CONVERGENCE]
+    if limits.needed and not limits.product:
+        found.append(Reason.NO_PRODUCT)
     if _outside(length, limits.min_length, limits.max_length):
         if math.isnan(length):
             found.append(Reason.BAD_WINDOW)
@@ -54,16 +58,18 @@ def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
     return found
 
 
+def _is_certain(estimate: MassEstimate) -> bool:
+    """Return whether there is a mass, and a standard deviation that says something about it."""
+    largest = max(abs(estimate.mass), _NOISE)
+    return math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest  # NaN is not
+
+
 def _outside(value: float, low: float, high: float) -> bool:
     return (low > 0 or high < math.inf) and not low <= value <= high  # NaN is outside
 
 
-def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:
-    """Return the decision by the limits in kg, which belong to the accepted range."""
-    if not estimate.weighed or not math.isfinite(estimate.mass):
-        return Decision.FAULT
-    if estimate.mass < lower_limit:
+def decide(mass: float, lower_limit: float, upper_limit: float) -> Decision:
+    """Return the decision on a mass by the limits in kg, which belong to the accepted range."""
+    if mass < lower_limit:
         return Decision.UNDER
-    if estimate.mass > upper_limit:
-        return Decision.OVER
-    return Decision.ACCEPT
+    return Decision.OVER if mass > upper_limit else Decision.ACCEPT

@@ -10,7 +10,6 @@ import pytest
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import Decision, MassEstimate, ProductOnLine
 from checkweigher_dsp.rejection import limits
-from checkweigher_dsp.rejection.limits import decide
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 
@@ -173,6 +172,15 @@ def test_limits_that_cannot_be_are_refused_by_name(name, values):
             replace(RANGES, **{'upper_limit': 0.2, name: value})
 
 
-@pytest.mark.parametrize('mass', [math.inf, -math.inf, math.nan])
-def test_a_mass_that_is_no_number_is_a_fault_even_without_limits(mass):
-    assert decide(MassEstimate(1, 1, 2, 3, mass=mass), -math.inf, math.inf) == Decision.FAULT
+@pytest.mark.parametrize(
+    ('mass', 'std_dev'),
+    [
+        *[(mass, 1e-4) for mass in (math.inf, -math.inf, math.nan)],
+        *[(0.15, std_dev) for std_dev in (math.nan, math.inf, -math.inf, -1.0, 1e300, 0.151)],
+    ],
+)
+def test_a_mass_without_a_usable_deviation_is_a_fault_even_without_limits(mass, std_dev):
+    verdict = judge(_estimate(mass, std_dev=std_dev), RejectParameters())
+
+    assert (verdict.decision, verdict.reasons) == (Decision.FAULT, ('NoConvergence',))
+    assert verdict.mass == pytest.approx(mass, nan_ok=True)
