@@ -25,19 +25,19 @@ _MAX_UNPAIRED = 1000  # estimates without a verdict, and verdicts without an est
 class ResultListener(PortNode):
     """Node that pairs the estimates and verdicts of a lane.
 
-    With `from_start` it also receives those from before its start. The queue `weighings` has the
-    pairs and may be read from any thread. `judged` is the number of pairs, `heard` the time of the
-    last record in s of the monotonic clock.
+    It also receives those that their nodes keep from before it was there: a node that is started
+    again may have sent some before it is discovered. The queue `weighings` has the pairs and may be
+    read from any thread. `judged` is the number of pairs, `heard` the time of the last record in s
+    of the monotonic clock.
     """
 
-    def __init__(self, name: str, *, from_start: bool) -> None:
+    def __init__(self, name: str) -> None:
         super().__init__(name)
         # Not a SimpleQueue: in CPython 3.11 its get with a time limit never returns if a signal
         # comes when the time is about to be over.
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.judged = 0
-        self._from_start = from_start
         self._estimates: dict[int, MassEstimate] = {}
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
@@ -49,7 +49,7 @@ class ResultListener(PortNode):
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
         """Call a function with each record of a port of the lane."""
-        self.subscribe(port, callback, qos=port.qos if self._from_start else port.stage_qos)
+        self.subscribe(port, callback, qos=port.qos)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if estimate.item_id in self._verdicts:
@@ -109,7 +109,7 @@ class EchoNode(ResultListener):
     """Listener to the results and the known masses of a lane."""
 
     def __init__(self) -> None:
-        super().__init__('echo', from_start=False)
+        super().__init__('echo')
         self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
         self.listen(ports.REFERENCE_MASS, self._references.append)

@@ -43,7 +43,7 @@ class Collector(ResultListener):
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
-        super().__init__('replay', from_start=True)
+        super().__init__('replay')
         self.failure: UserError | None = None
         self._patience = patience
         self._waits = waits

@@ -28,7 +28,7 @@ except queue.Empty:
 @pytest.mark.parametrize(
     'waiting',
     [
-        "ResultListener('listener', from_start=False).weighings",
+        "ResultListener('listener').weighings",
         'RecorderNode((), None).messages',
         'VerificationNode().verdicts',
         "SampleFeed('line')._messages",

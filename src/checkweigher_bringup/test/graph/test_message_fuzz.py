@@ -136,7 +136,7 @@ def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
     """Send `count` things to a line, check that it lives and weighs a bag; return the counts."""
     stages = make_stages()
     product = ProductNode()
-    listener = ResultListener('listener', from_start=False)
+    listener = ResultListener('listener')
     tormentor = Tormentor(seed)
     counters = Counters(listener, [f'fuzz/{node.get_name()}' for node in (*stages, product)])
     for node in (*stages, product, listener, tormentor):

@@ -48,7 +48,7 @@ def test_no_message_ends_the_driver(spinner: Spinner):
 
 def test_the_same_bag_twice_gives_the_same_masses(spinner: Spinner):
     stages = make_stages()
-    listener = ResultListener('listener', from_start=False)
+    listener = ResultListener('listener')
     for node in (*stages, listener):
         spinner.add(node)
     first = play(spinner, listener)
@@ -78,12 +78,16 @@ def test_limits_can_be_changed_while_the_line_runs_and_bad_ones_are_refused(spin
     assert node.parameters.lower_limit == 0.1
 
 
-def test_a_verdict_is_shown_although_its_estimate_was_missed(spinner: Spinner):
-    echo, reject = EchoNode(), Node('judge')
-    spinner.add(echo)
+def test_a_verdict_from_before_its_node_was_discovered_is_shown_without_its_estimate(
+    spinner: Spinner,
+):
+    reject = Node('judge')
     spinner.add(reject)
     accept = Verdict(item_id=7, estimate_id=3, decision=Verdict.ACCEPT, mass=0.15, std_dev=1e-4)
-    publish(reject, ports.VERDICT, accept)
+    port = ports.VERDICT
+    reject.create_publisher(port.type, port.name, port.qos).publish(accept)
+    echo = EchoNode()
+    spinner.add(echo)
 
     weighing = echo.weighings.get(timeout=PATIENCE)
 

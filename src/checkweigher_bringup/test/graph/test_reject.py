@@ -38,7 +38,7 @@ def start(stage: str) -> 'subprocess.Popen[bytes]':
 
 
 def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
-    listener = ResultListener('listener', from_start=False)
+    listener = ResultListener('listener')
     eyes, verdicts = heard(listener, ports.PHOTO_EYES), heard(listener, ports.VERDICT)
     reject = RejectNode(IN_TIME)
     for node in (listener, STAGE_NODES['segmenter'](), STAGE_NODES['denoise'](), reject):

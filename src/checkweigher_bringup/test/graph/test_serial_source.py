@@ -30,7 +30,7 @@ def test_the_graph_weighs_over_a_port_what_weigh_does_from_the_bag(tmp_path: Pat
     device = SerialDevice(port, '--bag', bag)
     try:
         with spinning('serial') as spinner:
-            listener = ResultListener('listener', from_start=False)
+            listener = ResultListener('listener')
             spinner.add(listener)
             for name, make in STAGE_NODES.items():
                 # However long a busy machine takes for a mass.
