@@ -137,10 +137,7 @@ def verdicts_in_time(
     for now, record in records:
         while stage.due is not None and stage.due < now:
             verdicts += stage.advance(stage.due)
-        if isinstance(record, StreamStatus):
-            stage.hear_segmenter(record)
-        else:
-            verdicts += stage.take(record, now)
+        verdicts += stage.take(record, now)
     while stage.due is not None:
         verdicts += stage.advance(stage.due)
     return verdicts

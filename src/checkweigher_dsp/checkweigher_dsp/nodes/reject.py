@@ -210,12 +210,12 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._verdict_watch.add_edge(time.monotonic(), edge.stamp)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         self._look_at_inspection()
-        self._stage.add_edge(edge, self._now())
+        self._stage.take(edge, self._now())
         self._go_on()
 
     def _on_item(self, item: Item) -> None:
         late = self._stage.late_items
-        self._publish(self._stage.add_item(item, self._now()))
+        self._publish(self._stage.take(item, self._now()))
         if self._stage.late_items > late:
             self.count('late items')
         self._go_on()
@@ -223,13 +223,13 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _on_segmenter(self, status: StreamStatus) -> None:
         self._permission.rule.add_progress(status, time.monotonic_ns())
         if status.stream == self._stream:
-            self._stage.hear_segmenter(status)
+            self._stage.take(status)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if not self._active:
             return
         late = self._stage.late_estimates
-        self._publish(self._stage.add_estimate(estimate, self._now()))
+        self._publish(self._stage.take(estimate, self._now()))
         if self._stage.late_estimates > late:
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
@@ -239,9 +239,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         """Judge the items that can wait no longer, if the node is active."""
         if not self._active:
             return
-        unknown = self._stage.unknown_estimates
+        unknown = self._stage.early.unknown
         self._publish(self._stage.advance(self._now()))
-        if self._stage.unknown_estimates > unknown:
+        if self._stage.early.unknown > unknown:
             self.count(Reason.UNKNOWN_ITEM)
             self.warn(f'UnknownItem: {Reason.UNKNOWN_ITEM.hint}')
         if self._stage.out_of_numbers:
@@ -307,7 +307,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _publish(self, verdicts: list[Verdict]) -> None:
-        for number in self._stage.take_passed_over():
+        items = self._stage.items
+        passed_over, items.passed_over = items.passed_over, []
+        for number in passed_over:
             self._numbers.give(number)
         for verdict in verdicts:
             self._numbers.give(

@@ -140,10 +140,10 @@ class WeighingLine:
         weighings = []
         for step in steps:
             if isinstance(step, Item):
-                self._reject_stage.add_item(step)  # gives no verdict without a clock
+                self._reject_stage.take(step)  # gives no verdict without a clock
             else:
                 estimate = next(estimates)
-                verdicts = self._reject_stage.add_estimate(estimate)
+                verdicts = self._reject_stage.take(estimate)
                 weighings += [Weighing(estimate, verdict, step) for verdict in verdicts]
         return weighings
 

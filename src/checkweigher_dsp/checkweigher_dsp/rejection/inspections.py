@@ -14,7 +14,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from checkweigher_core.records import NANOSECONDS, Decision, ExternalReject, StopRequest, Verdict
+from checkweigher_core.records import (
+    NANOSECONDS,
+    Decision,
+    ExternalReject,
+    Item,
+    StopRequest,
+    Verdict,
+)
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
@@ -39,6 +46,13 @@ class Passage(NamedTuple):
     length: int  # t2 - t1
     transit: int  # t3 - t1, over the weigh length
     weigh_length: float  # m
+
+    @classmethod
+    def of(cls, item: Item, weigh_length: float | None) -> 'Passage | None':
+        """Return the passage of an item, None if a part of it is not known."""
+        if item.t1 is None or item.t2 is None or item.t3 is None or not weigh_length:
+            return None
+        return cls(item.t1, item.t2 - item.t1, item.t3 - item.t1, weigh_length)
 
 
 class Span(NamedTuple):

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The announced items that wait for their verdict, and the numbers of those that have it."""
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, Verdict
 
 MAX_JUDGED = 1_024  # numbers; more than the port `items` keeps for a node that is started again
+_MAX_OWN = 1_000  # numbers
 
 
 @dataclass(slots=True, eq=False)
@@ -20,7 +22,7 @@ class PendingItem:
     due: int | None = None  # latest time of the verdict
     late_from: int | None = None  # time after which the verdict is late
     ready: int | None = None  # time at which all inspection devices have answered
-    held: Verdict | None = None  # verdict by the mass, which waits for them
+    by_mass: Verdict | None = None  # verdict by the mass, which waits for them
 
 
 class PendingItems:
@@ -46,6 +48,7 @@ class PendingItems:
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:])  # in the order of the verdicts
         self.passed_over: list[int] = []
         self._forgotten = 0  # largest number with a verdict that is not kept any more
+        self._own: deque[int] = deque(maxlen=_MAX_OWN)  # of items that no segmenter announced
         self.largest = max(self._judged, default=0)
 
     def announce(self, item: Item) -> PendingItem | None:
@@ -79,18 +82,25 @@ class PendingItems:
         self.judge(number)
         self.passed_over.append(number)
 
-    def free_number(self, after: int) -> int | None:
-        """Return a number for an item that no segmenter announces, None if there is none.
+    def unannounced(self, stamp: int, after: int) -> PendingItem | None:
+        """Return an item that no segmenter announces, None if there is no number for it.
 
-        It is the next one after `after`, the largest number when the item left. A segmenter that
-        is started again goes on at the next multiple of `NUMBERS_AT_ONCE`, so the numbers below
-        that are free. Before the first announcement it would begin at 1, so none is free.
+        Its number is the next one after `after`, the largest number when the item left. A segmenter
+        that is started again goes on at the next multiple of `NUMBERS_AT_ONCE`, so the numbers
+        below that are free. Before the first announcement it would begin at 1, so none is free.
         """
         number = after + 1
         while self.has_verdict(number) or number in self.pending:
             number += 1
         gap_end = (after // NUMBERS_AT_ONCE + 1) * NUMBERS_AT_ONCE
-        return number if after > 0 and number < gap_end else None
+        if after == 0 or number >= gap_end:
+            return None
+        self._own.append(number)
+        return PendingItem(Item(stamp, 0, number))
+
+    def is_own(self, number: int) -> bool:
+        """Return whether a number was given to an item that no segmenter announced."""
+        return number in self._own
 
     def on_belt(self, before: int | None = None) -> list[PendingItem]:
         """Return the incomplete items, the oldest first, with numbers below `before` if given."""
@@ -99,3 +109,7 @@ class PendingItems:
             for number, each in sorted(self.pending.items())
             if not each.item.complete and (before is None or number < before)
         ]
+
+    def entered_before(self, stamp: int) -> PendingItem | None:
+        """Return the oldest item that was on the belt before a stamp, None if there is none."""
+        return next((each for each in self.on_belt() if (each.item.stamp or 0) < stamp), None)

@@ -1,10 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Judging an estimate by the limits of the product."""
+"""Judging an item by the limits of the product."""
 
+from dataclasses import replace
 import math
 
-from checkweigher_core.records import Decision, MassEstimate, ProductOnLine, Verdict
+from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLine, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
@@ -35,6 +36,28 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
         estimate.t1,
         estimate_id=estimate.item_id,
     )
+
+
+def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) -> Verdict:
+    """Return the verdict on an item whose mass did not come in time."""
+    test = (Reason.PERFORMANCE_TEST.value,) if product.performance_test else ()
+    return Verdict(
+        item.item_id,
+        item.t3,
+        Decision.FAULT,
+        tuple(dict.fromkeys((*test, *item.reasons, Reason.NO_ESTIMATE.value))),
+        lower_limit=product.lower_limit,
+        upper_limit=product.upper_limit,
+        reject_at=reject_at,
+        t1=item.t1,
+    )
+
+
+def refused(verdict: Verdict) -> Verdict:
+    """Return a verdict as a FAULT without a mass, because its data may come from a stranger."""
+    reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
+    nan = math.nan
+    return replace(verdict, decision=Decision.FAULT, reasons=reasons, mass=nan, std_dev=nan)
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:

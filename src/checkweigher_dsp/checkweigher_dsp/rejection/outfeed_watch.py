@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 import math
 
-from checkweigher_core.records import Eye, EyeEdge
+from checkweigher_core.records import Eye, EyeEdge, Item
 
 # An eye that was clear for less is flickering (more than the debounce_time of any line).
 FLICKER = 20_000_000  # ns
@@ -35,7 +35,8 @@ class OutfeedWatch:
 
     def __init__(self) -> None:
         self.open: list[OutfeedEdge] = []
-        self._came: dict[int, int] = {}  # arrivals of the latest edges by stamp
+        # t1 and t3 of verdicts on items that the segmenter had not completed.
+        self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
         self._explained: deque[int] = deque(maxlen=_MOST)
         self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
         self._taken: tuple[float, float] = (math.inf, -math.inf)
@@ -49,19 +50,12 @@ class OutfeedWatch:
         if not edge.blocked:
             self._clear_since = edge.stamp
             return
-        self._came[edge.stamp] = came
-        if len(self._came) > _MOST:
-            del self._came[next(iter(self._came))]
         clear = self._clear_since
         if clear is not None and 0 <= edge.stamp - clear < FLICKER:
             return
         if edge.stamp in self._explained or self._is_taken(edge.stamp):
             return
         self.open = [*self.open, OutfeedEdge(edge.stamp, came, after)][-_MOST:]
-
-    def came(self, t3: int | None) -> int | None:
-        """Return the arrival of an outfeed edge, None if it is not known."""
-        return None if t3 is None else self._came.get(t3)
 
     def explain(self, t3: int | None) -> None:
         """Remove the edge of an announced item."""
@@ -79,15 +73,26 @@ class OutfeedWatch:
         self.open = [each for each in self.open if not self._is_taken(each.stamp)]
 
     def remove(self, stamp: int) -> None:
-        """Remove the edge of a stamp, because its item has a verdict."""
+        """Remove the edge of a stamp."""
         self.open = [each for each in self.open if each.stamp != stamp]
+
+    def judge(self, t1: int | None, t3: int) -> None:
+        """Remember the edges of an item that has its verdict by them."""
+        self._judged.append((t1, t3))
+
+    def has_judged(self, item: Item) -> bool:
+        """Return whether an item had its verdict by its edges before its announcement."""
+        return any(
+            (item.t1 is not None and item.t1 == t1) or (item.t3 is not None and item.t3 == t3)
+            for t1, t3 in self._judged
+        )
 
     def restart(self) -> None:
         """Begin a new stream, of which the segmenter has taken no edge."""
         self._taken = math.inf, -math.inf
         self._clear_since = None
         self._stamps.clear()
-        self._came.clear()
+        self._judged.clear()
 
     def _is_taken(self, stamp: int) -> bool:
         first, last = self._taken

@@ -2,12 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clocks of the reject stage: the time of the stamps, and the undelayed arrival of an edge."""
 
+import math
+
 from checkweigher_core.records import NANOSECONDS
 
 # Faster than any clock of a machine runs away from another one.
 _DRIFT = 500e-6
 # Stamps further back than this are of a new stream.
 RESTART = 2 * NANOSECONDS
+
+
+def belt_speed(t1: int | None, t3: int | None, length: float | None) -> float:
+    """Return the belt speed in m/s by two edges in ns that are `length` m apart, NaN if unknown."""
+    if t1 is None or t3 is None or t3 <= t1 or length is None:
+        return math.nan
+    return length * NANOSECONDS / (t3 - t1)
 
 
 class StreamClock:

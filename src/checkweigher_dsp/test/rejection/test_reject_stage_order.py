@@ -136,7 +136,7 @@ def test_a_mass_of_what_was_never_announced_has_no_verdict():
     stage = RejectStage(PARAMETERS, BELT)
 
     assert _play(stage, Passage(7).weighed()) == []
-    assert stage.unknown_estimates == 1
+    assert stage.early.unknown == 1
     assert [v.item_id for _, v in _play(stage, Passage(3).all())] == [3]
 
 
@@ -147,7 +147,7 @@ def test_without_time_every_mass_is_waited_for_and_nothing_else_is_judged():
         for what in (*item.edges, item.entered, item.complete):
             assert stage.take(what) == []
 
-    stage.hear_segmenter(StreamStatus(items[-1].t3 + 9 * NANOSECONDS, 0, StreamState.RUNNING))
+    stage.take(StreamStatus(items[-1].t3 + 9 * NANOSECONDS, 0, StreamState.RUNNING))
     verdicts = [verdict for item in items for verdict in stage.take(item.estimate)]
 
     assert [(v.decision, v.late) for v in verdicts] == [(Decision.ACCEPT, False)] * 3
@@ -158,7 +158,7 @@ def test_a_verdict_after_its_reject_time_says_so():
     for when, what in sorted([*item.eyes(), *item.announced()], key=lambda each: each[0]):
         stage.take(what, when)
     # The clock was not read: the process had no processor time.
-    (verdict,) = stage.add_estimate(item.estimate, item.t3 + REJECT_TIME + 1)
+    (verdict,) = stage.take(item.estimate, item.t3 + REJECT_TIME + 1)
 
     assert verdict.late
 
@@ -232,7 +232,7 @@ def test_an_edge_that_the_segmenter_has_taken_is_left_to_it():
     stage, item = RejectStage(PARAMETERS, BELT), Passage(1)
     for when, what in [*item.eyes()[:2], (item.t2, item.entered), *item.eyes()[2:]]:
         assert stage.take(what, when) == []
-    stage.hear_segmenter(StreamStatus(item.t4, 1, StreamState.RUNNING, 0, 4, last_edge=item.t4))
+    stage.take(StreamStatus(item.t4, 1, StreamState.RUNNING, 0, 4, last_edge=item.t4))
 
     assert stage.due is None
 
