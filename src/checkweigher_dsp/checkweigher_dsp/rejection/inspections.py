@@ -19,6 +19,7 @@ from checkweigher_core.records import (
     Decision,
     ExternalReject,
     Item,
+    MachineConditions,
     StopRequest,
     Verdict,
 )
@@ -35,7 +36,7 @@ _MAX_JUDGED = 400
 _MAX_OUTAGES = 100
 _NAMED_PATIENCE = NANOSECONDS  # for the verdict on an item that a device names
 _SLOWEST_BELT = 0.1  # m/s; an item on a slower belt has no place
-LATENESS = 2 * NANOSECONDS  # of edges behind their samples
+_LATENESS = 2 * NANOSECONDS  # of edges behind their samples
 _EVER = 2**62  # ns, beyond any stamp
 
 
@@ -94,6 +95,13 @@ class Inspections:
         # The devices do not run until they say so. The last outage may last.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
+    def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
+        """Set whether all devices run at `stamp`, and a node is `heard` that publishes rejects."""
+        fault = StopReason.INSPECTION_FAULT in conditions.conditions
+        running = conditions.known and not fault and heard
+        # An outage may have begun before the latest edges.
+        self.set_running(running, stamp if running else stamp - _LATENESS)
+
     def set_running(self, running: bool, stamp: int) -> None:
         """Set whether all devices run from `stamp` on."""
         last = self._outages[-1]
@@ -117,7 +125,7 @@ class Inspections:
             place = self.parameters.devices.index(reject.device)
             distance = abs(self.parameters.inspection_distances[place])
             way = distance + 2 * (weigh_length or 0.0)
-            patience = round(NANOSECONDS * way / _SLOWEST_BELT) + LATENESS
+            patience = round(NANOSECONDS * way / _SLOWEST_BELT) + _LATENESS
         self._signals.append(_Signal(reject, now + patience))
 
     def over_at(self, passage: Passage | None) -> int | None:

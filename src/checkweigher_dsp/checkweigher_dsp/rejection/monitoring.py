@@ -50,8 +50,6 @@ class RejectMonitor:
         May be replaced at any time.
     request : StopRequest or None
         First reason to stop since the last reset.
-    strays : int
-        Number of edges near no reject time.
     trouble : str
         Trouble of the driver, empty for none.
     conditions : MachineConditions
@@ -65,7 +63,6 @@ class RejectMonitor:
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
         self.request: StopRequest | None = None
-        self.strays = 0
         self.trouble = ''
         self.conditions = MachineConditions(0, True)
         self.test: PerformanceTest | None = None
@@ -120,18 +117,20 @@ class RejectMonitor:
         """Request a stop, unless one is requested."""
         self.request = self.request or StopRequest(reason, item_id, stamp, text)
 
-    def advance(self, now: int) -> None:
-        """Evaluate the edges and items whose window is over at `now`, ns of the stamps."""
+    def advance(self, now: int) -> int:
+        """Evaluate the edges and items whose window is over at `now`, ns of the stamps.
+
+        Returns the number of edges that were near no reject time.
+        """
         window = self._window
-        for stamp in self._edges:
-            if stamp + window < now:
-                self._settle(stamp)
+        near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
         for item in self._expected:
             over = item.reject_at + 2 * window < now
             if over and item.rejected and not item.confirmed:
                 self.stop(StopReason.UNCONFIRMED_REJECT, item.item_id, item.reject_at)
         self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
+        return near.count(False)
 
     def restart(self) -> None:
         """Drop the edges and items, because the stamps of a new stream have no relation to them."""
@@ -148,15 +147,16 @@ class RejectMonitor:
     def _window(self) -> int:
         return round(NANOSECONDS * self.parameters.confirmation_time)
 
-    def _settle(self, stamp: int) -> None:
-        """Evaluate an edge with the item whose reject time is nearest."""
+    def _settle(self, stamp: int) -> bool:
+        """Evaluate an edge with the item whose reject time is nearest; False if none is near."""
         nearest = min(self._expected, key=lambda i: abs(i.reject_at - stamp), default=None)
         if nearest is None or abs(nearest.reject_at - stamp) > self._window:
-            self.strays += 1
-        elif nearest.rejected:
+            return False
+        if nearest.rejected:
             nearest.confirmed = True
         else:
             self.stop(StopReason.CONFIRMED_ACCEPT, nearest.item_id, nearest.reject_at)
+        return True
 
 
 def _forbids(test: PerformanceTest, now: int) -> bool:

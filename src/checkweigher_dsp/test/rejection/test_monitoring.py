@@ -25,21 +25,25 @@ def _seen(seconds, blocked=True):
     return EyeEdge(round(seconds * SECOND), Eye.OUTFEED, blocked)
 
 
-def _monitor(verdicts, edges, parameters=WINDOW):
+def _play(verdicts, edges, parameters=WINDOW):
     monitor = RejectMonitor(parameters)
     for verdict in verdicts:
         monitor.add_verdict(verdict)
     for edge in edges:
         monitor.add_edge(edge)
-    monitor.advance(FAR)
-    return monitor
+    strays = monitor.advance(FAR)
+    return monitor, strays
+
+
+def _monitor(*played):
+    return _play(*played)[0]
 
 
 @pytest.mark.parametrize('at', [2.9, 3.0, 3.1])
 def test_a_reject_that_is_seen_within_the_window_is_confirmed(at):
-    monitor = _monitor([_verdict(3)], [_seen(at), _seen(at + 0.05, blocked=False)])
+    monitor, strays = _play([_verdict(3)], [_seen(at), _seen(at + 0.05, blocked=False)])
 
-    assert (monitor.request, monitor.strays) == (None, 0)
+    assert (monitor.request, strays) == (None, 0)
 
 
 @pytest.mark.parametrize('edges', [[], [_seen(2.89)], [_seen(3.11)], [_seen(3.0, blocked=False)]])
@@ -76,13 +80,13 @@ def test_nothing_is_concluded_before_the_window_is_over():
 
 
 def test_what_passes_the_eye_near_no_item_is_counted():
-    assert _monitor([], [_seen(5.0)]).strays == 1
+    assert _play([], [_seen(5.0)])[1] == 1
 
 
 def test_without_the_eye_nothing_is_expected_there():
-    monitor = _monitor([_verdict(3)], [_seen(7.0)], RejectParameters())
+    monitor, strays = _play([_verdict(3)], [_seen(7.0)], RejectParameters())
 
-    assert (monitor.request, monitor.strays, monitor.due) == (None, 0, None)
+    assert (monitor.request, strays, monitor.due) == (None, 0, None)
 
 
 @given(st.lists(st.sampled_from(Decision), max_size=12), st.integers(0, 4))

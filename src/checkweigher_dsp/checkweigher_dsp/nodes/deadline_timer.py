@@ -1,0 +1,53 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Clock of the deadlines, and the timer that rings at the next of them."""
+
+from collections.abc import Callable
+import time
+
+from rclpy.node import Node
+
+from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
+from checkweigher_dsp.rejection.timing import StreamClock
+
+
+class DeadlineTimer:
+    """Time of the arrivals and of the stamps in ns, and the timer for what is due next.
+
+    Attributes
+    ----------
+    clock : StreamClock
+        Clock of the stamps. If it is not running, nothing is overdue by the time of the arrivals.
+    """
+
+    def __init__(self, node: Node, callback: Callable[[], None], *, running: bool) -> None:
+        self.clock = StreamClock(running=running)
+        self._timer = OneShotTimer(node, callback)
+
+    @property
+    def now(self) -> int | None:
+        """Time for the deadlines, None without deadlines."""
+        return time.monotonic_ns() if self.clock.running else None
+
+    @property
+    def stamp(self) -> int | None:
+        """Time of the stamps, None before the first message."""
+        return self.clock.at(time.monotonic_ns())
+
+    def saw(self, stamp: int) -> None:
+        """Set the clock of the stamps by a message that has just come."""
+        self.clock.saw(stamp, time.monotonic_ns())
+
+    def set(self, due: int | None, stamp: int | None) -> None:
+        """Set the timer to a time of the arrivals or to a stamp, None for neither."""
+        times = [due if self.clock.running else None]
+        if stamp is not None:
+            times.append(self.clock.reaches(stamp, time.monotonic_ns()))
+        if known := [each for each in times if each is not None]:
+            self._timer.set_by(min(known))
+        else:
+            self._timer.clear()
+
+    def clear(self) -> None:
+        """Clear the timer."""
+        self._timer.clear()

@@ -1,0 +1,84 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Output of the verdicts, with their numbers in a file, and what they say about the line."""
+
+from collections.abc import Callable
+import time
+from typing import Any
+
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.records import Verdict
+from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_dsp.health.items import VerdictWatch
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers
+from checkweigher_dsp.rejection.items import PendingItems
+
+
+class VerdictOutput:
+    """Output of the verdicts of a lane, which counts, logs and diagnoses them.
+
+    Parameters
+    ----------
+    node : StageNode
+        Node that publishes them.
+    numbers : GivenNumbers
+        File of the numbers of items that have their verdict.
+    items : PendingItems
+        Items of the stage, some of which have their verdict under another number.
+    sent : callable
+        Called with each verdict after it was published.
+
+    Attributes
+    ----------
+    output : Output
+        Output of the verdicts.
+    """
+
+    def __init__(
+        self,
+        node: StageNode[Any],
+        numbers: GivenNumbers,
+        items: PendingItems,
+        sent: Callable[[Verdict], None],
+    ) -> None:
+        self._node, self._numbers, self._items, self._sent = node, numbers, items, sent
+        self.output = node.held_output(ports.VERDICT)
+        self._watch = VerdictWatch()
+
+    def add_edge(self, stamp: int) -> None:
+        """Add the arrival of the edge with which an item begins to leave."""
+        self._watch.add_edge(time.monotonic(), stamp)
+
+    def send(self, verdicts: list[Verdict]) -> None:
+        """Publish the verdicts that the stage has given."""
+        passed_over, self._items.passed_over = self._items.passed_over, []
+        for number in passed_over:
+            self._numbers.give(number)
+        for verdict in verdicts:
+            self._send(verdict)
+
+    def _send(self, verdict: Verdict) -> None:
+        node, item = self._node, f'item {verdict.item_id}'
+        self._numbers.give(verdict.item_id)  # before it is published, so that none is given twice
+        self.output.send(verdict)  # before all else, because the rejector waits
+        self._watch.add(time.monotonic(), verdict)
+        node.count(verdict.decision.name)
+        if not verdict.estimate_id:
+            node.count(Reason.NO_ESTIMATE)
+            node.warn(f'{item}: NoEstimate: {Reason.NO_ESTIMATE.hint}')
+        if verdict.late:
+            node.count('late verdicts')
+            node.warn(f'{item}: its verdict came after its reject time')
+        self._sent(verdict)
+
+    def findings(self, now: float) -> list[Finding]:
+        """Return the findings on the verdicts, and on the line before this node."""
+        node = self._node
+        no_masses = node.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
+        margin, deadlines = node.parameters.verdict_margin, node.parameters.deadlines
+        return [
+            self._watch.verdicts(now, margin, deadlines=deadlines),
+            self._watch.line(now, 'identifier' if no_masses else ''),
+        ]
