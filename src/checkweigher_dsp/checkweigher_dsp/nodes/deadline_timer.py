@@ -47,7 +47,3 @@ class DeadlineTimer:
             self._timer.set_by(min(known))
         else:
             self._timer.clear()
-
-    def clear(self) -> None:
-        """Clear the timer."""
-        self._timer.clear()

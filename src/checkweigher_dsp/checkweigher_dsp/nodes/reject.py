@@ -59,10 +59,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._product = ProductInUse(self, self._stage)
         load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
-        self.subscribe(ports.ITEMS, self._on_item)
+        self.subscribe(ports.ITEMS, self._on_record)
         self.subscribe(ports.SEGMENTER_STATUS, self._on_segmenter, needed=False)
         eyes = self.subscribe(ports.PHOTO_EYES, self._on_edge)
-        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
+        self.subscribe(ports.MASS_ESTIMATE, self._on_record)
         self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
         self._external = self.subscribe(ports.EXTERNAL_REJECT, self._on_external_reject)
         self._stops = StopRequests(
@@ -96,7 +96,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stops.end()
         if was_active:
             self._verdicts.send(self._stage.stop(self._timer.now))
-        self._timer.clear()
+        self._timer.set(None, None)
 
     def final_outputs(self) -> list[Output]:
         """Return the outputs of the stop request and of the verdicts."""
@@ -136,27 +136,24 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stage.take(edge, self._timer.now)
         self._go_on()
 
-    def _on_item(self, item: Item) -> None:
-        late = self._stage.late_items
-        self._verdicts.send(self._stage.take(item, self._timer.now))
-        if self._stage.late_items > late:
+    def _on_record(self, record: Item | MassEstimate) -> None:
+        """Judge by an announcement, or by an estimate if the node is active."""
+        stage = self._stage
+        if isinstance(record, MassEstimate) and not self._stops.active:
+            return
+        late_items, late_estimates = stage.late_items, stage.late_estimates
+        self._verdicts.send(stage.take(record, self._timer.now))
+        if stage.late_items > late_items:
             self.count('late items')
+        if stage.late_estimates > late_estimates:
+            self.count('late estimates')
+            self.warn(f'item {record.item_id}: its mass came after its verdict')
         self._go_on()
 
     def _on_segmenter(self, status: StreamStatus) -> None:
         self._permission.rule.add_progress(status, time.monotonic_ns())
         if status.stream == self._stream:
             self._stage.take(status)
-
-    def _on_estimate(self, estimate: MassEstimate) -> None:
-        if not self._stops.active:
-            return
-        late = self._stage.late_estimates
-        self._verdicts.send(self._stage.take(estimate, self._timer.now))
-        if self._stage.late_estimates > late:
-            self.count('late estimates')
-            self.warn(f'item {estimate.item_id}: its mass came after its verdict')
-        self._go_on()
 
     def _on_reject_eye(self, edge: EyeEdge) -> None:
         self._timer.saw(edge.stamp)

@@ -27,29 +27,11 @@ _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
 class StopRequests:
-    """Output of the stop request, and the service that resets it.
+    """Output of the stop request that a monitor has, and the service that resets it.
 
-    Parameters
-    ----------
-    node : StageNode
-        Node that publishes it.
-    monitor : RejectMonitor
-        Monitor that has the request and its reasons.
-    driver : Input
-        Input of the status of the driver.
-    update : callable
-        Called after each change of a reason; has to call `show`.
-    shown : callable
-        Called after each message.
-
-    Attributes
-    ----------
-    active : bool
-        Whether the node judges. If not, it requests a stop.
-    output : Output
-        Output of the request.
-    strangers : StrangerWatch
-        Watch of who publishes the topics of the line.
+    A node that is not `active` requests a stop. `driver` is the input of the status of the driver.
+    `update` is called after each change of a reason and has to call `show`, `shown` after each
+    message.
     """
 
     def __init__(
@@ -120,12 +102,9 @@ class StopRequests:
 
     def _look(self) -> None:
         """Check for strangers, and the end of a grace period."""
-        self._look_for_strangers()
-        self._check()
-
-    def _look_for_strangers(self) -> None:
         self.strangers.look()
         self._monitor.strangers = self.strangers.found
+        self._check()
 
     def _check(self) -> None:
         """Request a stop if the line, the machine or the performance test demands one."""
@@ -135,7 +114,8 @@ class StopRequests:
     def _reset(self, request: Any, response: Any) -> Any:
         """Clear the stop request, unless a reason for it lasts."""
         cleared, shown = self._monitor.request, self._shown
-        self._look_for_strangers()
+        self.strangers.look()
+        self._monitor.strangers = self.strangers.found
         # The last message of a publisher that has gone does not count.
         if not self._driver.count():
             self._monitor.trouble = ''

@@ -19,21 +19,8 @@ from checkweigher_dsp.rejection.items import PendingItems
 class VerdictOutput:
     """Output of the verdicts of a lane, which counts, logs and diagnoses them.
 
-    Parameters
-    ----------
-    node : StageNode
-        Node that publishes them.
-    numbers : GivenNumbers
-        File of the numbers of items that have their verdict.
-    items : PendingItems
-        Items of the stage, some of which have their verdict under another number.
-    sent : callable
-        Called with each verdict after it was published.
-
-    Attributes
-    ----------
-    output : Output
-        Output of the verdicts.
+    The numbers of items with a verdict are in `numbers`; some of the `items` have theirs under
+    another number. `sent` is called with each verdict after it was published.
     """
 
     def __init__(

@@ -64,16 +64,16 @@ class Deadlines:
 
     def set(self, pending: PendingItem, now: int | None) -> None:
         """Set the times of the verdict on a complete item."""
-        item = pending.item
-        pending.reject_at = self.parameters.reject_time(item.t3, item.line_speed)
+        t3, speed = pending.item.t3, pending.item.line_speed
+        pending.reject_at = reject_at = self.parameters.reject_time(t3, speed)
         if now is None:
             return
-        came = None if item.t3 is None else self._came.get(item.t3, self._arrivals.at(item.t3))
-        if came is None or item.t3 is None or pending.reject_at is None:
-            pending.due = now + (_PATIENCE_GIVEN_UP if item.t3 is None else _PATIENCE)
+        came = None if t3 is None else self._came.get(t3, self._arrivals.at(t3))
+        if came is None or t3 is None or reject_at is None:
+            pending.due = now + (_PATIENCE_GIVEN_UP if t3 is None else _PATIENCE)
             return
-        pending.late_from = came + pending.reject_at - item.t3
-        pending.due = pending.late_from - self._head_start(item.t3, pending.reject_at)
+        pending.late_from = came + reject_at - t3
+        pending.due = pending.late_from - self._head_start(t3, reject_at)
 
     def of_edge(self, edge: OutfeedEdge, speed: float) -> tuple[int, int | None]:
         """Return the deadline of a verdict by an outfeed edge, and its reject time if known.
@@ -88,8 +88,7 @@ class Deadlines:
         reject_at = self.parameters.reject_time(edge.stamp, speed)
         if reject_at is None:
             return max(edge.came + _PATIENCE_UNTAKEN, history), None
-        late_from = edge.came + reject_at - edge.stamp
-        due = late_from - self._head_start(edge.stamp, reject_at)
+        due = edge.came + reject_at - edge.stamp - self._head_start(edge.stamp, reject_at)
         return max(due, history), reject_at
 
     def await_devices(self, pending: PendingItem, over: int | None, now: int | None) -> bool:
