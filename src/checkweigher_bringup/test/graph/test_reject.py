@@ -144,30 +144,6 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
     assert line.verdict().decision == Verdict.ACCEPT
 
 
-def test_an_item_that_was_given_up_has_its_verdict_by_time_alone(spinner: Spinner):
-    line = RejectLine(spinner)
-    line.announce(1, t3=None, reasons=('MissingEdge',))
-
-    verdict = line.verdict()
-
-    assert list(verdict.reasons) == ['MissingEdge', 'NoEstimate']
-    assert stamp_from(verdict.t1) == edges(1)[0].stamp
-
-
-def test_an_item_that_leaves_without_the_segmenter_is_a_fault_in_time(spinner: Spinner):
-    line = RejectLine(spinner, **IN_TIME)
-    line.announce(1, t3=None, complete=False)
-    for edge in edges(1):
-        line.edges.publish(to_message(ports.PHOTO_EYES, edge))
-
-    verdict = line.verdict()
-
-    assert (verdict.item_id, list(verdict.reasons), verdict.late) == (1, ['NoEstimate'], False)
-    line.announce(1)  # it was behind
-    line.pass_item(2)
-    assert line.verdict().item_id == 2
-
-
 def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
     line = RejectLine(spinner, deadlines=False, rejector_distance=0.0)
     line.pass_item(1)

@@ -102,8 +102,7 @@ class StopRequests:
 
     def _look(self) -> None:
         """Check for strangers, and the end of a grace period."""
-        self.strangers.look()
-        self._monitor.strangers = self.strangers.found
+        self._monitor.strangers = self.strangers.look()
         self._check()
 
     def _check(self) -> None:
@@ -114,8 +113,7 @@ class StopRequests:
     def _reset(self, request: Any, response: Any) -> Any:
         """Clear the stop request, unless a reason for it lasts."""
         cleared, shown = self._monitor.request, self._shown
-        self.strangers.look()
-        self._monitor.strangers = self.strangers.found
+        self._monitor.strangers = self.strangers.look()
         # The last message of a publisher that has gone does not count.
         if not self._driver.count():
             self._monitor.trouble = ''

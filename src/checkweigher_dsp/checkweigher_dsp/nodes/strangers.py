@@ -42,8 +42,8 @@ class StrangerWatch:
         }
         self.found = ''
 
-    def look(self) -> None:
-        """Read from the graph who publishes now."""
+    def look(self) -> str:
+        """Read from the graph who publishes now, and return the strangers."""
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
             if self._node.count_publishers(topic) < 2:  # faster than their names
@@ -53,6 +53,7 @@ class StrangerWatch:
             for name in strangers(names, maker):
                 topics.setdefault(name, []).append(topic)
         self.found = '; '.join(f'{name} publishes {", ".join(t)}' for name, t in topics.items())
+        return self.found
 
     def finding(self) -> Finding:
         """Return the aspect Publishers."""

@@ -41,15 +41,11 @@ def test_a_stranger_is_named_with_its_topics_while_it_is_there(process):
     stranger.output(ports.EXTERNAL_REJECT)  # as any node may
     watch = StrangerWatch(reject)
 
-    def found() -> str:
-        watch.look()
-        return watch.found
-
     publishers = [stranger.output(p).publisher for p in (ports.MASS_ESTIMATE, ports.WEIGH_WINDOW)]
     text = '/stranger publishes /weigh_window, /mass_estimate'
-    process.wait_for(lambda: found() == text)
+    process.wait_for(lambda: watch.look() == text)
     assert (watch.finding().level, watch.finding().text) == (Level.ERROR, text)
     for publisher in publishers:
         stranger.destroy_publisher(publisher)
-    process.wait_for(lambda: found() == '')
+    process.wait_for(lambda: watch.look() == '')
     assert watch.finding().level == Level.OK
