@@ -158,7 +158,9 @@ def _word(kind: type, description: Description, value: object) -> object:
 def _number(kind: type, description: Description, value: object) -> float:
     whole = kind is int
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-        raise ValueError(f'{reprlib.repr(value)} is not a {"whole number" if whole else "number"}')
+        like = ('; write it like 150' if whole else '; write it like 0.15') * isinstance(value, str)
+        name = 'whole number' if whole else 'number'
+        raise ValueError(f'{reprlib.repr(value)} is not a {name}{like}')
     try:
         number = value if whole else float(value)
     except OverflowError:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a node keeps what outlives its process, and how a file is replaced."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+import fcntl
 import os
 from pathlib import Path
 import re
@@ -21,19 +23,11 @@ def state_file(name: str) -> Path:
     return Path(state, 'checkweigher', re.sub(r'[^\w.-]', '_', name)).expanduser()
 
 
-def sync_folder(folder: Path) -> None:
-    """Write the names in a folder to the disk: the file of a name that is not there is lost."""
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
-
-
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
     """Write a file whole, in place of one that is there; OSError leaves that one as it is.
 
-    The new one is on the disk before it takes the place, so a power cut leaves one of both.
+    The new one is on the disk before it takes the place, so a power cut leaves one of both. When
+    this returns, the new one is there to stay.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
@@ -47,3 +41,34 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
         os.unlink(name)
         raise
     sync_folder(path.parent)
+
+
+def sync_folder(path: Path) -> None:
+    """Have the entries of a folder on the disk when this returns."""
+    with _opened(path) as folder:
+        os.fsync(folder)
+
+
+def make_folder(path: Path, mode: int = 0o777) -> None:
+    """Make a folder, and those around it, that a power cut leaves; OSError if that fails."""
+    if not path.is_dir():
+        make_folder(path.parent)
+        path.mkdir(mode, exist_ok=True)
+        sync_folder(path.parent)
+
+
+@contextmanager
+def changing(path: Path) -> Iterator[None]:
+    """Hold up other processes that change files of this folder, from reading to writing."""
+    with _opened(path.parent) as folder:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+
+
+@contextmanager
+def _opened(folder: Path) -> Iterator[int]:
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield number
+    finally:
+        os.close(number)

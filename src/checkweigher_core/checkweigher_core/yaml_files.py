@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of plain values, YAML or JSON; errors in them have the file and the line."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 import yaml
@@ -16,65 +17,86 @@ from checkweigher_core.parameters import SettingsError
 @contextmanager
 def opened(source: Path | str) -> Iterator[Any]:
     """Yield the values of a file or a text; a `SettingsError` inside gets file and line."""
-    begin, content = f'{source}: ' if isinstance(source, Path) else '', None
+    place, text = f'{source}: ' if isinstance(source, Path) else '', ''
     try:
         text = source.read_text(encoding='utf-8') if isinstance(source, Path) else source
-        content = _parsed(text)
-        yield content
+        yield _parsed(text)
     except SettingsError as error:
-        raise SettingsError(f'{begin}line {_line(content, error.path)}: {error}') from None
+        raise SettingsError(f'{place}line {_line(text, error.path)}: {error}') from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b'\n', 0, error.start) + 1
+        raise SettingsError(f'{place}line {line}: cannot decode it: not UTF-8') from None
+    except RecursionError:
+        raise SettingsError(f'{place}lists or tables are nested too deeply') from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = f'line {mark.line + 1}: ' if mark else ''
-        raise SettingsError(f'{begin}{place}bad YAML: {error.problem}') from None
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        line = mark.line + 1 if mark else 1
+        raise SettingsError(f'{place}line {line}: bad YAML: {error.problem}') from None
+    except (OSError, ValueError, yaml.YAMLError) as error:
         problem = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-        raise SettingsError(f'{begin}{problem}') from None
+        raise SettingsError(f'{place}{problem}') from None
 
 
 def _parsed(text: str) -> Any:
     if text.startswith('{'):
         with suppress(json.JSONDecodeError):  # YAML in flow style begins so too
-            return json.loads(text)
+            return json.loads(text, object_pairs_hook=_table)
     return yaml.load(text, _Loader)
 
 
-class _Table(dict[Any, Any]):
-    """Table of a YAML file with the line of each key."""
-
-    lines: Mapping[str, int]
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):  # a key is there twice, which YAML refuses with its line
+        raise json.JSONDecodeError('', '', 0)
+    return table
 
 
 class _Loader(yaml.SafeLoader):
-    """Loader of tables with their lines; a date is a text."""
+    """Loader of tables without repeated keys, and of the numbers of YAML 1.2.
 
-    def text(self, node: Any) -> str:
-        """Return a value as it is written."""
-        return str(node.value)
+    YAML 1.1, which PyYAML reads, takes 0150 for 104 and 1:30 for 90. These and dates are texts.
+    """
 
-    def table(self, node: Any) -> _Table:
+    def table(self, node: Any) -> dict[Any, Any]:
         """Return a table; refuse a repeated key, of which YAML would use the last value."""
-        lines: dict[str, int] = {}
+        known: set[str] = set()
         for key, _ in node.value:
-            if str(key.value) in lines:
+            if str(key.value) in known:
                 problem = f'{key.value} is there twice; remove one of them'
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            lines[str(key.value)] = key.start_mark.line + 1
-        made = _Table(self.construct_mapping(node, deep=True))
-        made.lines = lines
-        return made
+            known.add(str(key.value))
+        return self.construct_mapping(node, deep=True)
 
 
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, form) for tag, form in forms if not tag.endswith(('int', 'float', 'stamp'))]
+    for first, forms in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
 _Loader.add_constructor('tag:yaml.org,2002:map', _Loader.table)
-_Loader.add_constructor('tag:yaml.org,2002:timestamp', _Loader.text)
+_WHOLE = r'[-+]?(0|[1-9][0-9]*)$|0x[0-9a-fA-F]+$|0o[0-7]+$'
+_REAL = r'[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$'
+_NOT_FINITE = r'[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$'
+_Loader.add_implicit_resolver('tag:yaml.org,2002:int', re.compile(_WHOLE), [*'-+0123456789'])
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(f'{_REAL}|{_NOT_FINITE}'), [*'-+.0123456789']
+)
 
 
-def _line(content: Any, path: tuple[Any, ...]) -> int:
-    """Return the line of a field, or of the table in which it should be."""
-    line = 1
+def _line(text: str, path: tuple[Any, ...]) -> int:
+    """Return the line of a field, or of the table or list in which it should be."""
+    line, node = 1, None
+    if '\n' in text.strip():
+        with suppress(yaml.YAMLError, RecursionError):  # JSON may be no YAML
+            node = yaml.compose(text, _Loader)
     for step in path:
-        line = getattr(content, 'lines', {}).get(str(step), line)
-        if isinstance(content, list):
-            content = dict(enumerate(content, 1))
-        content = content.get(step) if isinstance(content, dict) else None
+        if isinstance(node, yaml.MappingNode):
+            places = {str(key.value): (key, each) for key, each in node.value}
+        elif isinstance(node, yaml.SequenceNode):
+            places = {str(number): (each, each) for number, each in enumerate(node.value, 1)}
+        else:
+            break
+        if str(step) not in places:
+            break
+        key, node = places[str(step)]
+        line = key.start_mark.line + 1
     return line

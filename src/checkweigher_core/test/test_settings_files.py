@@ -133,13 +133,17 @@ def test_unknown_fields_of_a_newer_format_are_written_again(tmp_path: Path):
         ('    mass: small', '    mass: 1\n    mass: 2', 'line 6: bad YAML: mass is there twice'),
         ('  clara:', '  7:', 'line 4: eggs.7.name: 7 is not one line of text; put it in quotes'),
         ('    span: [0, 90]', '    span: [0]', 'line 9: steps.1.span: [0] is not a list like'),
-        ('  - what: bake', '  - 3', 'line 7: steps.2: 3 is no table with what, span'),
+        ('  - what: bake', '  - 3', 'line 10: steps.2: 3 is no table with what, span'),
         ('words: [cake,', 'words: [7,', 'line 11: words.1: 7 is not one line of text'),
         ('{heat: 180}', '{heat: 400}', 'line 12: oven.heat: 400 is not in -inf..300 degC'),
         ('oven: {heat: 180}', 'oven: hot', "line 12: oven: 'hot' is not a table"),
         ('brown', 'green', "line 6: eggs.clara.colour: 'green' is not one of white, brown"),
         ('taste: [1, 2.5]', 'taste: [1, sweet]', "line 14: taste: 'sweet' is not a number"),
         ('taste: [1, 2.5]', 'taste: [1', 'line 15: bad YAML: '),
+        ('mass: 0.06', 'mass: 1:30', "line 3: eggs.berta.mass: '1:30' is not a number; "),
+        ('mass: 0.06', 'mass: 006', "line 3: eggs.berta.mass: '006' is not a number"),
+        ('mass: 0.06', 'mass: 00.6', "line 3: eggs.berta.mass: '00.6' is not a number"),
+        ('mass: 0.06', 'mass: 0_06', "line 3: eggs.berta.mass: '0_06' is not a number"),
         ('eggs:\n', 'eggs: &a\n  anna: *a\n', 'line 2: bad YAML: found unconstructable recursive'),
     ],
 )  # fmt: skip
@@ -158,17 +162,34 @@ def test_a_refusal_is_one_line_with_file_line_field_and_advice(
 
 
 def test_what_is_no_file_or_no_text_is_refused(tmp_path: Path):
-    (tmp_path / 'picture').write_bytes(b'\xff\xd8')
-    for name, what in (('none', 'No such file'), ('.', 'directory'), ('picture', 'decode')):
+    (tmp_path / 'picture').write_bytes(b'\n\xff\xd8')
+    (tmp_path / 'deep').write_text('{"a":' + 16_000 * '[')
+    for name, what in (
+        ('none', 'No such file'),
+        ('.', 'directory'),
+        ('picture', 'line 2: cannot decode'),
+        ('deep', 'nested too deeply'),
+    ):
         with pytest.raises(SettingsError, match=what) as caught:
             read_settings(tmp_path / name, Cake)
         assert str(caught.value).startswith(f'{tmp_path / name}: ')
+
+
+def test_numbers_are_those_of_yaml_1_2():
+    text = '{eggs: {a: {mass: 6e-2}}, words: [1:30, 007], taste: [0x10, 0o17, +.5, -1.E+1, .inf]}'
+    cake = read_settings(text, Cake)
+    assert (cake.eggs['a'].mass, cake.words) == (0.06, ('1:30', '007'))
+    assert cake.taste.tolist() == [16, 15, 0.5, -10, math.inf]
 
 
 def test_flow_style_is_yaml_and_json_has_lines_too():
     assert read_settings('{"eggs": {anna: {mass: 0.05}}}', Cake).eggs['anna'].mass == 0.05
     with pytest.raises(SettingsError, match='line 2: bad YAML'):
         read_settings('{"eggs":\n{"anna" {"mass": 0.05}}}', Cake)
+    with pytest.raises(SettingsError, match=r"line 2: eggs.anna.mass: 'big' is not a number"):
+        read_settings('{"eggs":\n{"anna": {"mass": "big"}}}', Cake)
+    with pytest.raises(SettingsError, match='line 1: bad YAML: layers is there twice'):
+        read_settings('{"eggs": {"anna": {"mass": 0.05}}, "layers": 2, "layers": 3}', Cake)
 
 
 def test_an_older_format_is_translated():

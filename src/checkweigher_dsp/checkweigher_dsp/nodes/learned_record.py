@@ -7,7 +7,7 @@ from pathlib import Path
 
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.settings_files import read_settings, write_settings
-from checkweigher_core.state_files import state_file
+from checkweigher_core.state_files import make_folder, state_file
 from checkweigher_dsp.estimation.learning.learner import LearnedKinds
 
 NONE = '-'
@@ -64,12 +64,13 @@ class LearnedRecord:
 
     def _write(self, path: Path, known: LearnedKinds) -> None:
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
             write_settings(path, known)
             self.trouble = ''
         except OSError as error:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
+        place = '' if isinstance(error, SettingsError) else f'{self._path}: '
         text = getattr(error, 'strerror', None) or error
-        self.trouble = f'learning.record: {str(self._path)!r}: {text}'
+        self.trouble = f'learning.record: {place}{text}'

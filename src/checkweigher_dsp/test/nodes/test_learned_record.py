@@ -53,8 +53,9 @@ def test_what_a_newer_version_knows_is_written_again(tmp_path: Path):
 def test_what_cannot_be_read_is_named_with_its_line_and_counts_as_nothing(tmp_path: Path):
     record = record_of(tmp_path, OLD.replace('"rise": 12', '"rise": "high"'))
     assert record.read() is None
-    assert record.trouble.endswith(
-        f"{tmp_path / 'learned'}: line 1: kinds.1.rise: 'high' is not a whole number"
+    assert record.trouble == (
+        f"learning.record: {tmp_path / 'learned'}: line 1: kinds.1.rise: 'high' is not a whole "
+        'number; write it like 150'
     )
 
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The users of the page: names, roles and argon2 hashes of their passwords."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import lru_cache
@@ -18,6 +19,7 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.printable import one_line
 from checkweigher_core.settings_files import Settings, read_settings, settings_of, write_settings
+from checkweigher_core.state_files import changing, make_folder
 from checkweigher_core.whole_file import output_error
 
 SHORTEST, LONGEST = 8, 128  # characters of a password
@@ -117,23 +119,26 @@ def _read(path: Path) -> UsersFile:
             raise UsersError(
                 f'{path}: other users of this machine may use it; run: chmod 600 {path}'
             )
-        text = path.read_text(encoding='utf-8')
+        with path.open('rb') as file:
+            older = file.read(1) != b'{'
     except FileNotFoundError:
         raise UsersError(
             f'{path}: there is no such file; checkweigher user add NAME --role R makes it'
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise UsersError(f'{path}: cannot be read: {error}') from None
-    return read_settings(path, UsersFile) if text.startswith('{') else _older(path, text)
+    return _older(path) if older else read_settings(path, UsersFile)
 
 
-def _older(path: Path, text: str) -> UsersFile:
+def _older(path: Path) -> UsersFile:
     """Return the users of format 1, which has a line NAME:ROLE:HASH for each."""
-    users = {}
-    for number, line in enumerate(text.splitlines(), 1):
+    users: dict[str, User] = {}
+    for number, line in enumerate(path.read_bytes().decode(errors='replace').splitlines(), 1):
         if line and not line.startswith('#'):
             name, role, known = [*line.split(':'), '', ''][:3]
             try:
+                if name in users:
+                    raise UsersError(f'{name} is there twice; remove one of them')
                 users[name] = settings_of(User, {'role': role, 'hash': known}, name)
             except SettingsError as error:
                 raise UsersError(
@@ -152,9 +157,22 @@ def write_users(path: Path, users: dict[str, User]) -> None:
     """
     known = _read(path) if path.exists() else UsersFile()
     try:
-        if path == default_users():
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_settings(path, replace(known, users=users), _MODE)
+    except OSError as error:
+        raise output_error(path, error) from None
+
+
+@contextmanager
+def changing_users(path: Path) -> Iterator[None]:
+    """Hold up other changes of a file of users, from reading to writing.
+
+    Makes the folder of `default_users`. Raises OutputError if there is no folder.
+    """
+    try:
+        if path == default_users():
+            make_folder(path.parent, 0o700)
+        with changing(path):
+            yield
     except OSError as error:
         raise output_error(path, error) from None
 

@@ -87,6 +87,7 @@ BOSS, PLAIN = "'boss' is not one of viewer, operator", 'is no argon2 hash; run: 
         (f'{OLD}anna', 'line 2: anna.role: is missing; add it; a line is NAME:ROLE:HASH'),
         (f'{OLD}anna:boss:$argon2id$x', f'line 2: anna.role: {BOSS}'),
         (f'{OLD}anna:viewer:plain', f'line 2: anna.hash: {PLAIN}'),
+        (f'{OLD}a:viewer:$argon2id$x\na:viewer:$argon2id$y', 'line 3: a is there twice; '),
         (f'{OLD}../a:viewer:$argon2id$x', "line 2: ../a: '../a': a name has up to 64 letters"),
         (TABLE.replace('ROLE', 'boss'), f'line 1: users.anna.role: {BOSS}'),
         (TABLE.replace('ROLE', 'viewer'), f'line 1: users.anna.hash: {PLAIN}'),

@@ -10,11 +10,14 @@ from dataclasses import replace
 from getpass import getpass
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
 from checkweigher_bringup.errors import UserError
 
-_ROLES = 'viewer', 'operator', 'technician'
+if TYPE_CHECKING:
+    from checkweigher_web.access.users import User
 
+_ROLES = 'viewer', 'operator', 'technician'
 
 _PASSWORD = 'the password is typed twice, or is a line of the standard input'
 OPTIONS = (
@@ -42,27 +45,38 @@ def run(arguments: argparse.Namespace) -> int:
     """Change the file of users, or show it."""
     from checkweigher_web.access import users as accounts
 
-    path, action = arguments.users or accounts.default_users(), arguments.action
-    _check(action, arguments.name, arguments.role)
-    users = accounts.read_users(path) if path.exists() or action != 'add' else {}
+    path, action, name = arguments.users, arguments.action, arguments.name
+    path = path or accounts.default_users()
+    _check(action, name, arguments.role)
     if action == 'list':
-        for user in users.values():
+        for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
-    name = accounts.check_name(arguments.name)
+    name = accounts.check_name(name)
+    _users(path, action, name)  # before a password is typed
+    password = '' if action == 'remove' else accounts.hash_password(name, _password(name))
+    with accounts.changing_users(path):
+        users = _users(path, action, name)
+        if action == 'remove':
+            del users[name]
+        elif action == 'add':
+            users[name] = accounts.User(name, accounts.Role[arguments.role.upper()], password)
+        else:
+            users[name] = replace(users[name], hash=password)
+        accounts.write_users(path, users)
+    print(f'{path}: {name} {_DONE[action]}')
+    return 0
+
+
+def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
+    """Return the users of a file; UserError if the action cannot be done with this name."""
+    from checkweigher_web.access.users import read_users
+
+    users = read_users(path) if path.exists() or action != 'add' else {}
     if (name in users) != (action != 'add'):
         known = 'is there already' if name in users else 'is not there'
         raise UserError(f'{path}: user {name} {known}; checkweigher user list shows all')
-    if action == 'remove':
-        del users[name]
-    elif action == 'add':
-        role = accounts.Role[arguments.role.upper()]
-        users[name] = accounts.User(name, role, accounts.hash_password(name, _password(name)))
-    else:
-        users[name] = replace(users[name], hash=accounts.hash_password(name, _password(name)))
-    accounts.write_users(path, users)
-    print(f'{path}: {name} {_DONE[action]}')
-    return 0
+    return users
 
 
 _DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}

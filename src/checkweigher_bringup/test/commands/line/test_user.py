@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The users of the page, on the command line."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 import subprocess
 import sys
@@ -16,6 +17,15 @@ def run(path: Path, *words: str, password: str = '') -> tuple[int, str]:
         [*COMMAND, *words, '--users', str(path)], input=password, capture_output=True, text=True
     )
     return done.returncode, done.stdout + done.stderr
+
+
+def test_users_that_are_added_at_the_same_time_are_all_there(tmp_path: Path):
+    path, names = tmp_path / 'users', [f'user{number}' for number in range(6)]
+    with ThreadPoolExecutor(len(names)) as pool:
+        role = '--role', 'viewer'
+        calls = [pool.submit(run, path, 'add', n, *role, password='battery staple') for n in names]
+    assert [call.result()[0] for call in calls] == [0] * len(names)
+    assert sorted(read_users(path)) == names
 
 
 def test_users_are_added_listed_changed_and_removed(tmp_path: Path):
