@@ -5,6 +5,8 @@
 import ast
 from collections.abc import Iterable
 from pathlib import Path
+import shutil
+import subprocess
 import sys
 from xml.etree import ElementTree
 
@@ -153,6 +155,18 @@ def test_a_package_has_its_changelog(folder: Path):
     assert title.astext() == f'Changelog for package {folder.name}'
     assert version.astext() == 'Forthcoming'
     assert changes.tagname == 'bullet_list'
+
+
+def test_a_python_that_a_user_cannot_run_is_named(tmp_path: Path):
+    shutil.copytree(ROOT / 'setup', tmp_path / 'setup')
+    shutil.copytree(ROOT / 'requirements', tmp_path / 'requirements')
+    (tmp_path / '.venv/bin').mkdir(parents=True)
+    (tmp_path / '.venv/.stamp').touch()
+    (tmp_path / '.venv/pyvenv.cfg').write_text('home = /root/python/bin\n')
+    (tmp_path / '.setup.lock').mkdir()  # which not even root can write to
+    done = subprocess.run(tmp_path / 'setup/bootstrap', capture_output=True, text=True)
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert 'cannot run the Python of the environment, in /root/python/bin; let ' in done.stderr
 
 
 @each_package

@@ -21,9 +21,11 @@ import threading
 from typing import Any
 from urllib.parse import quote
 
+from checkweigher_core.printable import one_line
 from checkweigher_core.records import BatchResult, Decision, Verdict
 
 SUFFIX = '.jsonl'
+_LONGEST = 200  # characters of a batch in the name of a file
 _RETRY = 1.0  # s
 
 
@@ -32,8 +34,12 @@ class RecordError(ValueError):
 
 
 def record_path(folder: Path, batch: str) -> Path:
-    """Return the file of the record of a batch."""
-    return folder / f'{quote(batch, safe=" ") or "unnamed"}{SUFFIX}'
+    """Return the file of the record of a batch; `RecordError` if its name would be too long."""
+    name = quote(batch, safe=' ') or 'unnamed'
+    if len(name) > _LONGEST:
+        rule = f'at most {_LONGEST}, of which others than A-Z, a-z and 0-9 count 3 or more'
+        raise RecordError(f'batch {one_line(batch, 40)!r}: {len(name)} characters, {rule}')
+    return folder / f'{name}{SUFFIX}'
 
 
 def last_record(folder: Path) -> Path | None:

@@ -115,10 +115,11 @@ def test_a_change_of_a_parameter_is_in_the_log_with_its_old_and_its_new_value(
 
 
 def test_a_batch_and_a_reset_end_a_count_and_are_in_the_log(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path, batch='monday')
+    line = Line(spinner, tmp_path, batch='monday', batch_folder=str(tmp_path / 'batches'))
     line.judge(0.1)
-    assert not line.call(NewBatch, 'new_batch', batch='monday').success
-    assert not line.call(NewBatch, 'new_batch', batch=' ').success
+    for name, why in (('monday', 'not used before'), (' ', 'before'), ('x' * 300, 'at most 200')):
+        answer = line.call(NewBatch, 'new_batch', batch=name)
+        assert (answer.success, why in answer.message) == (False, True)
     ended = line.call(NewBatch, 'new_batch', batch='tuesday')
     assert (ended.success, ended.finished.batch, ended.finished.items) == (True, 'monday', 1)
     line.judge(0.1)

@@ -2,11 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS layer that the nodes share: ports, stage nodes, outputs, diagnostics."""
 
+from contextlib import suppress
 import os
+from pathlib import Path
+import tempfile
 
 from checkweigher_core.ros.graph.discovery import set_profiles
+
+
+def _set_log_folder() -> None:
+    """Have rcl write its logs among the temporary files if the user has no home to write to."""
+    home = os.environ.get('HOME', '')
+    given = os.environ.get('ROS_LOG_DIR') or os.environ.get('ROS_HOME')
+    if not given and not (home and os.access(home, os.W_OK)):
+        folder = Path(tempfile.gettempdir(), f'checkweigher-{os.geteuid()}')
+        with suppress(OSError):
+            folder.mkdir(mode=0o700, exist_ok=True)
+        os.environ['ROS_LOG_DIR'] = str(folder / 'log')
+
 
 # Before rclpy makes a context. A node that reaches a line by DDS can stop it and change its limits:
 # those of other computers reach it only where that is wanted.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+_set_log_folder()
 set_profiles()

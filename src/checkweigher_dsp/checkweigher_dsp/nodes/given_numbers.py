@@ -7,8 +7,9 @@ import os
 from pathlib import Path
 
 from checkweigher_core.parent_process import parent_identity
+from checkweigher_core.records import NUMBERS_AT_ONCE
 from checkweigher_core.ros.port_node import PortNode
-from checkweigher_core.state_files import state_file
+from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
 _LINE = 100  # bytes, of the identity of the run; each number follows in a line of its own
 _NUMBER = 21  # bytes
@@ -37,7 +38,7 @@ class GivenNumbers:
     numbers : frozenset of int
         Numbers that were given before this process began.
     trouble : str
-        Reason why the file cannot be used, empty if it can.
+        Reason why numbers are given again, empty if they are not.
     """
 
     def __init__(self, node: str = '', domain: int = 0, path: str = '', most: int = 1) -> None:
@@ -49,9 +50,13 @@ class GivenNumbers:
             return
         try:
             file = Path(path) if path else state_file(f'{node.strip("/")}.{domain}.numbers')
-            file.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(file.parent)
+            known = file.exists()
             self._file = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            self._begin(self._file, _KEPT if path else parent_identity())
+            whole = self._begin(self._file, _KEPT if path else parent_identity())
+            if path and known and not whole:
+                self.trouble = f'{file}: is damaged, so items are numbered from 1 again'
+            sync_folder(file.parent)
         except (OSError, RuntimeError) as error:
             self._fail(error)
 
@@ -60,8 +65,11 @@ class GivenNumbers:
         """Largest number that was given before this process began, 0 for none."""
         return max(self.numbers, default=0)
 
-    def _begin(self, file: int, run: str) -> None:
-        """Read the numbers of this run, or create the file in its full size."""
+    def _begin(self, file: int, run: str) -> bool:
+        """Read the numbers of this run, or create the file in its full size.
+
+        Return whether the file was one of this run, with numbers or with none yet.
+        """
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
         places = data[_LINE:].splitlines() if data.startswith(line) else []
@@ -77,12 +85,15 @@ class GivenNumbers:
         free = [place for place, text in enumerate(places) if not text.strip()]
         oldest = found[min(found)] if found else 0
         self._next = free[0] if free else oldest
+        self._on_disk = -1
+        return bool(places) and (bool(found) or len(free) == len(places))
 
     def give(self, number: int) -> None:
         """Write a number before it is given.
 
-        The number survives a kill of the process. Writing does not wait for the disk, and the file
-        does not grow, so that it works on a full disk.
+        The number survives a kill of the process. The file does not grow, so that it works on a
+        full disk. The first number of each thousand is on the disk before it is given, so that none
+        is given twice after a power cut either; the others do not wait for the disk.
         """
         if self._file is None:
             return
@@ -90,6 +101,9 @@ class GivenNumbers:
             data = f'{number:{_NUMBER - 1}d}\n'.encode()
             os.pwrite(self._file, data, _LINE + self._next % self._most * _NUMBER)
             self._next += 1
+            if number // NUMBERS_AT_ONCE != self._on_disk:
+                os.fsync(self._file)
+                self._on_disk = number // NUMBERS_AT_ONCE
         except OSError as error:
             self._fail(error)
 

@@ -59,15 +59,18 @@ def test_with_a_path_numbers_go_on_over_runs(tmp_path, monkeypatch):
     GivenNumbers('/lane/segmenter', 0, path).give(57)
     monkeypatch.setattr('checkweigher_dsp.nodes.given_numbers.parent_identity', lambda: 'other')
 
-    assert GivenNumbers('/lane/segmenter', 0, path).last == 57
+    again = GivenNumbers('/lane/segmenter', 0, path)
+    assert (again.last, again.trouble) == (57, '')
 
 
 @pytest.mark.parametrize('data', [b'', b'\xff\x00', b'a b c', b'1 2 3 \n'])
 def test_a_file_that_is_damaged_has_no_number(tmp_path: Path, data: bytes):
-    GivenNumbers('/lane/reject', 0).give(7)
-    (path,) = (tmp_path / 'state/checkweigher').iterdir()
+    path = tmp_path / 'verdicts.numbers'
+    assert not GivenNumbers('/lane/reject', 0, str(path)).trouble
+    GivenNumbers('/lane/reject', 0, str(path)).give(7)
     path.write_bytes(data)
-    assert GivenNumbers('/lane/reject', 0).last == 0
+    numbers = GivenNumbers('/lane/reject', 0, str(path))
+    assert (numbers.last, numbers.trouble.startswith(f'{path}: is damaged')) == (0, True)
 
 
 def test_without_a_file_it_says_so_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

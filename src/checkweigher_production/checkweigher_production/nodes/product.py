@@ -279,14 +279,13 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _on_new_batch(self, request: Any, response: Any) -> Any:
         name = str(request.batch).strip()
-        if not name or self._production.has_batch(name) or self._batches.has_record(name):
-            response.message = f'batch {name!r}: a name that was not used before is needed'
-            return response
         work = self._begin_batch(response, name, self._audit.author_of(ports.NEW_BATCH))
-        return await self._answer(response, work, f'batch {name!r}')
+        return await self._answer(response, work, 'no new batch')
 
     async def _begin_batch(self, response: Any, name: str, by: Author) -> None:
         """Let the reject node count for another batch, then end the record of this one."""
+        if not name or self._production.has_batch(name) or self._batches.has_record(name):
+            raise ValueError(f'batch {name!r}: a name that was not used before is needed')
         finished = self._end_count(changes.BATCH, name, by)
         before, self._production.batch = self._production.batch, name
         try:

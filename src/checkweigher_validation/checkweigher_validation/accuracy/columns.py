@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterable
 import csv
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain
 import math
+import re
 from typing import Any, TextIO
 
 from checkweigher_core.records import GRAMS, NANOSECONDS
@@ -52,6 +54,7 @@ class Column:
         return f'{value:.{self.digits}f}' if self.kind is ColumnType.NUMBER else str(value)
 
 
+_FORMULA = re.compile(r'[=@\t\r]|[-+](?!(\d+(\.\d*)?(e[-+]\d+)?|inf)$)')
 _time, _number = ColumnType.TIME, ColumnType.NUMBER
 COLUMNS = (
     Column('item_id', ColumnType.WHOLE, '1', lambda item: item.estimate.item_id),
@@ -81,7 +84,16 @@ COLUMNS = (
 
 def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
     """Write results as CSV: one row per item, empty where a value is not known."""
+    names = [[column.name for column in COLUMNS]]
+    write_rows(file, chain(names, ([each.text(item) for each in COLUMNS] for item in results)))
+
+
+def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows as CSV.
+
+    A text that a spreadsheet would calculate, such as the name of a folder that begins with =,
+    begins with an apostrophe.
+    """
     writer = csv.writer(file, lineterminator='\n')
-    writer.writerow([column.name for column in COLUMNS])
-    for result in results:
-        writer.writerow([column.text(result) for column in COLUMNS])
+    for row in rows:
+        writer.writerow([f"'{each}" if _FORMULA.match(str(each)) else each for each in row])

@@ -3,7 +3,6 @@
 """An evaluation as a table for a terminal, as CSV and as JSON."""
 
 from collections.abc import Iterator
-import csv
 import io
 import json
 import math
@@ -13,6 +12,7 @@ import numpy as np
 
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
+from checkweigher_validation.accuracy.columns import write_rows
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
 from checkweigher_validation.accuracy.paper_table import comparable_index, has_paper_masses
 
@@ -43,9 +43,7 @@ def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyCla
         limits = {'max_mean_error_kg': judged.max_error, 'max_std_dev_kg': judged.max_std_dev}
         rows.append(_csv_row(_values(one) | limits) | {'within_class': int(judged.passed)})
     file = io.StringIO()
-    writer = csv.DictWriter(file, list(rows[0]), lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(rows)
+    write_rows(file, [rows[0], *(row.values() for row in rows)])
     return file.getvalue()
 
 

@@ -3,13 +3,13 @@
 """The folder with the results of many bags: a file per bag, and the summary of all."""
 
 from collections.abc import Iterable, Mapping
-import csv
 from dataclasses import asdict, fields, replace
 from io import StringIO
 from pathlib import Path
 
 from checkweigher_core.printable import counted
 from checkweigher_core.whole_file import check_folder_of, output_error, write_whole
+from checkweigher_validation.accuracy.columns import write_rows
 from checkweigher_validation.archive.results_file import BagSummary, read_origin
 from checkweigher_validation.archive.weighing import Weighed, WeighJob, origin_of
 
@@ -114,12 +114,12 @@ class ResultsFolder:
 
     def _write_summary(self, done: Iterable[Weighed]) -> None:
         columns = [each.name for each in fields(BagSummary)]
-        text = StringIO()
-        writer = csv.writer(text, lineterminator='\n')
-        writer.writerow(['bag', 'file', *columns, 'problem'])
+        rows: list[list[object]] = [['bag', 'file', *columns, 'problem']]
         for each in done:
             name = '' if each.problem else self._names[each.bag]
             values = asdict(each.summary) if each.summary else dict.fromkeys(columns)
             values['notes'] = '; '.join(values['notes'] or ())
-            writer.writerow([each.bag, name, *values.values(), each.problem])
+            rows.append([each.bag, name, *values.values(), each.problem])
+        text = StringIO()
+        write_rows(text, rows)
         write_whole(self._path / SUMMARY, text.getvalue())

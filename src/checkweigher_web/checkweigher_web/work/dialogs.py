@@ -4,6 +4,7 @@
 
 from collections.abc import Awaitable, Callable
 from functools import partial
+import re
 from typing import ClassVar
 
 from nicegui import ui
@@ -16,6 +17,8 @@ from checkweigher_web.lane import Lane
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import LaneServices, Outcome, Person, RefusedError
 
+_NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
+_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')  # or a decimal comma
 Action = Callable[[], Awaitable[str]]
 
 
@@ -148,15 +151,16 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
 
 
 def number(given: ui.input, *, empty: float | None = None) -> float:
-    """Return the number in a field, or raise `RefusedError` if the text is not a number."""
-    text = str(given.value or '').strip().replace(',', '.')
+    """Return the number in a field, or raise `RefusedError` if the text is not a single number."""
+    text = str(given.value or '').strip()
     if not text and empty is not None:
         return empty
-    try:
-        return float(text)
-    except ValueError:
-        label = given.props['label']
-        raise RefusedError(f'{label}: {one_line(text)!r} is not a number') from None
+    if not _NUMBER.fullmatch(text):
+        raise RefusedError(f'{given.props["label"]}: {one_line(text)!r} is not a number')
+    if _THOUSANDS.fullmatch(text):
+        either = f'{text.replace(",", ".")} or {text.replace(",", "")}'
+        raise RefusedError(f'{given.props["label"]}: {text} may be {either}: write one of these')
+    return float(text.replace(',', '.'))
 
 
 def ask(

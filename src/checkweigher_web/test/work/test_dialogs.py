@@ -5,6 +5,7 @@
 import asyncio
 from dataclasses import replace
 from pathlib import Path
+import re
 
 from nicegui import Client, ui
 import pytest
@@ -14,8 +15,8 @@ from checkweigher_web.access.guard import Access
 from checkweigher_web.access.site import Site
 from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
 from checkweigher_web.lane import Lane
-from checkweigher_web.work.dialogs import Desk
-from checkweigher_web.work.services import LaneServices
+from checkweigher_web.work.dialogs import Desk, field, number
+from checkweigher_web.work.services import LaneServices, RefusedError
 
 ANNA = User('anna', Role.OPERATOR, hash_password('anna', 'correct horse'))
 
@@ -26,6 +27,32 @@ async def nobody() -> LaneServices:
 
 async def nothing() -> str:
     raise AssertionError('it was done')
+
+
+@pytest.mark.parametrize(
+    ('text', 'understood'),
+    [
+        ('150', 150.0),
+        (' 0,150 ', 0.15),
+        ('1,5', 1.5),
+        ('1000,250', 1000.25),
+        ('-.5', -0.5),
+        ('', 7.0),
+        ('1,000', '1,000 may be 1.000 or 1000: write one of these'),
+        ('1,000,000', "'1,000,000' is not a number"),
+        ('1_000', "'1_000' is not a number"),
+        ('nan', "'nan' is not a number"),
+        ('1:30', "'1:30' is not a number"),
+    ],
+)
+def test_a_number_is_understood_in_one_way_or_refused(text: str, understood: float | str):
+    with Client(ui.page('/')):
+        given = field('Mass', text, 'g')
+    if isinstance(understood, float):
+        assert number(given, empty=7.0) == understood
+    else:
+        with pytest.raises(RefusedError, match=f'^Mass: {re.escape(understood)}$'):
+            number(given)
 
 
 @pytest.mark.parametrize('needed', [Role.OPERATOR, Role.TECHNICIAN])

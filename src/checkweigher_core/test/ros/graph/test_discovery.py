@@ -27,6 +27,16 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.parametrize('home', [None, '/nonexistent'])
+def test_a_user_without_a_home_has_a_context(tmp_path: Path, home: str | None):
+    program = 'import checkweigher_core.ros, rclpy; rclpy.init(); rclpy.try_shutdown()'
+    env = {name: value for name, value in os.environ.items() if name not in ('HOME', 'ROS_HOME')}
+    env |= {'TMPDIR': str(tmp_path)} | ({'HOME': home} if home else {})
+    done = subprocess.run([sys.executable, '-c', program], env=env, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert (tmp_path / f'checkweigher-{os.geteuid()}/log').is_dir()
+
+
 def test_the_ports_are_those_of_rtps():
     # RTPS 2.5, 9.6.2.3: PB 7400, DG 250, d1 10, PG 2.
     called = peers(LOCAL)
