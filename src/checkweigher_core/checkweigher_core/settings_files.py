@@ -129,7 +129,12 @@ def _value(hint: Any, entry: Any, value: Any, path: tuple[Any, ...], newer: bool
     try:
         if kind is Mapping:
             table = _checked(value, dict, 'a table of "name: value" lines').items()
-            return {k: _value(inner[1], entry, v, (*path, k), newer) for k, v in table}
+            return {
+                _value(inner[0], entry, k, (*path, k), newer): (
+                    _value(inner[1], entry, v, (*path, k), newer)
+                )
+                for k, v in table
+            }
         if kind is tuple and float not in inner:
             listed = enumerate(_checked(value, list, 'a list like [a, b]'), 1)
             return tuple(_value(inner[0], entry, v, (*path, n), newer) for n, v in listed)

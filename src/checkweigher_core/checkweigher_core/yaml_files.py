@@ -57,6 +57,11 @@ class _Loader(yaml.SafeLoader):
     YAML 1.1, which PyYAML reads, takes 0150 for 104 and 1:30 for 90. These and dates are texts.
     """
 
+    def fetch_tag(self) -> None:
+        """Refuse a tag such as !!int, with which a value could be read in another way."""
+        problem = 'tags such as !!int are not read; write the value alone'
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.get_mark())
+
     def table(self, node: Any) -> dict[Any, Any]:
         """Return a table; refuse a repeated key, of which YAML would use the last value."""
         known: set[str] = set()

@@ -164,7 +164,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
             r"4: products\.b\.nominal: 'x' is",
         ),
         ('products: {a: {nominal: 0.1}, a: {nominal: 0.2}}', 'line 1: .* a is there twice'),
-        ('products: {7: {nominal: 0.1}}', r'products\.7\.name: 7 is not .* put it in quotes'),
+        ('products: {7: {nominal: 0.1}}', r'products\.7: 7 is not .* put it in quotes'),
         ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'line 1: .* recursive'),
         (r'products: {"\e[2J": {nominal: 0.1}}', r"'\\x1b\[2J' is not one line of text"),
         ('products: {a: 3}', r'products\.a: 3 is no table with nominal, tare'),

@@ -12,6 +12,7 @@ from checkweigher_core.parameters import ParameterError, Parameters, SettingsErr
 from checkweigher_core.records import WeighWindow
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
+from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.change import (
     RECENT,
     Change,
@@ -79,10 +80,10 @@ class ItemKind(Settings):
     that could be compared, (k,) each.
     """
 
-    speed: float = parameter(text='belt speed', unit='m/s')
-    length: float = parameter(text='length of the item', unit='m')
-    rise: int = parameter(text='parts from t1 to t2')
-    items: int = parameter(0, 'items that were seen')
+    speed: float = parameter(text='belt speed', unit='m/s', minimum=0)
+    length: float = parameter(text='length of the item', unit='m', minimum=0)
+    rise: int = parameter(text='parts from t1 to t2', minimum=0, maximum=PARTS - 1)
+    items: int = parameter(0, 'items that were seen', minimum=0)
     passages: tuple[Passage, ...] = parameter((), 'passes that teach')
     fit: Fit | None = parameter(None, 'what they have taught')
     recent: tuple[NDArray[np.float64], ...] = parameter(

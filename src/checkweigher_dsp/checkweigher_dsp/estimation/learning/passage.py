@@ -35,14 +35,16 @@ class Passage(Settings):
 
     parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
     quiet: int = parameter(text='parts without ring-down', minimum=0)
-    duration: float = parameter(text='duration of a part', unit='s')
-    load: float = parameter(text='load by the estimator', unit='kg')
-    variance: float = parameter(text='that it states; 0 if it states none', unit='kg^2')
-    zero_variance: float = parameter(text='variance of the zero', unit='kg^2')
+    duration: float = parameter(text='duration of a part', unit='s', minimum=0)
+    load: float = parameter(text='load by the estimator', unit='kg', minimum=0)
+    variance: float = parameter(text='it states; 0 for none', unit='kg^2', minimum=0)
+    zero_variance: float = parameter(text='variance of the zero', unit='kg^2', minimum=0)
 
     def __post_init__(self) -> None:
         if len(self.parts) < PARTS:
             raise SettingsError(f'{len(self.parts)} parts, at least {PARTS}', 'parts')
+        if self.quiet > self.lead:
+            raise SettingsError(f'{self.quiet}, but {self.lead} parts are before t1', 'quiet')
 
     @property
     def lead(self) -> int:

@@ -41,6 +41,7 @@ _LEARNED = 5.0  # numbers, at least, that the grid and the weights take from the
 _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # Hz
 _DAMPING = 0.05
 _FADING = 0.1  # s
+_ROUNDING = 1e-9  # of a load of 1
 _LEAST_VARIANCE = 1e-18  # kg^2
 
 
@@ -55,12 +56,12 @@ class Fit(Settings):
 
     curve: NDArray[np.float64] = parameter(text='parts of a load of 1')
     weights: NDArray[np.float64] = parameter(text='of the parts in the mass')
-    noise: NDArray[np.float64] = parameter(text='standard deviation of a part', unit='kg')
-    spectrum: NDArray[np.float64] = parameter(text='power by frequency', unit='kg^2')
-    variance: float = parameter(text='of the masses of items that were held out', unit='kg^2')
-    variance_before: float = parameter(text='the same of the chosen estimator', unit='kg^2')
-    zero_variance: float = parameter(text='mean variance of the zero', unit='kg^2')
-    loads: tuple[float, float] = parameter(text='smallest and largest', unit='kg')
+    noise: NDArray[np.float64] = parameter(text='deviation of a part', unit='kg', minimum=0)
+    spectrum: NDArray[np.float64] = parameter(text='power', unit='kg^2', minimum=0)
+    variance: float = parameter(text='of masses that were held out', unit='kg^2', minimum=0)
+    variance_before: float = parameter(text='by the estimator', unit='kg^2', minimum=0)
+    zero_variance: float = parameter(text='mean, of the zero', unit='kg^2', minimum=0)
+    loads: tuple[float, float] = parameter(text='smallest and largest', unit='kg', minimum=0)
     items: int = parameter(text='number of items that taught')
     trusted: bool = parameter(text='whether its masses are better than those of the estimator')
 
@@ -69,6 +70,11 @@ class Fit(Settings):
         lengths = [len(each) for each in (self.curve, self.noise, self.spectrum)]
         if count < PARTS or lengths != [count, count, count // 2 + 1]:
             raise SettingsError(f'{count} weights do not fit to lists of {lengths}', 'weights')
+        mass = self.weights @ self.curve
+        if not abs(mass - 1) < _ROUNDING:
+            raise SettingsError(
+                f'they weigh a load of 1 as {mass:g}: the file is damaged', 'weights'
+            )
 
     @property
     def lead(self) -> int:
