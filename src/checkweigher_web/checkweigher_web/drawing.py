@@ -3,22 +3,22 @@
 """Drawings of a lane, made once for all viewers."""
 
 from collections.abc import Callable, Hashable
+import time
 from typing import Any, TypeVar
 
-from checkweigher_web.lane import Item, Key, Lane
+from checkweigher_web.lane import Key, Lane, ShownItem
 from checkweigher_web.shift import Playback
 
 T = TypeVar('T')
 
 
-class Drawing:
-    """Figures and tables of a lane, each made when the first viewer needs it.
+class Made:
+    """Objects that are made when the first viewer needs them.
 
     Twenty viewers then cost little more than one. Only the thread of the page uses it.
     """
 
-    def __init__(self, lane: Lane | Playback) -> None:
-        self.lane = lane
+    def __init__(self) -> None:
         self._made: dict[Hashable, tuple[object, Any]] = {}
 
     def once(self, name: Hashable, state: object, make: Callable[[], T]) -> T:
@@ -28,12 +28,24 @@ class Drawing:
             known = self._made[name] = state, make()
         return known[1]
 
-    def items(self, *, only_faults: bool = False) -> list[Item]:
+    def each_second(self, name: Hashable, make: Callable[[], T]) -> T:
+        """Return the object made under a name; make it once a second."""
+        return self.once(name, int(time.monotonic()), make)
+
+
+class Drawing(Made):
+    """Figures and tables of a lane."""
+
+    def __init__(self, lane: Lane | Playback) -> None:
+        super().__init__()
+        self.lane = lane
+
+    def items(self, *, only_faults: bool = False) -> list[ShownItem]:
         """Return the items, or the faults among them, without signals, the latest first."""
         make = self.lane.faults if only_faults else self.lane.items
         return self.once(('items', only_faults), self.lane.version, make)
 
-    def latest(self) -> Item | None:
+    def latest(self) -> ShownItem | None:
         """Return the latest item."""
         return next(iter(self.items()), None)
 

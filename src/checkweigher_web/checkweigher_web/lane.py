@@ -43,7 +43,7 @@ Key = tuple[int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class ShownItem:
     """One item; whatever has not come is None or NaN."""
 
     verdict: Verdict
@@ -135,7 +135,7 @@ class Lane:
             self._blocks.clear()
             self._latest[WeighWindow].clear()
 
-    def items(self) -> list[Item]:
+    def items(self) -> list[ShownItem]:
         """Return the items without their signals, the latest first."""
         verdicts, estimates, edges, references = self._of(Verdict, MassEstimate, EyeEdge, Reference)
         by_key = {_key(estimate): estimate for estimate in estimates}
@@ -143,12 +143,11 @@ class Lane:
         joiner = ResultJoiner(edges, references)
         return list(joined(results, joiner))[::-1]
 
-    def faults(self) -> list[Item]:
+    def faults(self) -> list[ShownItem]:
         """Return the faults among the items, the latest first."""
         return [item for item in self.items() if item.verdict.decision == Decision.FAULT]
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
-        """Return the records of some kinds."""
         with self._lock:
             return [tuple(self._latest[kind]) for kind in kinds]
 
@@ -160,7 +159,7 @@ class Lane:
             return None
         return RawSignal(cell, blocks, edges)
 
-    def with_signals(self, item: Item) -> Item:
+    def with_signals(self, item: ShownItem) -> ShownItem:
         """Return an item with its window, or a fault with the samples around it."""
         (windows,) = self._of(WeighWindow)
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
@@ -200,22 +199,22 @@ class Lane:
 
 def joined(
     results: Iterable[tuple[Verdict, MassEstimate | None]], joiner: ResultJoiner
-) -> Iterator[Item]:
+) -> Iterator[ShownItem]:
     """Yield an item for each verdict and its estimate, in the order of the line."""
     speed = math.nan
     for verdict, estimate in results:
         nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
         known = joiner.join(estimate or nothing, verdict)
-        yield Item(verdict, estimate, None, None, known.t4, known.reference, speed)
+        yield ShownItem(verdict, estimate, None, None, known.t4, known.reference, speed)
         if estimate is not None and math.isfinite(estimate.belt_speed):
             speed = estimate.belt_speed
 
 
 def with_window(
-    item: Item,
+    item: ShownItem,
     window: WeighWindow | None,
     signal: RawSignal | None,
-) -> Item:
+) -> ShownItem:
     """Return an item with its window, and with the samples around it if they show more."""
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
@@ -224,7 +223,7 @@ def with_window(
     return replace(item, stretch=signal.stretch(*_span_of(item, signal.load_cell)))
 
 
-def _span_of(item: Item, load_cell: LoadCell) -> tuple[int, int]:
+def _span_of(item: ShownItem, load_cell: LoadCell) -> tuple[int, int]:
     """Return begin and end of the signal around an item, in ns.
 
     For an item that one eye missed the time at that eye is estimated from the usual speed.

@@ -12,6 +12,7 @@ from nicegui import ui
 from checkweigher_core.health.findings import Level
 from checkweigher_core.printable import counted
 from checkweigher_core.ros.status_board import LaneRow, by_lane
+from checkweigher_web.drawing import Made
 from checkweigher_web.elements import STYLE, Cell, Table, panel
 from checkweigher_web.lane import Lane
 from checkweigher_web.listening import Watch
@@ -40,30 +41,26 @@ class LaneView:
     cells: tuple[Cell, ...]
 
 
-class Overview:
+class Overview(Made):
     """The rows of all lanes, made once a second for all viewers."""
 
     def __init__(self, watch: Watch) -> None:
+        super().__init__()
         self._watch = watch
-        self._made = -math.inf
-        self._views: tuple[LaneView, ...] = ()
 
-    def views(self) -> tuple[LaneView, ...]:
+    def views(self) -> list[LaneView]:
         """Return a row for each lane with verdicts or diagnostics, the worst first."""
-        now = time.monotonic()
-        if now - self._made >= _PERIOD:
-            self._made, self._views = now, tuple(self._rows(now))
-        return self._views
+        return self.each_second('views', self._views)
 
     def only(self) -> str | None:
         """Return the name of the only lane; None if there are others, or none."""
         names = [view.name for view in self.views()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
-    def _rows(self, now: float) -> list[LaneView]:
+    def _views(self) -> list[LaneView]:
         lanes, board = dict(self._watch.lanes), self._watch.board
         hosts = board.hosts()
-        told = by_lane(board.rows(now)) if board.heard else []
+        told = by_lane(board.rows(time.monotonic())) if board.heard else []
         silent = lanes.keys() - {row.lane.strip('/') for row in told}
         text = 'no diagnostics have come; see whether its nodes run'
         rows = [LaneRow(name, Level.STALE, (), text) for name in sorted(silent)] + told

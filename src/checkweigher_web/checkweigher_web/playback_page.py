@@ -56,7 +56,6 @@ class PlaybackPage:
         self._follow()
 
     def _follow(self) -> None:
-        """Show the progress of the weighing, until it ends."""
         shift, count = self._shift, len(self._shift.items)
         whole = shift.is_whole
         self._slider.props['max'] = max(count, 1)

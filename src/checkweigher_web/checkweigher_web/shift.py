@@ -5,6 +5,7 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
+from functools import reduce
 from tempfile import TemporaryFile
 import threading
 from typing import Any
@@ -28,7 +29,7 @@ from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.accuracy.results import ResultJoiner
-from checkweigher_web.lane import MAX_ITEMS, Item, joined, with_window
+from checkweigher_web.lane import MAX_ITEMS, ShownItem, joined, with_window
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
@@ -44,7 +45,7 @@ class Shift:
 
     Attributes
     ----------
-    items : list of Item
+    items : list of ShownItem
         Items until now, without signals.
     faults : list of int
         Indices of the faults.
@@ -59,7 +60,7 @@ class Shift:
         self.recording = replace(recording, blocks=blocks)
         self.signal = RawSignal(recording.load_cell, blocks, recording.edges)
         self.parameters = parameters
-        self.items: list[Item] = []
+        self.items: list[ShownItem] = []
         self.faults: list[int] = []
         self.begin = self.weighed = recording.blocks[0].stamp
         self.is_whole = False
@@ -99,7 +100,7 @@ class Shift:
             self.weighed = event.stamp
             yield event
 
-    def with_signals(self, place: int) -> Item:
+    def with_signals(self, place: int) -> ShownItem:
         """Return the item at an index with its window, or a fault with the samples around it."""
         item, cut = self.items[place], self._cuts[place]
         window = None if cut is None else self._read(*cut)
@@ -150,17 +151,17 @@ class Playback:
         at = bisect_right(faults, self.place) if forward else bisect_left(faults, self.place) - 1
         return faults[at] if 0 <= at < len(faults) else None
 
-    def items(self) -> list[Item]:
+    def items(self) -> list[ShownItem]:
         """Return the items until now without their signals, the latest first."""
         end = self.place + 1
         return self.shift.items[max(0, end - MAX_ITEMS) : end][::-1]
 
-    def faults(self) -> list[Item]:
+    def faults(self) -> list[ShownItem]:
         """Return the faults until now, the latest first."""
         found = self.shift.faults[: bisect_right(self.shift.faults, self.place)]
         return [self.shift.items[place] for place in found[-MAX_ITEMS:]][::-1]
 
-    def with_signals(self, item: Item) -> Item:
+    def with_signals(self, item: ShownItem) -> ShownItem:
         """Return an item with its signals."""
         return self.shift.with_signals(self.shift.items.index(item))
 
@@ -168,17 +169,17 @@ class Playback:
     def statistics(self) -> Statistics:
         """Counts of the shift until now."""
         counts = ProductionStatistics()
-        for item in self.shift.items[: self.place + 1]:
-            counts.add(item.verdict)
+        for verdict in self._verdicts():
+            counts.add(verdict)
         return counts.summary()
 
     @property
     def series(self) -> MassSeries:
         """Masses of the shift until now."""
-        found = MassSeries()
-        for item in self.shift.items[: self.place + 1]:
-            found = found.with_item(item.verdict)
-        return found
+        return reduce(MassSeries.with_item, self._verdicts(), MassSeries())
+
+    def _verdicts(self) -> Iterator[Verdict]:
+        return (item.verdict for item in self.shift.items[: self.place + 1])
 
     def empty_belt(self) -> NDArray[np.float64]:
         """Return the longest part of the signal without an item before this one: (n,) in kg."""

@@ -74,7 +74,6 @@ def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) 
 
 
 def _symbol(rule: str) -> str:
-    """Return the symbol of a broken rule."""
     if rule.startswith('beyond'):
         return 'diamond'
     return 'rect' if rule.endswith('side') else 'triangle'

@@ -28,7 +28,7 @@ _HIGHEST = 150.0  # Hz; no machine shakes a belt above it
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class SpectralLine:
     """A line of the spectrum."""
 
     frequency: float  # Hz
@@ -42,7 +42,7 @@ class Spectrum:
 
     frequencies: NDArray[np.float64]
     amplitudes: NDArray[np.float64]
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
 
 
 class EmptyBeltView(View):
@@ -68,7 +68,7 @@ class EmptyBeltView(View):
             (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in lines
         )
 
-    def _draw(self) -> tuple[str, tuple[Line, ...]]:
+    def _draw(self) -> tuple[str, tuple[SpectralLine, ...]]:
         item, cell = self.drawing.latest(), self.lane.load_cell
         assert cell is not None
         known = None if item is None else item.estimate
@@ -118,7 +118,7 @@ def spectrum(
     ]
     strongest = sorted(sorted(peaks, key=lambda k: -amplitudes[k])[:_MAX_LINES])
     found = zip(frequencies[strongest].tolist(), amplitudes[strongest].tolist(), strict=True)
-    lines = (Line(each, size, _guess(each, belt_speed, platform)) for each, size in found)
+    lines = (SpectralLine(each, size, _guess(each, belt_speed, platform)) for each, size in found)
     return Spectrum(frequencies, amplitudes, tuple(lines))
 
 

@@ -14,7 +14,7 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.raw_signal import Stretch
 
 _BEFORE_RISE = 0.3  # s of empty belt that a rise is compared with
@@ -56,7 +56,7 @@ class Scene:
         Belt speed of the items before in m/s, or NaN.
     """
 
-    def __init__(self, item: Item, stretch: Stretch, load_cell: LoadCell) -> None:
+    def __init__(self, item: ShownItem, stretch: Stretch, load_cell: LoadCell) -> None:
         self.reasons = item.verdict.reasons
         self.stretch = stretch
         self.load_cell = load_cell

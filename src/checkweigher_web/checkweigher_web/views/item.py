@@ -10,7 +10,7 @@ from nicegui import ui
 from checkweigher_core.records import GRAMS
 from checkweigher_core.ros.ports import STAGES
 from checkweigher_core.ros.status_board import Row
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import decided, grams, when, why
 
@@ -73,7 +73,7 @@ class ItemView(View):
         self._why.set_text(why(verdict))
 
 
-def about(item: Item) -> str:
+def about(item: ShownItem) -> str:
     """Return what is known of an item besides its mass."""
     verdict, known = item.verdict, item.estimate
     parts = [f'item {verdict.item_id}', *(['gross'] if math.isfinite(verdict.mass) else [])]
@@ -90,10 +90,17 @@ def about(item: Item) -> str:
 
 def standstill(rows: Sequence[Row]) -> str:
     """Return why a lane does not weigh, by the diagnostics of its nodes; '' while it does."""
-    nodes = [(row.node.rpartition('/')[2], row) for row in rows]
-    silence = max((row.silence for node, row in nodes if node in _WEIGHS), default=0.0)
-    if silence:
-        return f'silent for {silence:.0f} s'
-    source = [row for node, row in nodes if (node, row.aspect) == ('driver', 'Source')]
+    if silent := silence(rows):
+        return f'silent for {silent:.0f} s'
+    source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]
     state = dict(source[0].values).get('state', '') if source else ''
     return _ENDED.get(state, '')
+
+
+def silence(rows: Sequence[Row]) -> float:
+    """Return for how many s a node that weighs has been silent, by the diagnostics; or 0."""
+    return max((row.silence for row in rows if _name(row) in _WEIGHS), default=0.0)
+
+
+def _name(row: Row) -> str:
+    return row.node.rpartition('/')[2]

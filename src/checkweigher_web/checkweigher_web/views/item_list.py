@@ -6,7 +6,7 @@ from nicegui import json, ui
 
 from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.elements import ItemList
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import grams, said, when
 
@@ -57,7 +57,7 @@ def rows_of(drawing: Drawing, *, only_faults: bool = False) -> str:
     )
 
 
-def _row(item: Item) -> list[str]:
+def _row(item: ShownItem) -> list[str]:
     verdict = item.verdict
     key, decision = row_key(item.key), verdict.decision.name
     masses = (grams(mass) for mass in (verdict.mass, verdict.std_dev, item.reference))

@@ -13,12 +13,12 @@ from checkweigher_web import charts
 from checkweigher_web.charts import ALARM, DENOISED, LEVEL, RAW, REFERENCE, Options
 from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.elements import Figure, Lines
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.views.fault_marks import EDGES, Mark, Scene, expected_rise, fault_marks
 from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import said, when, why
 
-_EYES = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour, and row in the figure
+_ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour, and row in the figure
 _LEAD = 0.5  # part of the figure before t1, as a fraction of t3 - t1
 
 Edge = tuple[float, bool, bool]  # time in ms, whether the eye was blocked, whether it was seen
@@ -37,7 +37,7 @@ ol.marks:empty { display: none; }
 """
 
     def _build(self) -> None:
-        self._item: Item | None = None
+        self._item: ShownItem | None = None
         self._about = ui.label('').classes('about')
         self._figure = Figure('signal of the item')
         self._why = ui.label('').classes('level-ERROR')
@@ -70,7 +70,7 @@ ol.marks:empty { display: none; }
             await self.look.keep(self._item)
 
 
-def drawn(drawing: Drawing, item: Item) -> tuple[str, tuple[str, ...]]:
+def drawn(drawing: Drawing, item: ShownItem) -> tuple[str, tuple[str, ...]]:
     """Return the figure of an item as JSON, and what broke; both grow with the samples."""
     made = drawing.once('signals', drawing.lane.version, dict)
     if item.key not in made:
@@ -80,7 +80,7 @@ def drawn(drawing: Drawing, item: Item) -> tuple[str, tuple[str, ...]]:
     return made[item.key]
 
 
-def signal_chart(item: Item, load_cell: LoadCell | None) -> tuple[Options, list[Mark]]:
+def signal_chart(item: ShownItem, load_cell: LoadCell | None) -> tuple[Options, list[Mark]]:
     """Return the signal of an item: its window, or the raw signal around a fault with its marks."""
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell)
@@ -91,7 +91,7 @@ def signal_chart(item: Item, load_cell: LoadCell | None) -> tuple[Options, list[
     return charts.nothing('no signal: it came before this page was open'), []
 
 
-def _window_chart(item: Item, window: WeighWindow) -> Options:
+def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
     origin = window.t1 or window.stamp
     time = (window.stamp - origin) / 1e6 + 1e3 / window.sample_rate * np.arange(len(window.counts))
     series = [charts.line('raw', time, GRAMS * window.force, RAW, width=1)]
@@ -138,14 +138,14 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
     figure = charts.figure(series, '', 'g')
     figure['legend']['data'] = [each['name'] for each in series]
     _add_rows_of_eyes(figure, shown, f'ms after {first}')
-    for eye in _EYES:
+    for eye in _ROWS:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
         # An eye whose first edge clears was blocked before, unless its blocking edge is unknown.
         begun = 't1' if eye == Eye.INFEED else 't3'
         was_seen = begun in scene.times or begun in missing
-        bars = _bars(sorted(edges), _EYES[eye][1], shown, was_seen=was_seen)
+        bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()))
     return figure
 
@@ -197,8 +197,7 @@ def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_
 
 
 def _row_of_eye(eye: Eye, bars: Bars, lost: Sequence[float]) -> list[Options]:
-    """Return the row of an eye: bars, dashed if an end was not seen, and missed edges."""
-    color, row = _EYES[eye]
+    color, row = _ROWS[eye]
     own = {'xAxisIndex': 1, 'yAxisIndex': 1, 'silent': True}
     bar = own | {'type': 'line', 'showSymbol': False, 'color': color, 'connectNulls': False}
     solid = {'width': 12, 'cap': 'butt'}

@@ -14,7 +14,7 @@ from checkweigher_core.ros.status_board import Row, StatusBoard
 from checkweigher_web.charts import Options
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import Figure
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 
 FAST, SLOW = 0.1, 1.0  # periods of updates in s
 
@@ -29,7 +29,7 @@ class Look:
 
     drawing: Drawing
     board: StatusBoard | None = None
-    keep: Callable[[Item], Awaitable[None]] | None = None
+    keep: Callable[[ShownItem], Awaitable[None]] | None = None
     chosen: str = ''
     only_faults: bool = False
 
@@ -39,7 +39,7 @@ class Look:
 
     def nodes(self) -> list[Row]:
         """Return the diagnostics of the nodes of the lane, made once a second for all viewers."""
-        return self.drawing.once('nodes', int(time.monotonic()), self._nodes)
+        return self.drawing.each_second('nodes', self._nodes)
 
     def _nodes(self) -> list[Row]:
         rows = [] if self.board is None else self.board.rows(time.monotonic())

@@ -12,7 +12,7 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_web import charts
 from checkweigher_web.charts import DENOISED, Options
 from checkweigher_web.drawing import Drawing
-from checkweigher_web.lane import Item, Key
+from checkweigher_web.lane import Key, ShownItem
 from checkweigher_web.views.fault_marks import Scene, empty_belt, runs
 from checkweigher_web.views.view import FigureView
 
@@ -45,7 +45,7 @@ def _read_empty_belts(drawing: Drawing) -> dict[Key, float]:
     return readings
 
 
-def zero_chart(items: Sequence[Item], readings: Mapping[Key, float]) -> Options:
+def zero_chart(items: Sequence[ShownItem], readings: Mapping[Key, float]) -> Options:
     """Return the zero before each item, as a distance from the zero of calibration.
 
     The items are given the latest first. Where the zero could not be trusted the time is marked
@@ -73,13 +73,13 @@ def zero_chart(items: Sequence[Item], readings: Mapping[Key, float]) -> Options:
     return figure
 
 
-def _is_out(item: Item) -> bool:
+def _is_out(item: ShownItem) -> bool:
     return Reason.ZERO_OUT_OF_RANGE in item.verdict.reasons
 
 
-def _has_zero(item: Item) -> bool:
+def _has_zero(item: ShownItem) -> bool:
     return item.verdict.t1 is not None and (_is_out(item) or math.isfinite(_zero_of(item)))
 
 
-def _zero_of(item: Item) -> float:
+def _zero_of(item: ShownItem) -> float:
     return math.nan if item.estimate is None else item.estimate.zero

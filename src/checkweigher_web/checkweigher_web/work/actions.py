@@ -183,7 +183,6 @@ def _grams(limit: float) -> str:
 
 
 def _in_grams(text: str) -> str:
-    """Return a text with its masses in grams."""
     return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)  # + 0: never -0
 
 

@@ -10,12 +10,12 @@ from nicegui import ui
 
 from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
-from checkweigher_web.lane import Item, Lane
+from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.audit import audit_log
 from checkweigher_web.work.calibration import Calibration
-from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
+from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number_in
 from checkweigher_web.work.dynamic_setting import DynamicSettingGuide
 from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.performance import performance_test
@@ -55,7 +55,7 @@ def _is_simulated(lane: Lane) -> bool:
     return lane.load_cell is not None and lane.load_cell.model == 'simulated'
 
 
-async def keep_item(desk: Desk, keeper: Keeper, item: Item) -> None:
+async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
     """Ask before an item is kept, and keep it."""
     number, recording = item.verdict.item_id, desk.lane.recording()
 
@@ -142,7 +142,7 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     now = actions.limits(services)
 
     def plan(lower: ui.input, upper: ui.input) -> tuple[str, Action]:
-        ends = number(lower, empty=-math.inf) / GRAMS, number(upper, empty=math.inf) / GRAMS
+        ends = number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
         wanted = Limits(*ends)
         return f'set limits to {wanted}', partial(actions.set_limits, services, wanted)
 

@@ -16,7 +16,7 @@ from checkweigher_web.work.dialogs import (
     Desk,
     Guide,
     field,
-    number,
+    number_in,
     reason_field,
 )
 from checkweigher_web.work.services import LaneServices
@@ -57,18 +57,16 @@ class Calibration(Guide):
         self.button('Write calibration', self._write)
 
     def _show(self) -> None:
-        """Show the present load, and what was read."""
         self._read.show(self.services.readings)
         self._load.set_text(f'On the belt now: {grams(self.desk.lane.load(), " g", 1)}')
 
     async def _read_mass(self) -> None:
-        mass, uncertainty = number(self._mass), number(self._uncertainty, empty=0.0)
+        mass, uncertainty = number_in(self._mass), number_in(self._uncertainty, empty=0.0)
         values = {'mass': mass / GRAMS, 'mass_uncertainty': uncertainty / GRAMS}
         read = partial(self.services.message, ports.CALIBRATE_SPAN, **values)
         await self._take(f'{mass:g} g', read)
 
     async def _take(self, load: str, read: Action) -> None:
-        """Read a load, and add it to the list."""
 
         async def noted() -> str:
             text = await read()
@@ -78,7 +76,7 @@ class Calibration(Guide):
         await self.perform(f'read {load} for a calibration', noted)
 
     async def _write(self) -> None:
-        largest = number(self._largest, empty=0.0) / GRAMS
+        largest = number_in(self._largest, empty=0.0) / GRAMS
 
         async def write() -> str:
             answer = await self.services.call(ports.FINISH_CALIBRATION, max_residual=largest)

@@ -150,7 +150,7 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
     return found.props(f'suffix="{unit}"') if unit else found
 
 
-def number(given: ui.input, *, empty: float | None = None) -> float:
+def number_in(given: ui.input, *, empty: float | None = None) -> float:
     """Return the number in a field, or raise `RefusedError` if the text is not a single number."""
     text = str(given.value or '').strip()
     if not text and empty is not None:

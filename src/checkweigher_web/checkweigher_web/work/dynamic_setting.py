@@ -10,7 +10,7 @@ from nicegui import ui
 from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
 from checkweigher_web.elements import Table
-from checkweigher_web.work.dialogs import Desk, Guide, field, number, reason_field
+from checkweigher_web.work.dialogs import Desk, Guide, field, number_in, reason_field
 from checkweigher_web.work.services import LaneServices, RefusedError
 
 _PERIOD = 0.2  # s
@@ -66,7 +66,6 @@ class DynamicSettingGuide(Guide):
             button.set_visibility(False)
 
     async def _update(self) -> None:
-        """Show the present state of the dynamic setting."""
         said = self.services.setting
         if said is None or said is self._said:
             return
@@ -98,7 +97,7 @@ class DynamicSettingGuide(Guide):
         self._chosen.set_text('; '.join(chosen))
 
     async def _record(self) -> None:
-        mass, passes = number(self._mass), number(self._passes)
+        mass, passes = number_in(self._mass), number_in(self._passes)
         if not (passes.is_integer() and 0 < passes < _MANY):
             raise RefusedError(f'Passes: {passes:g} is not a number of passes')
         values = {'mass': mass / GRAMS, 'passes': int(passes)}

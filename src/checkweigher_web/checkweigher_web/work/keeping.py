@@ -12,7 +12,7 @@ from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.item_recording import KeepError, keep_item
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.work.services import RefusedError
 
 HELD = 120.0  # s of samples, which leaves a person time to look at a fault first
@@ -27,7 +27,7 @@ class Keeper:
         self._turn = asyncio.Lock()
 
     async def keep(
-        self, lane: str, recording: Recording | None, parameters: LineParameters, item: Item
+        self, lane: str, recording: Recording | None, parameters: LineParameters, item: ShownItem
     ) -> str:
         """Write an item with the samples that its mass needs, and return the path in words.
 
@@ -39,7 +39,7 @@ class Keeper:
             Samples and edges that the page holds.
         parameters : LineParameters
             Present parameters of the lane.
-        item : Item
+        item : ShownItem
             The item with its verdict.
 
         Raises
@@ -51,7 +51,7 @@ class Keeper:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)
 
     def _keep(
-        self, lane: str, recording: Recording | None, parameters: LineParameters, item: Item
+        self, lane: str, recording: Recording | None, parameters: LineParameters, item: ShownItem
     ) -> str:
         verdict, estimate = item.verdict, item.estimate
         stamps = [each for each in item.key if each is not None]

@@ -40,7 +40,6 @@ def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
 
 
 def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | None:
-    """Return the file of a report by its address, or None."""
     if '/' in name or '\0' in name:
         return None
     if kind == BATCH and services.batch_folder is not None:

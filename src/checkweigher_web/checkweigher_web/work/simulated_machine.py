@@ -10,7 +10,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Operation
-from checkweigher_web.work.dialogs import Action, Desk, ask, field, number
+from checkweigher_web.work.dialogs import Action, Desk, ask, field, number_in
 from checkweigher_web.work.services import LaneServices
 
 _TEXT = (
@@ -29,7 +29,7 @@ async def operate(desk: Desk, services: LaneServices) -> None:
     def plan(
         feed: ui.checkbox, speed: ui.input, mass: ui.input, load: ui.input
     ) -> tuple[str, Action]:
-        metres_per_minute, *grams = (number(each, empty=0) for each in (speed, mass, load))
+        metres_per_minute, *grams = (number_in(each, empty=0) for each in (speed, mass, load))
         masses = (each / GRAMS for each in grams)
         wanted = Operation(bool(feed.value), metres_per_minute / 60, *masses)
         return f'simulated machine: {wanted}', partial(actions.operate, services, wanted)

@@ -86,7 +86,6 @@ class VerificationGuide(Guide):
     # What is shown
 
     def _update(self) -> None:
-        """Show the present state of the verification."""
         said, before = self.services.verification, self._said
         if said is None or said is before:
             return
@@ -101,7 +100,6 @@ class VerificationGuide(Guide):
             self._show_elements(said.state, Path(said.folder))
 
     def _show_elements(self, state: ProgressState, folder: Path) -> None:
-        """Show the elements that are of use in a state."""
         idle = state is ProgressState.IDLE
         self._choice.set_visibility(idle)
         self._begin.set_visibility(idle)
@@ -113,7 +111,6 @@ class VerificationGuide(Guide):
             self._show_choices(folder)
 
     def _show_choices(self, folder: Path) -> None:
-        """Show the plans on this machine, and the reports."""
         made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]
         known = [*sorted((folder / PLANS).glob('*.yaml')), *made]
         self._paths = {str(path.relative_to(folder)): path for path in known}
@@ -166,7 +163,6 @@ class VerificationGuide(Guide):
 
 
 def _state(said: VerificationProgress) -> str:
-    """Return the state of a verification in words."""
     if said.state is ProgressState.IDLE:
         return said.text
     at = f'{said.step + 1}/{len(said.steps)} {said.steps[said.step]}: ' if said.steps else ''
@@ -174,7 +170,6 @@ def _state(said: VerificationProgress) -> str:
 
 
 def _asked(step: Step) -> str:
-    """Return what to do in a step."""
     return f'{step.count} passes: {step.to_do}' if step.count else step.to_do
 
 

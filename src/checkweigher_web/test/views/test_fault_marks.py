@@ -15,7 +15,7 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, SampleBlock, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_web.lane import Item, Lane
+from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.views.fault_marks import Mark, Scene, fault_marks
 from checkweigher_web.views.signal import signal_chart
 
@@ -31,7 +31,7 @@ def line() -> Recording:
     return simulated(count=9, seed=3, masses=(0.1345,))
 
 
-def broken_item(lane: Lane, reason: Reason) -> Item:
+def broken_item(lane: Lane, reason: Reason) -> ShownItem:
     found = [item for item in lane.items() if reason in item.verdict.reasons]
     assert found, [item.verdict.reasons for item in lane.items()]
     return lane.with_signals(found[-1])

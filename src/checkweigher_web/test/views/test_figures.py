@@ -19,10 +19,10 @@ from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_validation.accuracy.passes import known_passes
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.charts import Options
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.views.control_charts import control_figure
-from checkweigher_web.views.empty_belt import Line, Spectrum, spectrum_chart
+from checkweigher_web.views.empty_belt import SpectralLine, Spectrum, spectrum_chart
 from checkweigher_web.views.masses import histogram
 from checkweigher_web.views.signal import signal_chart
 
@@ -33,18 +33,18 @@ def recording() -> Recording:
 
 
 @pytest.fixture
-def item(recording: Recording) -> Item:
+def item(recording: Recording) -> ShownItem:
     (result, *_) = weigh(recording, LineParameters())
     (known, *_) = known_passes(recording.load_cell, recording, SegmenterParameters())
     denoised = Denoiser(DenoiseParameters()).denoise(known.window)
-    return Item(result.verdict, result.estimate, denoised, t4=result.t4, reference=0.0745)
+    return ShownItem(result.verdict, result.estimate, denoised, t4=result.t4, reference=0.0745)
 
 
 def series_of(figure: Options) -> dict[str, Options]:
     return {each['name']: each for each in figure['series']}
 
 
-def test_the_signal_has_the_mass_its_interval_and_the_edges(item: Item, recording: Recording):
+def test_the_signal_has_the_mass_its_interval_and_the_edges(item: ShownItem, recording: Recording):
     found = series_of(signal_chart(item, recording.load_cell)[0])
     assert set(found) == {'raw', 'denoised', 'mass', 'reference'}
     mass, std_dev = 1e3 * item.verdict.mass, 1e3 * item.verdict.std_dev
@@ -57,7 +57,7 @@ def test_the_signal_has_the_mass_its_interval_and_the_edges(item: Item, recordin
     assert list(marks.values()) == pytest.approx([0, 100, 200, 300], rel=0.02)
 
 
-def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them(item: Item):
+def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them(item: ShownItem):
     light = replace(item.verdict, decision=Decision.UNDER, mass=0.01)
     heavier = replace(item.verdict, mass=item.verdict.mass + 1e-3, lower_limit=0.06)
     series = MassSeries()
@@ -85,11 +85,11 @@ def labels_of(figure: Options, width: int) -> list[tuple[float, float, float]]:
     return found
 
 
-def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: Item):
+def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: ShownItem):
     series = MassSeries(masses=(0.148, 0.152))
     verdict = replace(item.verdict, lower_limit=0.1465, upper_limit=0.1582)
     statistics = ProductionStatistics(Product('', nominal=0.15, tu1=0.1455, tu2=0.141)).summary()
-    lines = tuple(Line(at, 1e-3, '') for at in (31.0, 39.0, 50.0, 100.0))
+    lines = tuple(SpectralLine(at, 1e-3, '') for at in (31.0, 39.0, 50.0, 100.0))
     spectrum = Spectrum(np.arange(200.0), np.ones(200), lines)
     for figure, count in (
         (histogram(series, verdict, statistics), 5), (spectrum_chart(spectrum), 4),
@@ -145,12 +145,12 @@ def test_the_limits_of_a_calm_control_chart_can_be_seen(spread: bool):
         assert axis['min'] < value < axis['max']
 
 
-def test_what_came_before_the_page_was_open_says_so(item: Item):
+def test_what_came_before_the_page_was_open_says_so(item: ShownItem):
     figure = signal_chart(replace(item, window=None), None)[0]
     assert 'before this page was open' in figure['title']['text']
 
 
-def test_a_long_signal_is_thinned_out(item: Item, recording: Recording):
+def test_a_long_signal_is_thinned_out(item: ShownItem, recording: Recording):
     assert item.window is not None
     window = replace(item.window, counts=np.resize(item.window.counts, 100_000))
     window = replace(window, denoised=np.zeros(0))

@@ -9,7 +9,7 @@ from checkweigher_core.records import Decision, FillerFeedback, ProductOnLine, V
 from checkweigher_dsp.rejection.batch_rules import BatchRules
 from checkweigher_production.recipes import Product
 from checkweigher_production.statistics import ProductionStatistics
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import ShownItem
 from checkweigher_web.views.item import about
 from checkweigher_web.views.production import batch_rules, production
 
@@ -57,8 +57,8 @@ def test_masses_say_whether_they_have_the_packaging_in_them():
     statistics.add(verdict)
     found = dict(production(statistics.summary(), None))
     assert (found['net mean, g'], found['giveaway, g']) == ('151.000', '1.000')
-    assert about(Item(verdict)) == 'item 1, gross'
-    assert about(Item(replace(verdict, mass=math.nan))) == 'item 1'
+    assert about(ShownItem(verdict)) == 'item 1, gross'
+    assert about(ShownItem(replace(verdict, mass=math.nan))) == 'item 1'
 
 
 def test_a_recipe_without_the_rules_shows_what_came():

@@ -15,7 +15,7 @@ from checkweigher_core.records import NANOSECONDS, SampleBlock
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_validation.accuracy.results import weigh
-from checkweigher_web.lane import Item, Lane
+from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.services import RefusedError
 
@@ -32,7 +32,7 @@ def held_of(recording: Recording) -> Lane:
     return lane_of(recording, held=HELD)
 
 
-def keep(folder: Path, held: Lane, item: Item, parameters: LineParameters = DEFAULTS) -> str:
+def keep(folder: Path, held: Lane, item: ShownItem, parameters: LineParameters = DEFAULTS) -> str:
     return asyncio.run(Keeper(folder).keep('a/b', held.recording(), parameters, item))
 
 
