@@ -25,7 +25,7 @@ class Viewer:
     def __init__(self, port: int) -> None:
         self.seen: dict[int, float] = {}
         self.messages = 0
-        self._socket = _connect(port)
+        self._socket, _ = connect(port)
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
@@ -63,8 +63,11 @@ def viewers(port: int, count: int) -> Iterator[list[Viewer]]:
             each.close()
 
 
-def _connect(port: int) -> WebSocket:
-    """Load the page and open its socket; where the server has forgotten the page, once more."""
+def connect(port: int) -> tuple[WebSocket, str]:
+    """Load the page and open its socket; where the server has forgotten the page, once more.
+
+    Returns the socket and the number of the page.
+    """
     address, end = f'127.0.0.1:{port}', time.monotonic() + PATIENCE
     while True:
         page = get_text(port)
@@ -82,6 +85,6 @@ def _connect(port: int) -> WebSocket:
         socket.send('40')
         answer = str(socket.recv())
         if answer.startswith('40'):
-            return socket
+            return socket, query['client_id']
         socket.close()
         assert time.monotonic() < end, answer

@@ -28,7 +28,7 @@ from checkweigher_bringup.supervision import CANNOT_START, SupervisedProcess, sa
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import Place
 from checkweigher_core.ros.port_node import PortNode
-from checkweigher_web.access.users import default_users
+from checkweigher_web.access.users import UserFile, default_users
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
@@ -165,7 +165,7 @@ def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> li
     """Return the command that serves the page."""
     keep = (
         ['--keep', str(folder.path / 'kept')]
-        if folder is not None and default_users().exists()
+        if folder is not None and UserFile(default_users()).now()
         else []
     )
     command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]

@@ -75,6 +75,14 @@ class Lines(_FromText, component='lines.js'):
         self.show_text(json.dumps(list(lines)))
 
 
+class Pulse(ui.element, component='pulse.js'):
+    """A note on the age of the page, which the browser greys while no beat comes."""
+
+    def beat(self, age: float) -> None:
+        """Tell the browser the age of what it shows, in s."""
+        self.props.update(age=age, beat=self.props.get('beat', 0) + 1)
+
+
 class Table(_FromText, component='rows.js'):
     """A table, which is not shown without rows.
 

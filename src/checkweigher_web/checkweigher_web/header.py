@@ -8,6 +8,7 @@ from nicegui import ui
 
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
+from checkweigher_web.elements import Pulse
 
 _PERIOD = 1.0  # s
 _HOW_TO_ACT = (
@@ -16,20 +17,34 @@ _HOW_TO_ACT = (
 )
 
 
-def header(access: Access, lane: str, others: Callable[[], bool] | None = None) -> None:
-    """Show the head of a page of a lane; with a link to all lanes while there are `others`."""
+def header(
+    access: Access,
+    lane: str,
+    others: Callable[[], bool] = lambda: False,
+    silence: Callable[[], float] = lambda: 0.0,
+) -> None:
+    """Show the head of a page of a lane; with a link to all lanes while there are `others`.
+
+    The browser greys the page while the server does not answer, or with a `silence` of the lane in
+    s.
+    """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
         ui.label(f'lane {lane}' if lane else 'Checkweigher').classes('title')
-        if others is not None:
-            link = ui.link('All lanes', '/')
-            link.set_visibility(others())
-            ui.timer(_PERIOD, lambda: link.set_visibility(others()))
+        link = ui.link('All lanes', '/')
+        link.set_visibility(others())
         if session is not None:
             ui.label(f'{session.user.name}, {session.user.role.name.lower()}')
             ui.html(logout_form(session.token), sanitize=False)
         else:
             ui.link('Log in', LOGIN)
+    pulse = Pulse()
+
+    def update() -> None:
+        link.set_visibility(others())
+        pulse.beat(silence())
+
+    ui.timer(_PERIOD, update)
 
 
 def hint_to_users(access: Access) -> None:

@@ -3,7 +3,8 @@
 """The server of the page: one process, by default on the loopback address."""
 
 from collections import Counter
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 import errno
 from functools import partial
@@ -23,6 +24,12 @@ import uvicorn
 
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.access.guard import Access, Guard, bind_events
+from checkweigher_web.access.hardening import (
+    PromptProtocol,
+    answer,
+    forget_waiting,
+    log_in_lines,
+)
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
@@ -35,6 +42,7 @@ from checkweigher_web.overview import Overview, show_overview, wait_for_lane
 from checkweigher_web.page import show_lane
 from checkweigher_web.playback_page import PlaybackPage
 from checkweigher_web.shift import Shift
+from checkweigher_web.views.item import silence
 from checkweigher_web.views.view import Look
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.bar import keep_item, work_bar
@@ -78,11 +86,9 @@ def serve(
     PageError, CertificateError, SettingsError
         If the site cannot be served.
     """
-    found = site.checked()
-    with _listen(found) as listener, ExitStack() as stack:
+    with _listen(site.checked()) as (listener, access, app), ExitStack() as stack:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown)
-        access, app = _application(found, listener)
         if keep is not None and not access.users.now():
             raise PageError('--keep: needs a user: checkweigher user add NAME --role R')
         spinner = Spinner()
@@ -114,9 +120,7 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
     PageError, CertificateError, SettingsError
         If the site cannot be served.
     """
-    found = site.checked()
-    with _listen(found) as listener:
-        access, app = _application(found, listener)
+    with _listen(site.checked()) as (listener, access, app):
         if report is not None:
             headers = {'Content-Security-Policy': REPORT_POLICY}
             answer = HTMLResponse(report.read_bytes(), headers=headers)
@@ -131,7 +135,17 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
         _run(app, access, listener)
 
 
-def _listen(site: Site) -> socket.socket:
+@contextmanager
+def _listen(site: Site) -> Iterator[tuple[socket.socket, Access, FastAPI]]:
+    """Listen at a site; give its socket, its users and sessions, and the application with login."""
+    with _listener(site) as listener:
+        access = Access(replace(site, port=listener.getsockname()[1]))
+        app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+        add_login(app, access, STYLE)
+        yield listener, access, app
+
+
+def _listener(site: Site) -> socket.socket:
     where = f'port {site.port}' if site.loopback else f'{site.host} port {site.port}'
     try:
         (family, *_, address), *_ = socket.getaddrinfo(
@@ -150,7 +164,6 @@ def _listen(site: Site) -> socket.socket:
 def _add_pages(
     access: Access, watch: Watch, workshop: Workshop, keep: Path | None, auditor: Auditor
 ) -> None:
-    """Add the page of all lanes, and that of each lane."""
     keeper = None if keep is None else Keeper(keep)
     viewers: Counter[str] = Counter()
     watch.viewers = lambda name: viewers[name]
@@ -177,23 +190,15 @@ def _add_pages(
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
-        header(access, name, lambda: lanes.only() is None)
-        hint_to_users(access)
         look = Look(drawings.setdefault(name, Drawing(watch.lanes[name])), watch.board)
+        header(access, name, lambda: lanes.only() is None, lambda: silence(look.nodes()))
+        hint_to_users(access)
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
         if desk.role >= Role.OPERATOR:
             work_bar(desk)
             if keeper is not None:
                 look.keep = partial(keep_item, desk, keeper)
         show_lane(look)
-
-
-def _application(site: Site, listener: socket.socket) -> tuple[Access, FastAPI]:
-    """Return users and sessions of a site with its port, and the application with its login."""
-    access = Access(replace(site, port=listener.getsockname()[1]))
-    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    add_login(app, access, STYLE)
-    return access, app
 
 
 def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
@@ -206,12 +211,16 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         reconnect_timeout=_AWAY,
     )
     bind_events(access)
-    nicegui.timer(_LOOK_PERIOD, access.expel)
+    log_in_lines()
+    for look in (access.expel, answer, forget_waiting):
+        nicegui.timer(_LOOK_PERIOD, look)
     # Printed when the server handles the signals.
     nicegui.on_startup(lambda: print(f'page: {site.address}', file=sys.stderr, flush=True))
     config = uvicorn.Config(
         Guard(app, access),
-        log_level='warning',
+        http=PromptProtocol,
+        log_config=None,
+        access_log=False,
         timeout_graceful_shutdown=2,
         server_header=False,
         ssl_certfile=site.certificate,

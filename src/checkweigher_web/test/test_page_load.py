@@ -12,6 +12,7 @@ import threading
 import time
 
 from browsers import needs_browser, open_browser, text_of, until
+from graph import wait_for
 import pytest
 import rclpy
 from running import BAGS, PATIENCE
@@ -28,13 +29,6 @@ SHORT, MANY = 4, 20  # viewers
 AMID = 10  # verdicts
 PAUSE = 0.2  # s between two requests of a flood
 MEASURED = 20.0  # s
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 @contextmanager
@@ -137,7 +131,7 @@ def judged_line(folder: Path, clock: Clock) -> Iterator[int]:
         node = PortNode('judged')
         node.subscribe(ports.VERDICT, clock.judge)
         spinner.add(node)
-        wait_for(lambda: clock.judged)
+        wait_for(lambda: bool(clock.judged))
         started = Path(f'/proc/{line.pid}/task').glob('*/children')
         (of_line,) = [int(each) for path in started for each in path.read_text().split()]
         yield of_line

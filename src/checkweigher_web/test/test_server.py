@@ -28,6 +28,7 @@ def test_the_page_is_served_with_its_guards(port: int):
     assert answer.headers['X-Frame-Options'] == 'DENY'
     assert "frame-ancestors 'none'" in answer.headers['Content-Security-Policy']
     assert 'http' not in answer.headers['Content-Security-Policy']
+    assert 'Strict-Transport-Security' not in answer.headers
 
 
 def test_a_name_that_points_here_is_refused(port: int):

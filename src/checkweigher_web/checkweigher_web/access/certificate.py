@@ -5,6 +5,7 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
+import os
 from pathlib import Path
 import ssl
 
@@ -68,9 +69,16 @@ def check_pair(certificate: Path, key: Path) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     for path in (certificate, key):
         try:
-            path.open('rb').close()
+            with path.open('rb') as file:
+                status = os.stat(file.fileno())
         except OSError as error:
             raise CertificateError(f'{path}: {error.strerror or error}') from None
+    # A key of root may be that of a group, as ssl-cert of Debian.
+    mode = 0o640 if status.st_uid == 0 != os.geteuid() else 0o600
+    if status.st_mode & 0o777 & ~mode:
+        raise CertificateError(
+            f'{key}: other users of this machine may use it; run: chmod {mode:o} {key}'
+        )
     try:
         context.load_cert_chain(certificate, key, password=lambda: '')
     except (OSError, ValueError) as error:

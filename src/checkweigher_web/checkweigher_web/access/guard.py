@@ -10,7 +10,7 @@ from fastapi import Response
 from fastapi.responses import RedirectResponse
 from nicegui import Client, core
 from starlette.datastructures import MutableHeaders
-from starlette.requests import HTTPConnection
+from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from checkweigher_web.access.sessions import Session, Sessions
@@ -86,7 +86,7 @@ class Access:
 
 
 def _delete(client: Client) -> None:
-    if client.id in Client.instances:
+    if not client.is_deleted:
         client.delete()
 
 
@@ -114,7 +114,7 @@ class Guard:
         identifier = connection.cookies.get(self._access.cookie, '')
         if self._access.sessions.find(identifier, used=scope['type'] == 'http') is None:
             identifier = ''
-        send = _with_headers(send, scope['path'])
+        send = _with_headers(send, scope['path'], self._access.site)
         refusal = self._refusal(connection, identifier)
         if refusal is None:
             await self._pass_on(_bound(scope, identifier), receive, send)
@@ -125,9 +125,11 @@ class Guard:
             await refusal(scope, receive, send)
 
     async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Call the application; ignore a missing answer if the browser has left."""
+        """Call the application; ignore a request or an answer cut short by a browser that left."""
         try:
             await self._app(scope, receive, send)
+        except ClientDisconnect:
+            pass
         except RuntimeError as error:
             if str(error) != _UNANSWERED:
                 raise
@@ -145,7 +147,6 @@ class Guard:
         return None
 
     def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:
-        """Return the refusal of a connection, or None."""
         reads = connection.scope.get('method') in ('GET', 'HEAD')
         foreign = self._foreign(connection, reads=reads)
         path = connection.scope['path']
@@ -178,8 +179,10 @@ def bind_events(access: Access) -> None:
     NiceGUI by itself takes them from any socket that names the page. An event of a person counts
     as use of the session.
     """
-    for name in ('event', 'javascript_response', 'ack', 'log'):
-        core.sio.on(name, _from_its_socket(core.sio.handlers['/'][name], access))
+    handlers = core.sio.handlers['/']
+    del handlers['log']  # texts of browsers for the log of the page
+    for name in ('event', 'javascript_response', 'ack'):
+        core.sio.on(name, _from_its_socket(handlers[name], access))
 
 
 def _from_its_socket(
@@ -187,19 +190,20 @@ def _from_its_socket(
 ) -> Callable[[str, dict[str, Any]], None]:
     event = handle is core.sio.handlers['/']['event']
 
-    def take(socket: str, message: dict[str, Any]) -> None:
-        client = Client.instances.get(str(message.get('client_id')))
+    def take(socket: str, message: object = None, *_: object) -> None:
+        given = message if isinstance(message, dict) else {}
+        client = Client.instances.get(str(given.get('client_id')))
         if client is None or client.id not in core.sio.rooms(socket):
             return
         if event:
             access.sessions.find(_identifier(client), used=True)
         if access.role_of(client) is not None:
-            handle(socket, message)
+            handle(socket, given)
 
     return take
 
 
-def _with_headers(send: Send, path: str) -> Send:
+def _with_headers(send: Send, path: str, site: Site) -> Send:
     async def send_guarded(message: Message) -> None:
         if message['type'] == 'http.response.start':
             headers = MutableHeaders(scope=message)
@@ -207,6 +211,8 @@ def _with_headers(send: Send, path: str) -> Send:
             headers.setdefault('Content-Security-Policy', _POLICY)
             if not path.startswith(_ASSETS):
                 headers['Cache-Control'] = 'no-store'
+            if site.secure and not site.open:  # localhost serves other things without TLS
+                headers['Strict-Transport-Security'] = 'max-age=31536000'
         await send(message)
 
     return send_guarded

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 import secrets
 from typing import Any
+import unicodedata
 from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
@@ -87,7 +88,9 @@ class _Forms:
             return await self._decide(request, given)
 
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
-        name, password = given.get('name', '')[:64], given.get('password', '')
+        # As the account is found: any spelling of a letter counts as the same account.
+        name = unicodedata.normalize('NFC', given.get('name', ''))[:64]
+        password = given.get('password', '')
         address = _address(request)
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'

@@ -24,6 +24,11 @@ def test_a_certificate_names_host_and_address_and_fits_its_key(tmp_path: Path):
     assert names.get_values_for_type(x509.IPAddress) == [ip_address('192.168.1.7')]
     assert len(made.split(':')) == 32
 
+    key.chmod(0o644)
+    with pytest.raises(CertificateError, match=f'may use it; run: chmod 600 {key}'):
+        check_pair(certificate, key)
+    key.chmod(0o600)
+
     with pytest.raises(OutputError, match='exists already'):
         make_certificate(['other'], certificate, tmp_path / 'other.key')
     make_certificate(['other'], tmp_path / 'other.crt', tmp_path / 'other.key')

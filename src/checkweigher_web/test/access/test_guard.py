@@ -85,7 +85,7 @@ class Browser:
 def users(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('site') / 'users'
     known = hash_password('x', PASSWORD)
-    names = 'anna', 'mallory', 'carl', 'dora'
+    names = 'anna', 'mallory', 'carl', 'dora', 'zo\u00eb'
     write_users(path, {name: User(name, Role.TECHNICIAN, known) for name in names})
     return path
 
@@ -111,6 +111,7 @@ def test_nothing_is_shown_before_the_login(browser: Browser):
     assert "default-src 'none'" in login.headers['content-security-policy']
     assert 'script' not in login.headers['content-security-policy']
     assert login.headers['cache-control'] == 'no-store'
+    assert login.headers['strict-transport-security'] == 'max-age=31536000'
 
 
 def test_a_login_gives_a_cookie_that_scripts_and_other_sites_do_not_get(browser: Browser):
@@ -176,6 +177,13 @@ def test_failures_in_a_row_have_to_wait(browser: Browser):
     deadline = time.monotonic() + PATIENCE
     while browser.log_in('carl').status != 303:  # as fast as it goes
         assert time.monotonic() < deadline
+
+
+def test_every_spelling_of_a_name_is_the_same_account(browser: Browser):
+    for number, name in enumerate(['zo\u00eb', 'zoe\u0308', 'zo\u00eb']):
+        own = {'X-Forwarded-For': f'10.5.0.{number}'}
+        assert browser.log_in(name, 'wrong horse', **own).status == 403
+    assert browser.log_in('zoe\u0308').status == 429
 
 
 def test_what_others_mistyped_at_the_same_address_is_over_with_a_login(browser: Browser):

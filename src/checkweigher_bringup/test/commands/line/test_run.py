@@ -13,6 +13,7 @@ import time
 from typing import Any
 
 from checkweigher_msgs.msg import Verdict
+from processes import children
 import pytest
 from running import PATIENCE, run_command
 from served_page import get
@@ -80,7 +81,11 @@ def test_of_two_lines_that_start_at_once_one_goes_on(tmp_path: Path):
             run.communicate()
 
 
-def test_the_page_beside_a_line_ends_with_it(tmp_path: Path):
+def command_of(pid: int) -> str:
+    return Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8')
+
+
+def test_the_page_beside_a_line_is_kept_running_and_ends_with_it(tmp_path: Path):
     words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--namespace', 'shown']
     run = subprocess.Popen(
         [*words, '--page-port', '0'], text=True, stdout=subprocess.DEVNULL,
@@ -88,10 +93,13 @@ def test_the_page_beside_a_line_ends_with_it(tmp_path: Path):
     )  # fmt: skip
     try:
         assert run.stderr is not None
-        said = next(line for line in run.stderr if line.startswith('page: '))
-        found = re.match(r'page: http://127\.0\.0\.1:(\d+)/', said)
-        assert found
-        assert get(int(found[1])).status == 200
+        for number in (signal.SIGKILL, 0):
+            said = next(line for line in run.stderr if line.startswith('page: '))
+            found = re.match(r'page: http://127\.0\.0\.1:(\d+)/', said)
+            assert found
+            assert get(int(found[1])).status == 200
+            page = next(pid for pid in children(run.pid) if '\0page\0' in command_of(pid))
+            os.kill(page, number)
         run.send_signal(signal.SIGINT)
         assert run.wait(timeout=PATIENCE) == 130
         with pytest.raises(ConnectionRefusedError):

@@ -1,0 +1,87 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits of the web server: time of a request, lines of the log, pages without a browser, hangs."""
+
+import asyncio
+import faulthandler
+import logging
+from pathlib import Path
+import traceback
+
+from nicegui import Client
+from rclpy.logging import get_logger
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from checkweigher_core.printable import one_line
+
+REQUEST = 10.0  # s, for a whole request
+HUNG = 30.0  # s without a turn of the event loop, after which the process ends
+WAITING = 100  # pages whose browsers have not opened a socket
+_PLACES = 3  # of an error in the log, the innermost ones
+
+
+class PromptProtocol(HttpToolsProtocol):
+    """Connection that is closed unless each of its requests is complete in time.
+
+    uvicorn has no such limit: connections with half a request would stay until none are left.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for the first request."""
+        super().connection_made(transport)
+        self._late = self.loop.call_later(REQUEST, transport.close)
+
+    def on_message_begin(self) -> None:
+        """Wait for the end of a request."""
+        super().on_message_begin()
+        self._late.cancel()
+        self._late = self.loop.call_later(REQUEST, self.transport.close)
+
+    def on_message_complete(self) -> None:
+        """End the wait."""
+        super().on_message_complete()
+        self._late.cancel()
+
+
+class LineHandler(logging.Handler):
+    """Handler that writes one line a second at most, whatever a browser may have sent.
+
+    The libraries of the server log what they cannot read with line ends and tracebacks.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._log = get_logger('page')
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record."""
+        error = record.exc_info[1] if record.exc_info else None
+        text = record.getMessage() if error is None else f'{type(error).__name__}: {error}'
+        if error is not None:
+            frames = traceback.extract_tb(error.__traceback__)[: -_PLACES - 1 : -1]
+            places = (f'{Path(each.filename).name}:{each.lineno}' for each in frames)
+            text += f' ({" < ".join(places)})'
+        self._log.warning(one_line(f'{record.name}: {text}'), throttle_duration_sec=1.0)
+
+
+def log_in_lines() -> None:
+    """Write the logs of all libraries of the server through a `LineHandler`."""
+    for name in ('engineio.server', 'socketio.server'):  # they have handlers of their own
+        logging.getLogger(name).handlers.clear()
+    logging.basicConfig(handlers=[LineHandler()], force=True)
+
+
+def answer() -> None:
+    """Record a turn of the event loop; end the process if the next one does not come in time."""
+    faulthandler.dump_traceback_later(HUNG, exit=True)
+
+
+def forget_waiting() -> None:
+    """Delete the oldest pages that wait for the socket of a browser, beyond `WAITING`.
+
+    Each takes 0.3 MiB. NiceGUI keeps them for a minute, in which a flood of loads takes all memory;
+    a browser that comes too late loads its page again.
+    """
+    waiting = [client for client in Client.instances.values() if client.environ is None]
+    for client in waiting[:-WAITING]:
+        client.delete()
