@@ -15,7 +15,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 from graph import call, heard
-from processes import children
+from processes import LINE, children
 from rclpy.node import Node
 from running import PATIENCE
 from verdicts import assert_one_verdict_each
@@ -41,7 +41,14 @@ class SupervisedLine:
     """A line under `run`, and what a listener has heard of it."""
 
     def __init__(
-        self, folder: Path, listener: Node, spinner: Spinner, more: str, *, processes: bool
+        self,
+        folder: Path,
+        listener: Node,
+        spinner: Spinner,
+        more: str,
+        *,
+        processes: bool,
+        machine: Path | None,
     ) -> None:
         self.listener, self.spinner = listener, spinner
         self.verdicts = heard(listener, ports.VERDICT, latched=True)
@@ -56,15 +63,16 @@ class SupervisedLine:
                     *(sys.executable, '-m', 'checkweigher_bringup.cli', 'run'),
                     *('--namespace', 'running', '--params', str(parameters)),
                     *(['--processes'] if processes else []),
+                    *([] if machine is None else ['--folder', str(machine)]),
                 ],
                 stdout=file,
                 stderr=file,
             )
 
     def pid(self, name: str) -> int:
-        """Return the process of a node."""
+        """Return the process of a node, or of the whole `line`."""
         for pid in children(self.command.pid):
-            if NODES[name] in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
+            if NODES.get(name, LINE) in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
                 return pid
         raise AssertionError(f'{name} does not run\n{self.log.read_text()}')
 
@@ -111,12 +119,12 @@ class SupervisedLine:
 
 @contextmanager
 def supervised_line(
-    folder: Path, more: str = '', *, processes: bool = True
+    folder: Path, more: str = '', *, processes: bool = True, machine: Path | None = None
 ) -> Iterator[SupervisedLine]:
-    """Run a line, with more parameters, for as long as the block lasts."""
+    """Run a line, with more parameters or the folder of a machine, during the block."""
     with spinning('running') as spinner:
         listener = Node('listener')
-        line = SupervisedLine(folder, listener, spinner, more, processes=processes)
+        line = SupervisedLine(folder, listener, spinner, more, processes=processes, machine=machine)
         spinner.add(listener)
         try:
             yield line

@@ -109,7 +109,8 @@ def run_host(line: LineDescription, host: str) -> int:
         process_of: dict[str, SupervisedProcess] = {}
         for share in shares:
             file = stack.enter_context(memory_file())
-            write_parameter_file(file, {'product': share.product})
+            needs = {'needs_product': True} if 'recipes' in share.product else {}
+            write_parameter_file(file, {'product': share.product, 'reject': needs})
             command = node_command(_MODULE, share.lane, *share.params, file, nodes=share.nodes)
             process = SupervisedProcess(share.name, partial(list, command))
             processes[share.name] = process

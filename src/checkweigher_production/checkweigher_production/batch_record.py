@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of a batch: a file with a line of JSON for each event of the batch.
 
-The lines are begin, product (the recipe), verdict, stop, filler, reset and end, each with its kind.
-NaN and infinities are written as NaN, Infinity and -Infinity, as in Python. A thread of its own
-writes and syncs the lines, so that the line does not wait for the disk. If the disk is full, it
-tries again until the lines are written. A record without an end is continued after a restart.
+The lines are begin, product (the recipe), verdict, stop, filler, reset and end, each with its kind
+and a checksum, which records of older versions lack. NaN and infinities are written as NaN,
+Infinity and -Infinity, as in Python. A thread of its own writes and syncs the lines, so that the
+line does not wait for the disk. If the disk is full, it tries again until the lines are written. A
+record without an end is continued after a restart.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -18,15 +19,21 @@ import os
 from pathlib import Path
 import queue
 import threading
-from typing import Any
+from typing import Any, TypeVar, get_type_hints
 from urllib.parse import quote
+import zlib
 
 from checkweigher_core.printable import one_line
-from checkweigher_core.records import BatchResult, Decision, Verdict
+from checkweigher_core.records import BatchResult, Decision, FillerFeedback, Verdict
+from checkweigher_core.state_files import replace_file
+from checkweigher_production.recipes import product_of
 
 SUFFIX = '.jsonl'
 _LONGEST = 200  # characters of a batch in the name of a file
 _RETRY = 1.0  # s
+_LONGEST_LINE = 2**16  # bytes
+_NEWER = ('station', 'station_at')  # fields of verdicts that the first version did not write
+_Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 
 class RecordError(ValueError):
@@ -42,20 +49,42 @@ def record_path(folder: Path, batch: str) -> Path:
     return folder / f'{name}{SUFFIX}'
 
 
-def last_record(folder: Path) -> Path | None:
-    """Return the record that was written last, None if there is none."""
-    return max(folder.glob(f'*{SUFFIX}'), key=lambda path: path.stat().st_mtime_ns, default=None)
+def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
+    """Return the records that have begun and not ended, by batch, and what is wrong with others.
+
+    The first and the last line of each file are read.
+    """
+    found: dict[str, Path] = {}
+    faults = []
+    for path in sorted(folder.glob(f'*{SUFFIX}')):
+        try:
+            begin = next(read_lines(path), None)
+            if begin is None:
+                faults.append(f'{path}: is empty')
+            elif not _ends(path):
+                if record_path(folder, batch := _begin(begin)['batch']) != path:
+                    raise RecordError(f'{path}:1: is the record of {one_line(batch)!r}')
+                found[batch] = path
+        except (OSError, RecordError) as error:
+            faults.append(str(error))
+    return found, faults
+
+
+def _ends(path: Path) -> bool:
+    """Return whether the last complete line of a record is its end."""
+    with path.open('rb') as file:
+        file.seek(max(0, path.stat().st_size - _LONGEST_LINE))
+        *lines, _ = file.read().split(b'\n')
+    return bool(lines) and lines[-1].startswith(b'{"kind":"end",')
 
 
 def ended_record(path: Path) -> BatchResult | None:
     """Return the result of a batch that has ended, with the stamp 0, else None."""
-    begin = last = None
-    for last in read_lines(path):
-        begin = begin or last
-    if begin is None or last is None or last['kind'] != 'end':
+    begin = next(read_lines(path), None)
+    if begin is None or not _ends(path):
         return None
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return BatchResult(0, str(begin['batch']), str(path.resolve()), digest)
+    return BatchResult(0, _begin(begin)['batch'], str(path.resolve()), digest)
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
@@ -71,26 +100,80 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                 try:
                     values = json.loads(line)
                     begins = values['kind'] == 'begin'
+                    checksum = values.pop('crc32', None)
                 except (ValueError, TypeError, KeyError, RecursionError):
                     begins = number > 1
                 if begins != (number == 1):
                     raise RecordError(f'{path}:{number}: is no line of the record of a batch')
+                if checksum not in (None, _checksum(values)):
+                    raise RecordError(f'{path}:{number}: is not as it was written')
                 yield values
     except OSError as error:
         raise RecordError(f'{path}: {error.strerror or error}') from None
 
 
-def verdict_of(values: Mapping[str, Any]) -> Verdict:
-    """Return the verdict of a line; `RecordError` if it is not one.
+def read_events(path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield kind and content of each line of a record: a record, a recipe, or a table of values.
 
-    Fields that the version of the record did not have get their defaults.
+    Raises `RecordError` with file and line as `read_lines`, and for a content of another form.
     """
-    try:
-        own = {each.name: values[each.name] for each in fields(Verdict) if each.name in values}
-        own |= {'decision': Decision[own['decision']], 'reasons': tuple(own['reasons'])}
-        return Verdict(**own)
-    except (KeyError, TypeError) as error:
-        raise RecordError(f'a verdict of a record lacks or misuses {error}') from None
+    for number, values in enumerate(read_lines(path), 1):
+        kind = values.pop('kind')
+        try:
+            event = _EVENTS.get(kind, dict)(values)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise RecordError(f'{path}:{number}: {error}') from None
+        yield kind, event
+
+
+def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    if not isinstance(batch := values.get('batch'), str):
+        raise RecordError(f'batch: {batch!r} is not a name')
+    return values
+
+
+def verdict_of(values: Mapping[str, Any]) -> Verdict:
+    """Return the verdict of a line; `RecordError` if it is not one."""
+    return _record_of(Verdict, values, _NEWER)
+
+
+def _feedback_of(values: Mapping[str, Any]) -> FillerFeedback:
+    return _record_of(FillerFeedback, values)
+
+
+def _record_of(
+    kind: type[_Record], values: Mapping[str, Any], newer: tuple[str, ...] = ()
+) -> _Record:
+    """Return a record; only `newer` fields may be absent, and unknown ones are left out."""
+    own, hints = {}, get_type_hints(kind)
+    for each in fields(kind):
+        if each.name in values:
+            own[each.name] = _typed(hints[each.name], values[each.name], each.name)
+        elif each.name not in newer:
+            raise RecordError(f'{each.name} is missing')
+    return kind(**own)
+
+
+def _typed(hint: Any, value: Any, name: str) -> Any:
+    """Return a plain value in the type of a field."""
+    if hint is Decision and value in Decision.__members__:
+        return Decision[value]
+    if hint == tuple[str, ...]:
+        if isinstance(value, list) and all(isinstance(each, str) for each in value):
+            return tuple(value)
+    elif hint is float and type(value) is int:
+        return float(value)
+    elif isinstance(value, hint) and isinstance(value, bool) == (hint is bool):
+        return value
+    raise RecordError(f'{name}: {value!r} cannot be used')
+
+
+_EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
+    'begin': _begin,
+    'product': product_of,
+    'verdict': verdict_of,
+    'filler': _feedback_of,
+}
 
 
 class RecordWriter:
@@ -104,7 +187,7 @@ class RecordWriter:
         self.ended: queue.SimpleQueue[BatchResult] = queue.SimpleQueue()
         self.trouble = ''
         self._folder = folder
-        self._closing = threading.Event()
+        self._closing, self._lost = threading.Event(), False
         # Used by the thread of the executor: the open file, its size and its hash.
         self._file: int | None = None
         self._batch, self._path = '', folder
@@ -116,10 +199,16 @@ class RecordWriter:
         self._executor = ThreadPoolExecutor(1, 'batch record')
 
     def begin(self, batch: str, time: str, **others: object) -> None:
-        """Begin the record of a batch, or continue it if it exists."""
+        """Begin the record of a batch, and end that of the batch before."""
         line = line_of('begin', {'time': time, 'batch': batch, **others})
+        # Whole, and before the other one ends: at each moment there is a batch in progress.
+        self._submit(self._create, record_path(self._folder, batch), line)
+        self.end(time)
+        self.resume(batch)
+
+    def resume(self, batch: str) -> None:
+        """Continue the record of a batch."""
         self._submit(self._open, batch)
-        self._submit(self._append, line, True)
 
     def write(self, kind: str, values: object) -> None:
         """Append a line: a verdict, a stop request, feedback to the filler, or a mapping."""
@@ -141,29 +230,31 @@ class RecordWriter:
 
     def _persist(self, step: Callable[..., object], *arguments: object) -> None:
         """Repeat a step that writes to the disk until it succeeds or the writer is closed."""
-        while True:
+        while not self._lost:
             try:
                 step(*arguments)
                 self.trouble = ''
                 return
             except OSError as error:
                 self.trouble = f'{error.filename or self._folder}: {error.strerror or error}'
-                if self._closing.wait(_RETRY):
-                    self._release()  # no line may follow a lost one
-                    return
+                self._lost = self._closing.wait(_RETRY)  # no line may follow a lost one
+
+    def _create(self, path: Path, line: bytes) -> None:
+        if not path.exists():
+            replace_file(path, [line])
 
     def _open(self, batch: str) -> None:
         """Open the file, and remove a last line that a power loss left incomplete."""
         self._batch, self._path = batch, record_path(self._folder, batch)
-        self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        self._file = os.open(self._path, os.O_RDWR | os.O_APPEND)
         there = self._path.read_bytes()
         there = there[: there.rfind(b'\n') + 1]
         os.ftruncate(self._file, len(there))
         self._size, self._hash = len(there), hashlib.sha256(there)
 
-    def _append(self, line: bytes, first: bool = False) -> None:
-        """Append a whole line or nothing; a `first` line only to an empty file."""
-        if self._file is None or (first and self._size):
+    def _append(self, line: bytes) -> None:
+        """Append a whole line or nothing."""
+        if self._file is None:
             return
         try:
             if os.write(self._file, line) < len(line):
@@ -191,4 +282,13 @@ def line_of(kind: str, values: object) -> bytes:
     """Return the line of a record or of a mapping of values."""
     own: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
     own = {n: v.name if isinstance(v, Decision) else v for n, v in own.items()}
-    return json.dumps({'kind': kind, **own}, separators=(',', ':')).encode('ascii') + b'\n'
+    values = {'kind': kind, **own}
+    return _compact({**values, 'crc32': _checksum(values)}) + b'\n'
+
+
+def _checksum(values: Mapping[str, Any]) -> int:
+    return zlib.crc32(_compact(values))
+
+
+def _compact(values: Mapping[str, Any]) -> bytes:
+    return json.dumps(values, separators=(',', ':')).encode('ascii')

@@ -183,7 +183,7 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 def product_of(values: Mapping[str, Any]) -> Product:
     """Return the product of the record of a batch; `SettingsError` if it is not valid."""
-    return settings_of(Product, values, values['name'], newer=True)
+    return settings_of(Product, values, values.get('name'), newer=True)
 
 
 # These bounds detect masses that were given in g instead of kg. No product comes near to them.

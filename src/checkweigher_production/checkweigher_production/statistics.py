@@ -138,15 +138,16 @@ class ProductionRecord:
         Returns whether it was counted. A node that was restarted gets verdicts again; the number of
         items of the batch in a verdict shows whether it is new.
         """
-        key = verdict.product, verdict.batch
+        key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
             known = self._tallies.get(key)
             if known is not None and verdict.batch_items <= known.items:
                 return False
             self._tallies[key] = BatchTally.of(verdict)
-        before = key != self._key and verdict.product
-        statistics = self._all.get(key, self.current) if before else self.current
-        statistics.add(verdict)
+        own = self.current if key == self._key else self._all.get(key)
+        if own is None:
+            own = self._all[key] = ProductionStatistics()
+        own.add(verdict)
         return True
 
     def summary(self) -> Statistics:

@@ -62,7 +62,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
     with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
         ben = Technician(browser, line)
         ben.log_in('ben')
-        ben.until(lambda: 'ACCEPT' in ben.text('.decision'))
+        ben.until(lambda: 'FAULT' in ben.text('.decision'))  # there is no product yet
 
         ben.set_machine(feed=False)
         ben.calibrate('Read empty belt', 0, lambda: 'empty belt: r' in ben.text('.read'))
@@ -99,7 +99,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.close()
         # The line weighs by what was trained, and with the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))
-        ben.until(lambda: 'ACCEPT' in ben.text('.decision'))
+        ben.until(lambda: 'FAULT' in ben.text('.decision'))
         # The line that has ended asked for a stop, the one in its place says that there is none.
         ben.until(lambda: not ben.text('.stop'))
         ben.does('Product', '✓', 'Select', choice='crisps_150g')

@@ -108,7 +108,7 @@ class MachineFolder:
         return {
             'driver': {'calibration.file': str(self.path / 'cell.yaml')},
             'segmenter': {'numbers': str(self.path / 'items.numbers')},
-            'reject': {'numbers': str(self.path / 'verdicts.numbers')},
+            'reject': {'numbers': str(self.path / 'verdicts.numbers'), 'needs_product': True},
             'product': {
                 'recipes': str(self.path / 'recipes.yaml'),
                 'audit_log': log,

@@ -3,80 +3,161 @@
 """The batches of a line: counts, records, and the feedback to the filler, across restarts."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
-from checkweigher_core.records import BatchResult, FillerFeedback, Verdict
+from checkweigher_core.parameters import SettingsError
+from checkweigher_core.records import BatchResult, FillerFeedback, ProductOnLine, Verdict
 from checkweigher_core.settings_files import plain
+from checkweigher_production.audit_log import AuditLog
 from checkweigher_production.batch_record import (
     RecordError,
     RecordWriter,
     ended_record,
-    last_record,
-    read_lines,
+    read_events,
     record_path,
-    verdict_of,
+    records_in,
 )
 from checkweigher_production.filler_feedback import FillerController
-from checkweigher_production.recipes import Product, product_of
+from checkweigher_production.recipes import Product
+from checkweigher_production.selection import Selection, read_selection, write_selection
 from checkweigher_production.statistics import ProductionRecord
 
 
 class LineBatches:
     """Counts of the batches of a line, with a record of each batch if there is a folder for it.
 
-    A batch whose record was interrupted by a restart goes on with its name and its counts, which
-    are in `production`. `batch` is the name at the start, `clock` returns the time for the records
-    (ISO 8601, UTC), and `audit` has file and last hash of the audit log for their begin.
+    The batch that was interrupted by a restart goes on with its name, its product and its counts.
+    If it is not certain which one that is, or its counts are lost, no batch goes on until a person
+    begins one. `first` is the name of the first batch, `clock` returns the time for the records
+    (ISO 8601, UTC), and `log` is the audit log of the lane, None for none.
 
-    Raises `RecordError` if the folder or a record cannot be used, or the batch has ended before.
+    Raises `RecordError` if the folder cannot be used.
+
+    Attributes
+    ----------
+    production : ProductionRecord
+        The counts.
+    selected : Selection or None
+        Last selection before this start, None if there is none or it is not certain.
+    doubt : str
+        Reason why no batch goes on, empty if one does.
+    not_kept : str
+        Reason why product and batch could not be kept for the next start, empty if they were.
     """
 
     def __init__(
-        self, batch: str, folder: str, clock: Callable[[], str], audit: dict[str, str]
+        self, first: str, folder: str, clock: Callable[[], str], log: AuditLog | None
     ) -> None:
-        self.production = ProductionRecord(batch)
+        self.production = ProductionRecord(first)
+        self.selected: Selection | None = None
+        self.doubt = ''
         self._clock = clock
-        self._audit = audit
+        self._log = log
         self._filler: FillerController | None = None
         self._corrected = '', 0.0  # last product, and the correction of the filler for it
         self._folder = Path(folder)
         self._writer: RecordWriter | None = None
+        self._open: dict[str, Path] = {}  # records begun and not ended, but for the present one
+        self._left_out: list[str] = []  # what is wrong with other records
+        self._forgotten = ''  # why the last selection is not known
+        self._before = ''  # batch before the present one
+        self._kept: Selection | None = None  # as it is in the file
+        self.not_kept = ''  # why it is not
         if folder:
-            self._open()
+            self._writer = RecordWriter(self._folder)
+            self._open, self._left_out = records_in(self._folder)
+            self._resume(self._writer)
 
-    def _open(self) -> None:
-        last, batch = last_record(self._folder), self.production.batch
-        ended = ended_record(last) if last else None
-        if last and not ended:
-            self._restore(last)
-        elif (path := record_path(self._folder, batch)).exists():
-            raise RecordError(
-                f'{path}: the batch {batch!r} has ended; name another one in product.batch'
-            )
-        self._writer = RecordWriter(self._folder)
-        if ended:  # the process may have ended before the hash was in the audit log
-            self._writer.ended.put(ended)
-        self._writer.begin(self.production.batch, self._clock(), **self._audit)
+    @property
+    def in_doubt(self) -> bool:
+        """Whether a person has to say which product is on the line, and in which batch."""
+        return bool(self.doubt or self._forgotten)
+
+    def _resume(self, writer: RecordWriter) -> None:
+        """Go on with the last batch and product."""
+        try:
+            self.selected = read_selection(self._folder, self._log.entries if self._log else ())
+        except SettingsError as error:
+            self._forgotten = str(error)
+        try:
+            if self.selected is None:
+                batch = before = self._batch_in_progress(self.production.batch)
+            else:
+                batch, before = self.selected.batch, self.selected.before
+            self._continue(writer, batch, before)
+        except RecordError as error:
+            names = ', '.join(map(repr, self._open)) or 'none'
+            self.doubt = f'{error}; begin a new batch, or one that has not ended: {names}'
+            self.selected, self.production.batch = None, ''
+        else:
+            self.use(self.selected.product if self.selected else None)
+
+    def _batch_in_progress(self, first: str) -> str:
+        """Return the batch that has begun and not ended, or a first one; else `RecordError`."""
+        if len(self._open) > 1 or self._left_out:
+            several = '; '.join([*map(str, self._open.values()), *self._left_out])
+            raise RecordError(f'it is not certain which batch is in progress: {several}')
+        if not self._open and (path := record_path(self._folder, first)).exists():
+            raise RecordError(f'{path}: the batch {first!r} of product.batch has ended')
+        return next(iter(self._open), first)
+
+    def _continue(self, writer: RecordWriter, batch: str, before: str) -> None:
+        """Go on with a batch, and end the one before if it was not; `RecordError` if in doubt."""
+        self.production.batch, self._before = batch, before
+        path = record_path(self._folder, batch)
+        interrupted = before != batch and before in self._open
+        if batch in self._open:
+            self._restore(path)
+        elif self.selected is not None and (path.exists() or not interrupted):
+            raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
+        if interrupted:
+            writer.resume(before)
+            del self._open[before]
+        elif before != batch:
+            with suppress(RecordError):
+                if ended := ended_record(record_path(self._folder, before)):
+                    writer.ended.put(ended)  # its hash may not be in the audit log yet
+        if batch in self._open:
+            writer.end(self._clock())
+            writer.resume(batch)
+            del self._open[batch]
+        else:
+            self._write_begin(writer)
 
     def _restore(self, path: Path) -> None:
+        """Count again what is in a record; `RecordError` if it cannot be used."""
         production = self.production
-        for values in read_lines(path):
-            kind = values.pop('kind')
-            if kind == 'begin':
-                production.batch = str(values['batch'])
-            elif kind == 'product':
-                production.product = product_of(values)
-                self._corrected = production.product.name, 0.0
-            elif kind == 'verdict':
-                verdict = verdict_of(values)
-                if verdict.batch in ('', production.batch):
-                    production.add(verdict)
+        for kind, event in read_events(path):
+            if kind == 'product':
+                production.product = event
+                if event.name != self._corrected[0]:
+                    self._corrected = event.name, 0.0
+            elif kind == 'verdict' and event.batch in ('', production.batch):
+                production.add(event)
             elif kind == 'filler':
-                self._corrected = self._corrected[0], float(values['correction'])
+                self._corrected = event.product, event.correction
             elif kind == 'reset':
                 production.reset()
         production.product = None  # it is still to be selected
+
+    def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
+        """Keep product, limits and batch for the next start, if they have changed or `anew`."""
+        if self._writer is None or self.doubt:
+            return
+        its = self.production
+        now = Selection.of(its.batch, self._before, its.product, limits)
+        if self._kept == now and not anew:
+            return
+        self._kept = None
+        try:
+            entry = self._log.last_hash if self._log else ''
+            write_selection(self._folder, replace(now, entry=entry))
+            self._kept, self.not_kept, self._forgotten = now, '', ''
+        except OSError as error:
+            self.not_kept = f'{error.filename or self._folder}: {error.strerror or error}'
 
     def write(self, kind: str, values: object) -> None:
         """Write a line to the record of the batch."""
@@ -92,8 +173,8 @@ class LineBatches:
     def control_filler(self, product: Product) -> None:
         """Begin to control the filler for a product, or go on with its last correction."""
         last, correction = self._corrected
-        self._corrected = product.name, correction if last == product.name else 0.0
-        self._filler = None
+        correction = correction if last == product.name else 0.0
+        self._corrected, self._filler = (product.name, correction), None
         if product.filler is not None:
             self._filler = FillerController(
                 product.filler, product.name, product.nominal, product.tare, correction
@@ -119,16 +200,36 @@ class LineBatches:
         self.production.reset()
         self.write('reset', {'time': self._clock()})
 
-    def begin(self) -> None:
-        """End the record of the previous batch, and begin that of the present one."""
+    def begin(self, before: str) -> None:
+        """End the record of the batch `before`, and begin or continue that of the present one.
+
+        Raises `RecordError` if the one that is to be continued cannot be used.
+        """
         if self._writer is not None:
-            self._writer.end(self._clock())
-            self._writer.begin(self.production.batch, self._clock(), **self._audit)
+            if path := self._open.get(self.production.batch):
+                self._restore(path)
+                self._writer.resume(self.production.batch)
+                del self._open[self.production.batch]
+            else:
+                self._write_begin(self._writer)
+        self.doubt, self._before = '', before
         self.use(self.production.product)
+
+    def _write_begin(self, writer: RecordWriter) -> None:
+        audit = {}
+        if self._log is not None:
+            audit = {'audit_log': str(self._log.path), 'audit_hash': self._log.last_hash}
+        writer.begin(self.production.batch, self._clock(), **audit)
 
     def has_record(self, batch: str) -> bool:
         """Return whether there is a record of a batch."""
         return self._writer is not None and record_path(self._folder, batch).exists()
+
+    def may_begin(self, batch: str) -> bool:
+        """Return whether a name is that of a new batch, or of one to continue if in doubt."""
+        if self.doubt and batch in self._open:
+            return True
+        return not (self.production.has_batch(batch) or self.has_record(batch))
 
     def ended(self) -> Iterator[BatchResult]:
         """Yield the batches whose records were completed since the last call, with the stamp 0."""
@@ -145,8 +246,14 @@ class LineBatches:
         if self._writer is None:
             return conclude('Batch record', 'none: batches are not recorded', ())
         found = []
-        if trouble := self._writer.trouble:
+        for trouble in filter(None, (self._writer.trouble, self.not_kept)):
             hint = 'make room, or see to the disk: verdicts wait in memory'
             found.append(Concern(Level.ERROR, trouble, hint))
+        if self.doubt:
+            found.append(Concern(Level.ERROR, self.doubt, 'nothing is accepted until then'))
+        others = [f'{path}: has begun and not ended' for path in self._open.values()]
+        for left_out in filter(None, (*others, *self._left_out, self._forgotten)):
+            hint = 'it was left out; put it right, or move it to another folder'
+            found.append(Concern(Level.WARN, left_out, hint))
         folder = str(self._folder)
         return conclude('Batch record', f'written to {folder}', found, {'folder': folder})

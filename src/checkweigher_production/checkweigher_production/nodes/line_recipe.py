@@ -32,6 +32,8 @@ class LineRecipe:
 
     Attributes
     ----------
+    selected : ProductOnLine or None
+        Selected product, with the limits in use; it may not be on the line yet.
     on_line : ProductOnLine
         Last published product; its name is empty while no product is on the line.
     in_use : ProductOnLine or None
@@ -49,10 +51,10 @@ class LineRecipe:
         self._publish = publish
         self._clock = clock
         self._tally = tally
+        self.selected: ProductOnLine | None = None
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
         self._taken = Future()  # done when the reject node uses the last published product
-        self._selected: ProductOnLine | None = None
         # Values before the first recipe that set them, for products that do not set them.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # values of the selected product
@@ -72,12 +74,18 @@ class LineRecipe:
         """Add nodes that have been started."""
         self._restarted |= nodes
 
-    def taken(self, product: ProductOnLine) -> None:
-        """Process the product by which the reject node judges from now on."""
+    def taken(self, product: ProductOnLine, otherwise: ProductOnLine | None = None) -> None:
+        """Process the product by which the reject node judges from now on.
+
+        If it has none when this node starts, `otherwise` is on the line, or no product.
+        """
+        first, self.in_use = self.in_use is None, product
         # The reject node may have had a product, or limits of its own, when this node started.
-        if product.product and (self.in_use is None or product.stamp == self.on_line.stamp):
-            self.on_line = self._selected = product
-        self.in_use = product
+        if product.product and (first or product.stamp == self.on_line.stamp):
+            self.on_line = self.selected = product
+        elif first and not self.on_line.stamp:  # nothing was selected meanwhile
+            self.selected = otherwise
+            self.put(otherwise)
         if product.stamp == self.on_line.stamp and not self._taken.done():
             self._taken.set_result(product)
 
@@ -87,11 +95,15 @@ class LineRecipe:
             self._publish(self._counted(self.on_line))
 
     async def set(
-        self, product: Product, batch: str, announce: Callable[[dict[str, Values]], object]
+        self,
+        product: Product,
+        selected: ProductOnLine,
+        announce: Callable[[dict[str, Values]], object],
     ) -> None:
         """Put a product on the line. If a node refuses, all nodes keep their parameters.
 
-        `announce` gets the parameters that are about to be set, by node. If it raises, none is set.
+        `selected` has its limits. `announce` gets the parameters that are about to be set, by node;
+        if it raises, none is set.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)
@@ -104,12 +116,12 @@ class LineRecipe:
             if plain(new) != plain(await self._line.get(node, list(new)))
         }
         announce(changes)  # of all nodes, before the first one is changed
-        selected = product.on_line(batch)
+        before = self.selected if self.on_line.product else None
         try:
-            await self._change(changes, selected, self._selected)
+            await self._change(changes, selected, before)
         except RefusedError:
             if not self.on_line.product:
-                self._selected, self._set = None, {}
+                self.selected, self._set = None, {}
             raise
         self._set = whole
         self._restarted -= restarted
@@ -135,21 +147,21 @@ class LineRecipe:
 
     async def change(self, **values: Any) -> None:
         """Change batch or test of the selected product, if there is one."""
-        if self._selected is None:
+        if self.selected is None:
             return
-        changed = replace(self._selected, **values)
+        changed = replace(self.selected, **values)
         if self.on_line.product:
-            await self._change({}, changed, self._selected)
+            await self._change({}, changed, self.selected)
         else:  # it is put there when all nodes have their parameters
-            self._selected = changed
+            self.selected = changed
 
     async def restore(self) -> str:
         """Set the parameters of the product in the lost nodes, and return its name."""
         lost = self.lost
-        assert self._selected is not None
-        await self._change({n: self._set[n] for n in NODES if n in lost}, self._selected, None)
+        assert self.selected is not None
+        await self._change({n: self._set[n] for n in NODES if n in lost}, self.selected, None)
         self._restarted -= lost
-        return self._selected.product
+        return self.selected.product
 
     async def _change(
         self, values: dict[str, Values], product: ProductOnLine, otherwise: ProductOnLine | None

@@ -5,7 +5,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 import hashlib
 import io
@@ -16,8 +16,8 @@ from typing import Any
 from checkweigher_core.changes import RECORD
 from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
 from checkweigher_production.audit_log import Entry
-from checkweigher_production.batch_record import RecordError, read_lines, verdict_of
-from checkweigher_production.recipes import Product, product_of
+from checkweigher_production.batch_record import RecordError, read_events
+from checkweigher_production.recipes import Product
 from checkweigher_validation.accuracy.results import ItemResult
 
 
@@ -119,22 +119,19 @@ def read_record(path: Path) -> Batch:
     products = {'': Product('', math.nan)}
     items: dict[str, list[BatchItem]] = defaultdict(list)
     strays = 0
-    for number, values in enumerate(read_lines(path), 1):
-        try:
-            kind = values.pop('kind')
-            if kind == 'product':
-                products[values['name']] = product_of(values)
-            elif kind == 'verdict':
-                verdict = verdict_of(values)
-                if verdict.product and verdict.batch != lines['begin'][0]['batch']:
-                    strays += 1
-                    continue
-                product = products.get(verdict.product, products[''])
-                items[product.name].append(_item(verdict, product.tare))
-            else:
-                lines[kind].append(values)
-        except (LookupError, TypeError, ValueError) as error:
-            raise RecordError(f'{path}:{number}: {error}') from None
+    for number, (kind, event) in enumerate(read_events(path), 1):
+        if kind == 'product':
+            products[event.name] = event
+        elif kind != 'verdict':
+            lines[kind].append(asdict(event) if kind == 'filler' else event)
+        elif event.product and event.batch != lines['begin'][0]['batch']:
+            strays += 1
+        else:
+            product = products.get(event.product, products[''])
+            try:
+                items[product.name].append(_item(event, product.tare))
+            except ValueError as error:
+                raise RecordError(f'{path}:{number}: {error}') from None
     if not lines['begin']:
         raise RecordError(f'{path}: is empty')
     begin, end = lines['begin'][-1], (lines['end'] or [{}])[-1]

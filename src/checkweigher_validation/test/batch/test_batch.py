@@ -159,7 +159,7 @@ def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Pa
 )
 def test_a_record_with_a_bad_line_is_refused_with_its_number(record: Path, old, new, why):
     lines = record.read_text().splitlines(keepends=True)
-    lines[3] = re.sub(old, new, lines[3])
+    lines[3] = re.sub(r',"crc32":\d+', '', re.sub(old, new, lines[3]))  # as older versions wrote
     record.write_text(''.join(lines))
     with pytest.raises(RecordError, match=rf'L1\.jsonl:4: {why}'):
         read_record(record)

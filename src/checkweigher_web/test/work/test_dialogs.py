@@ -15,7 +15,7 @@ from checkweigher_web.access.guard import Access
 from checkweigher_web.access.site import Site
 from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
 from checkweigher_web.lane import Lane
-from checkweigher_web.work.dialogs import Desk, field, number
+from checkweigher_web.work.dialogs import Desk, field, number_in
 from checkweigher_web.work.services import LaneServices, RefusedError
 
 ANNA = User('anna', Role.OPERATOR, hash_password('anna', 'correct horse'))
@@ -49,10 +49,10 @@ def test_a_number_is_understood_in_one_way_or_refused(text: str, understood: flo
     with Client(ui.page('/')):
         given = field('Mass', text, 'g')
     if isinstance(understood, float):
-        assert number(given, empty=7.0) == understood
+        assert number_in(given, empty=7.0) == understood
     else:
         with pytest.raises(RefusedError, match=f'^Mass: {re.escape(understood)}$'):
-            number(given)
+            number_in(given)
 
 
 @pytest.mark.parametrize('needed', [Role.OPERATOR, Role.TECHNICIAN])

@@ -1,0 +1,131 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""`run --folder`: product, batch, counts and limits go on when the line is killed at any moment."""
+
+from contextlib import suppress
+import os
+from pathlib import Path
+import queue
+import random
+import signal
+import time
+from typing import Any
+
+from checkweigher_msgs.srv import NewBatch, SelectProduct
+from graph import heard, wait_for
+import pytest
+from running import PATIENCE
+from supervised_line import SupervisedLine, supervised_line
+
+from checkweigher_core.ros import ports
+from checkweigher_dsp.rejection.parameters import limits_of
+
+# Of the simulated 74.5, 134.5, 164.5, 194.5 and 254.5 g the second is between TU2 and TU1 of tins.
+RECIPES = """
+products:
+  tins: {nominal: 0.141, tu1_quota: 0.025, upper_limit: 0.18}
+  bars: {nominal: 0.2, lower_limit: 0.19, upper_limit: 0.21, parameters: {denoise: {stretch: 2048}}}
+"""
+
+
+class Operator:
+    """An operator who selects products and begins batches, and knows what should go on."""
+
+    def __init__(self, line: SupervisedLine) -> None:
+        self._line = line
+        self._products = heard(line.listener, ports.PRODUCT_IN_USE, latched=True)
+        self._batches = 0
+        self._tally: dict[tuple[str, str], Any] = {}
+        self.known: Any = None  # product in use
+        self.rejected = self.accepted = 0
+
+    def select(self, product: str) -> None:
+        """Select a product, and wait until items are judged by it."""
+        self._ask(
+            SelectProduct, 'select_product', lambda new: new.product == product, product=product
+        )
+
+    def new_batch(self) -> None:
+        """Begin another batch, and wait until items are counted for it."""
+        self._batches += 1
+        name = f'B{self._batches}'
+        self._ask(NewBatch, 'new_batch', lambda new: new.batch == name, batch=name)
+
+    def _ask(self, kind: Any, service: str, wanted: Any, **request: str) -> None:
+        """Call a service until it has its effect: a line that was killed takes no call."""
+        client = self._line.listener.create_client(kind, service)
+        wait_for(client.service_is_ready)
+        for _ in range(20):
+            client.call_async(kind.Request(**request))
+            with suppress(queue.Empty):
+                return self.await_product(wanted, patience=3)
+        raise AssertionError(self._line.log.read_text())
+
+    def await_product(self, wanted: Any, patience: float = PATIENCE) -> None:
+        """Wait until the product in use is as wanted."""
+        while not wanted(found := self._products.get(timeout=patience)[1]):
+            pass
+        self.known = found
+
+    def kill(self) -> None:
+        """Kill the line, and compare product, batch and limits after its start."""
+        self.check_verdicts()
+        before = self.known
+        os.kill(self._line.pid('line'), signal.SIGKILL)
+        self.await_product(lambda new: new.product)
+        assert (self.known.product, self.known.batch) == (before.product, before.batch)
+        assert limits_of(self.known) == limits_of(before)
+
+    def check_verdicts(self) -> None:
+        """Check that what was accepted is within the limits, and that the counts went on."""
+        with suppress(queue.Empty):
+            while True:
+                self._check(self._line.verdicts.get_nowait()[1])
+
+    def await_accepted(self) -> None:
+        """Wait until an item is accepted."""
+        before = self.accepted
+        while self.accepted == before:
+            self._check(self._line.verdicts.get(timeout=PATIENCE)[1])
+
+    def _check(self, verdict: Any) -> None:
+        if verdict.decision != verdict.ACCEPT:
+            self.rejected += 1
+            return
+        self.accepted += 1
+        low, high = {'tins': (0.128, 0.18), 'bars': (0.19, 0.21)}[verdict.product]
+        assert low <= verdict.mass <= high
+        key = verdict.product, verdict.batch
+        if (last := self._tally.get(key)) is not None:
+            # The last verdict before a kill may be on its way to the disk.
+            assert verdict.batch_items >= last.batch_items
+            assert verdict.batch_accepted >= last.batch_accepted
+            assert verdict.batch_below_tu1 >= last.batch_below_tu1
+        self._tally[key] = verdict
+        if verdict.mass < 0.1346:
+            assert verdict.batch_below_tu1 <= 0.025 * verdict.batch_accepted
+
+
+@pytest.mark.parametrize('rounds', [2, pytest.param(300, marks=pytest.mark.soak)])
+def test_a_line_that_is_killed_goes_on_with_product_batch_counts_and_limits(
+    tmp_path: Path, rounds: int
+):
+    draw, machine = random.Random(rounds), tmp_path / 'machine'
+    machine.mkdir()
+    (machine / 'recipes.yaml').write_text(RECIPES, encoding='utf-8')
+    with supervised_line(tmp_path, processes=False, machine=machine) as line:
+        operator = Operator(line)
+        operator.select('tins')
+        operator.new_batch()
+        for number in range(rounds):
+            time.sleep(draw.uniform(0, 2))
+            if number % 2:
+                operator.await_accepted()
+            operator.kill()
+            if number % 3 == 1:
+                operator.new_batch()
+            elif number % 3 == 2:
+                operator.select(draw.choice(['tins', 'bars']))
+        operator.await_accepted()
+        assert line.end() == 130
+    print(f'{rounds} kills, {operator.accepted} accepted, {operator.rejected} rejected')

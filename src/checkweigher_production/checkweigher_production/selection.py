@@ -1,0 +1,97 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What is selected on the line: product, limits and batch, which go on after a restart."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Self
+
+from checkweigher_core.changes import BATCH, SELECTION
+from checkweigher_core.parameters import SettingsError, parameter
+from checkweigher_core.records import ProductOnLine
+from checkweigher_core.settings_files import Settings, plain, read_settings, write_settings
+from checkweigher_dsp.rejection.parameters import LIMITS, limits_of
+from checkweigher_production.audit_log import Entry
+from checkweigher_production.recipes import Product
+
+FILE = 'on_line.state'  # in the folder of the records of batches
+_ANEW = 'select the product again'
+
+
+@dataclass(frozen=True)
+class Selection(Settings):
+    """Product, limits and batch on the line, as they were selected last."""
+
+    batch: str = parameter('', 'name of the batch')
+    before: str = parameter('', 'batch before, whose record may lack its end')
+    products: Mapping[str, Product] = parameter(None, 'recipe of the product, if there is one')
+    limits: Mapping[str, Any] = parameter(None, 'limits of the product, in use at the reject node')
+    entry: str = parameter('', 'hash of the last entry of the audit log at that time')
+    sha256: str = parameter('', 'of all others')
+
+    @classmethod
+    def of(
+        cls, batch: str, before: str, product: Product | None, limits: ProductOnLine | None
+    ) -> Self:
+        """Return a selection; without a product or its limits, no product is selected."""
+        if product is None or limits is None:
+            return cls(batch=batch, before=before)
+        products = {product.name: product}
+        return cls(batch=batch, before=before, products=products, limits=limits_of(limits))
+
+    @classmethod
+    def prepared(cls, content: Any) -> Any:
+        """Return the table; `SettingsError` if it is not as it was written."""
+        if not isinstance(content, dict) or content.get('sha256') != _digest(content):
+            raise SettingsError(f'is not as it was written; {_ANEW}')
+        return content
+
+    @property
+    def product(self) -> Product | None:
+        """Recipe of the product as it was selected, None for no product."""
+        return next(iter((self.products or {}).values()), None)
+
+    @property
+    def on_line(self) -> ProductOnLine | None:
+        """Product and its limits for the reject node, None for no product."""
+        if self.product is None or (self.limits or {}).keys() != {*LIMITS}:
+            return None
+        return replace(self.product.on_line(self.batch), **self.limits)
+
+
+def read_selection(folder: Path, entries: Sequence[Entry]) -> Selection | None:
+    """Return the last selection, None if the folder has none.
+
+    Raises `SettingsError` if it cannot be used, or the `entries` of the audit log go on to another.
+    """
+    path = folder / FILE
+    if not path.exists():
+        return None
+    found = read_settings(path, Selection)
+    if _goes_on(entries, found.entry):
+        raise SettingsError(f'{path}: the audit log has a later selection; {_ANEW}')
+    return found
+
+
+def write_selection(folder: Path, selection: Selection) -> None:
+    """Replace the last selection; OSError leaves it as it was."""
+    content = {'format': selection.format, **plain(selection)}
+    write_settings(folder / FILE, replace(selection, sha256=_digest(content)))
+
+
+def _goes_on(entries: Sequence[Entry], last: str) -> bool:
+    """Return whether a product or batch was selected after the entry with the hash `last`."""
+    for entry in reversed(entries):
+        if entry.hash == last:
+            return False
+        if entry.kind in (SELECTION, BATCH):
+            return True
+    return False
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    others = {key: value for key, value in content.items() if key != 'sha256'}
+    return hashlib.sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
