@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, fields, is_dataclass
 import errno
+from functools import partial
 import hashlib
 import json
 import os
@@ -132,24 +133,13 @@ def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
     return values
 
 
-def verdict_of(values: Mapping[str, Any]) -> Verdict:
-    """Return the verdict of a line; `RecordError` if it is not one."""
-    return _record_of(Verdict, values, _NEWER)
-
-
-def _feedback_of(values: Mapping[str, Any]) -> FillerFeedback:
-    return _record_of(FillerFeedback, values)
-
-
-def _record_of(
-    kind: type[_Record], values: Mapping[str, Any], newer: tuple[str, ...] = ()
-) -> _Record:
-    """Return a record; only `newer` fields may be absent, and unknown ones are left out."""
+def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
+    """Return a record; only newer fields may be absent, and unknown ones are left out."""
     own, hints = {}, get_type_hints(kind)
     for each in fields(kind):
         if each.name in values:
             own[each.name] = _typed(hints[each.name], values[each.name], each.name)
-        elif each.name not in newer:
+        elif each.name not in _NEWER:
             raise RecordError(f'{each.name} is missing')
     return kind(**own)
 
@@ -171,8 +161,8 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
 _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
     'begin': _begin,
     'product': product_of,
-    'verdict': verdict_of,
-    'filler': _feedback_of,
+    'verdict': partial(_record_of, Verdict),
+    'filler': partial(_record_of, FillerFeedback),
 }
 
 

@@ -51,15 +51,15 @@ class Selection(Settings):
 
     @property
     def product(self) -> Product | None:
-        """Recipe of the product as it was selected, None for no product."""
-        return next(iter((self.products or {}).values()), None)
+        """Recipe of the product as it was selected, None if none was or its limits are missing."""
+        known = (self.limits or {}).keys() == {*LIMITS}
+        return next(iter((self.products or {}).values()), None) if known else None
 
     @property
     def on_line(self) -> ProductOnLine | None:
         """Product and its limits for the reject node, None for no product."""
-        if self.product is None or (self.limits or {}).keys() != {*LIMITS}:
-            return None
-        return replace(self.product.on_line(self.batch), **self.limits)
+        product = self.product
+        return None if product is None else replace(product.on_line(self.batch), **self.limits)
 
 
 def read_selection(folder: Path, entries: Sequence[Entry]) -> Selection | None:

@@ -15,10 +15,9 @@ from checkweigher_production.batch_record import (
     RecordError,
     RecordWriter,
     ended_record,
-    read_lines,
+    read_events,
     record_path,
     records_in,
-    verdict_of,
 )
 
 FAULT = Verdict(7, None, Decision.FAULT, ('NoLoad', 'Saturation'), late=True)
@@ -45,10 +44,10 @@ def test_a_batch_that_is_gone_on_with_has_the_hash_of_its_whole_file(tmp_path: P
     ended = writer.ended.get(timeout=60)
     writer.close()
 
-    begin, *verdicts, end = read_lines(path)
-    assert begin == {'kind': 'begin', 'time': 'noon', 'batch': 'L 1/a', 'audit_hash': 'abc'}
-    assert end == {'kind': 'end', 'time': 'two'}
-    found = [verdict_of(each) for each in verdicts]
+    (_, begin), *verdicts, (_, end) = read_events(path)
+    assert begin == {'time': 'noon', 'batch': 'L 1/a', 'audit_hash': 'abc'}
+    assert end == {'time': 'two'}
+    found = [each for _, each in verdicts]
     assert found[1] == ACCEPT
     assert math.isnan(found[0].mass)
     assert (found[0].reasons, found[0].decision, found[0].late) == (
@@ -75,7 +74,7 @@ def test_lines_wait_for_a_disk_that_is_full(tmp_path: Path):
             writer.ended.get(timeout=0.5)
     ended = writer.ended.get(timeout=60)
     writer.close()
-    assert [each['kind'] for each in read_lines(path)] == ['begin', 'verdict', 'end']
+    assert [kind for kind, _ in read_events(path)] == ['begin', 'verdict', 'end']
     assert (writer.trouble, ended) == ('', ended_record(path))
 
 
@@ -89,12 +88,18 @@ def test_a_writer_that_is_closed_says_what_the_disk_did_not_take(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    'text', ['{"kind":"verdict"}\n', '{"kind":"begin"}\n[]\n', 'not a record\n', '{"kind":1}\n']
+    ('text', 'why'),
+    [
+        ('{"kind":"verdict"}\n', '1: is no line of the record'),
+        ('{"kind":"begin","batch":"L1"}\n[]\n', '2: is no line of the record'),
+        ('not a record\n', '1: is no line of the record'),
+        ('{"kind":"begin"}\n', '1: batch: None is not a name'),
+        ('{"kind":"begin","batch":"L1","crc32":1}\n', '1: is not as it was written'),
+        ('{"kind":"begin","batch":"L1"}\n{"kind":"verdict"}\n', '2: item_id is missing'),
+    ],
 )
-def test_what_is_no_record_is_refused_with_its_line(tmp_path: Path, text: str):
+def test_what_is_no_record_is_refused_with_its_line(tmp_path: Path, text: str, why: str):
     path = tmp_path / 'L1.jsonl'
     path.write_text(text, encoding='utf-8')
-    with pytest.raises(RecordError, match=r'L1\.jsonl:[12]: is no line of the record'):
-        list(read_lines(path))
-    with pytest.raises(RecordError, match='item_id is missing'):
-        verdict_of({'kind': 'verdict', 'decision': 'ACCEPT'})
+    with pytest.raises(RecordError, match=rf'L1\.jsonl:{why}'):
+        list(read_events(path))

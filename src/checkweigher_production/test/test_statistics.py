@@ -91,9 +91,8 @@ def test_throughput_counts_the_distances_between_items_in_the_time_of_the_sample
 
 
 @pytest.mark.parametrize('later', [-3600, 0, 5, 3600])
-def test_the_throughput_is_that_of_the_stream_whatever_its_clock(crisps: Product, later: int):
+def test_the_throughput_is_that_of_the_stream_whatever_its_clock(later: int):
     record = ProductionRecord()
-    record.product = crisps
     for number in range(20):
         record.add(verdict(0.1, t3=START + number * 6 * NANOSECONDS // 10))
     record.begin_stream()
@@ -118,18 +117,20 @@ def test_an_item_of_another_length_is_counted_and_one_of_unknown_length_is_not(c
 
 def test_each_product_and_batch_has_its_own_count(crisps: Product):
     record = ProductionRecord('monday')
-    record.current.add(verdict(0.15))
+    record.add(verdict(0.15))
     record.product = crisps
-    record.current.add(verdict(0.154))
-    record.current.add(verdict(0.154))
+    of_crisps = [verdict(0.154, product='crisps', batch='monday', batch_items=n) for n in (1, 2)]
+    assert [record.add(each) for each in (*of_crisps, of_crisps[1])] == [True, True, False]
+    # While no product is on the line, items belong to none, whichever was the last one.
+    record.add(verdict(0.1, Decision.FAULT, reasons=('NoProduct',)))
+    assert (record.summary().items, record.summary().faults) == (2, 0)
     record.batch = 'tuesday'
     assert record.summary().items == 0
     record.batch = 'monday'
-    assert record.summary().items == 2
     record.reset()
     assert record.summary().items == 0
     record.product = None
-    assert record.summary().items == 1
+    assert record.summary().items == 2
     assert record.has_batch('monday')
     assert not record.has_batch('wednesday')
 

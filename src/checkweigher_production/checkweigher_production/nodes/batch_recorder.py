@@ -130,18 +130,20 @@ class LineBatches:
     def _restore(self, path: Path) -> None:
         """Count again what is in a record; `RecordError` if it cannot be used."""
         production = self.production
-        for kind, event in read_events(path):
-            if kind == 'product':
-                production.product = event
-                if event.name != self._corrected[0]:
-                    self._corrected = event.name, 0.0
-            elif kind == 'verdict' and event.batch in ('', production.batch):
-                production.add(event)
-            elif kind == 'filler':
-                self._corrected = event.product, event.correction
-            elif kind == 'reset':
-                production.reset()
-        production.product = None  # it is still to be selected
+        try:
+            for kind, event in read_events(path):
+                if kind == 'product':
+                    production.product = event
+                    if event.name != self._corrected[0]:
+                        self._corrected = event.name, 0.0
+                elif kind == 'verdict' and event.batch in ('', production.batch):
+                    production.add(event)
+                elif kind == 'filler':
+                    self._corrected = event.product, event.correction
+                elif kind == 'reset':
+                    production.reset()
+        finally:
+            production.product = None  # it is still to be selected
 
     def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
         """Keep product, limits and batch for the next start, if they have changed or `anew`."""

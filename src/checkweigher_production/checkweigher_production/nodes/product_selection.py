@@ -3,6 +3,7 @@
 """The selection of a product: by an operator, at the start of the line, and after a restart."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -92,6 +93,8 @@ class ProductSelection:
 
     def taken(self, product: ProductOnLine) -> None:
         """Process the product by which the reject node judges from now on."""
+        if self._batches.doubt:  # nothing is accepted that no batch counts
+            product = replace(product, product='')
         recipe, limits = self._resumed
         # With parameters of its own a product waits until the nodes have them.
         self._recipe.taken(product, None if recipe is None or recipe.parameters else limits)

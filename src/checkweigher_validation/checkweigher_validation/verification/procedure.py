@@ -21,6 +21,7 @@ from checkweigher_core.records import (
     VerificationStep,
     ZeroChange,
 )
+from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 from checkweigher_recording.bags.definitions import BagError
@@ -160,8 +161,9 @@ def item_passes(
 
 
 def item_pass(verdict: Verdict, speed: float) -> ItemPass:
-    """Return the item of a verdict; one that is a FAULT has no mass."""
-    fault = verdict.decision == Decision.FAULT or not math.isfinite(verdict.mass)
+    """Return the item of a verdict; a FAULT has no mass, unless only a product is missing."""
+    fault = verdict.decision == Decision.FAULT and verdict.reasons != (Reason.NO_PRODUCT.value,)
+    fault |= not math.isfinite(verdict.mass)
     reasons = tuple(verdict.reasons) or ('Unknown',) if fault else ()
     mass, std_dev = (math.nan, math.nan) if fault else (verdict.mass, verdict.std_dev)
     return ItemPass(verdict.t1 or verdict.t3 or 0, mass, std_dev, speed, reasons)
