@@ -48,9 +48,9 @@ def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('machine') / 'batches'
     with batches(folder) as line:
         line.use(TINS)
-        for before, batch in (('', 'L1'), ('L1', 'L2')):
+        for batch in ('L1', 'L2'):
             line.production.batch = batch
-            line.begin(before)
+            line.begin()
             for number in range(1, COUNT + 1):
                 line.add(verdict(number, batch))
         line.write('filler', FillerFeedback(1, 'tins', 1, 10, 0.1, 0.099, 0.001, 0.001))
@@ -95,7 +95,7 @@ def test_of_several_batches_in_progress_none_is_chosen_by_a_guess(copy: Path):
         assert line.in_doubt
         assert line.may_begin('L1')
         line.production.batch = 'L1'
-        line.begin('')
+        line.begin()
         assert line.production.tally('tins', 'L1').items == COUNT
         line.keep(None, anew=True)
     with batches(copy) as line:
@@ -106,8 +106,8 @@ def test_of_several_batches_in_progress_none_is_chosen_by_a_guess(copy: Path):
 def test_a_change_of_the_batch_that_was_interrupted_is_finished(copy: Path):
     with batches(copy) as line:
         line.production.batch = 'L3'
-        line.begin('L2')
         line.keep(LIMITS)
+        line.begin()
     (copy / 'L3.jsonl').unlink()
     ended = (copy / 'L2.jsonl').read_text().splitlines(keepends=True)
     (copy / 'L2.jsonl').write_text(''.join(ended[:-1]))
@@ -215,7 +215,7 @@ def test_no_damage_to_a_file_is_taken_for_the_state_of_the_line(
                 assert tally == known[-1] or change in (cut, drop_line), before
             line.production.product = None
             line.production.batch = 'L9'
-            line.begin(line.production.batch)
+            line.begin()
             assert not line.doubt, before
         shutil.rmtree(copy)
     print(f'{count} changes, {went_on} after which the line went on')

@@ -42,7 +42,7 @@ class BatchChange:
         before, production.batch = production.batch, name
         try:
             await self._recipe.change(batch=name)
-            self._batches.begin(before)
+            self._batches.begin()
         except (AuditError, RecordError, RefusedError) as error:
             production.batch = before
             self._trail.saw(changes.REFUSED, 'batch', name, str(error), by)

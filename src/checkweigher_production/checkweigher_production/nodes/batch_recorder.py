@@ -63,7 +63,7 @@ class LineBatches:
         self._open: dict[str, Path] = {}  # records begun and not ended, but for the present one
         self._left_out: list[str] = []  # what is wrong with other records
         self._forgotten = ''  # why the last selection is not known
-        self._before = ''  # batch before the present one
+        self._batch = self._before = ''  # batch whose record is written, and the one before
         self._kept: Selection | None = None  # as it is in the file
         self.not_kept = ''  # why it is not
         if folder:
@@ -106,11 +106,14 @@ class LineBatches:
 
     def _continue(self, writer: RecordWriter, batch: str, before: str) -> None:
         """Go on with a batch, and end the one before if it was not; `RecordError` if in doubt."""
-        self.production.batch, self._before = batch, before
-        path = record_path(self._folder, batch)
+        self.production.batch, path = batch, record_path(self._folder, batch)
         interrupted = before != batch and before in self._open
         if batch in self._open:
-            self._restore(path)
+            try:
+                self._restore(path)
+            except RecordError:
+                del self._open[batch]
+                raise
         elif self.selected is not None and (path.exists() or not interrupted):
             raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
         if interrupted:
@@ -126,6 +129,7 @@ class LineBatches:
             del self._open[batch]
         else:
             self._write_begin(writer)
+        self._batch, self._before = batch, before
 
     def _restore(self, path: Path) -> None:
         """Count again what is in a record; `RecordError` if it cannot be used."""
@@ -150,7 +154,8 @@ class LineBatches:
         if self._writer is None or self.doubt:
             return
         its = self.production
-        now = Selection.of(its.batch, self._before, its.product, limits)
+        before = self._before if its.batch == self._batch else self._batch
+        now = Selection.of(its.batch, before, its.product, limits)
         if self._kept == now and not anew:
             return
         self._kept = None
@@ -202,8 +207,8 @@ class LineBatches:
         self.production.reset()
         self.write('reset', {'time': self._clock()})
 
-    def begin(self, before: str) -> None:
-        """End the record of the batch `before`, and begin or continue that of the present one.
+    def begin(self) -> None:
+        """End the record of the batch before, and begin or continue that of the present one.
 
         Raises `RecordError` if the one that is to be continued cannot be used.
         """
@@ -214,7 +219,7 @@ class LineBatches:
                 del self._open[self.production.batch]
             else:
                 self._write_begin(self._writer)
-        self.doubt, self._before = '', before
+        self.doubt, self._before, self._batch = '', self._batch, self.production.batch
         self.use(self.production.product)
 
     def _write_begin(self, writer: RecordWriter) -> None:

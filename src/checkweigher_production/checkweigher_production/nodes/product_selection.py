@@ -96,6 +96,8 @@ class ProductSelection:
         if self._batches.doubt:  # nothing is accepted that no batch counts
             product = replace(product, product='')
         recipe, limits = self._resumed
+        if recipe is not None and self._recipe.in_use is None:
+            self._select_in_counts(recipe)
         # With parameters of its own a product waits until the nodes have them.
         self._recipe.taken(product, None if recipe is None or recipe.parameters else limits)
         if product.product:
@@ -121,7 +123,6 @@ class ProductSelection:
             if resumed is not None and limits is not None and resumed.name == name:
                 limits = on_line if on_line.product else limits
                 await self._recipe.set(resumed, limits, partial(self._audit.announce, by=Author()))
-                self._select_in_counts(resumed)
             elif name and self._batches.production.product is None:
                 await self.select(name, Author())  # otherwise the limits of the line hold
         except (AuditError, SettingsError, RefusedError) as error:
