@@ -4,7 +4,6 @@
 
 from collections import deque
 from collections.abc import Callable
-import math
 
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
@@ -45,6 +44,25 @@ class UsualTransit:
             self._outlier = transit
         else:
             self.value, self._outlier = transit, None
+
+    def has_passed(self, item: TrackedItem, stamp: int) -> bool:
+        """Return whether an item must have left before `stamp`."""
+        transit = self.of(item)
+        return transit is not None and stamp - item.entered >= _OVERDUE * transit + item.length
+
+    def ends(self, item: TrackedItem, stamp: int) -> bool:
+        """Return whether an item must have left just at `stamp`."""
+        transit = self.of(item)
+        if transit is None or not item.length:
+            return False
+        return abs(stamp - item.entered - item.length - transit) < _TOO_EARLY * transit
+
+    def is_early(self, item: TrackedItem, stamp: int) -> bool:
+        """Return whether an item cannot have reached the outfeed eye at `stamp`."""
+        transit = self.of(item)
+        if transit is None or item.t1 is None:
+            return False
+        return stamp - item.t1 <= (1 - _TOO_EARLY) * transit
 
     def forget(self) -> None:
         """Discard the speed of the belt."""
@@ -145,11 +163,7 @@ class Belt:
 
     def give_up_overdue(self, stamp: int) -> None:
         """Give up items that must have left before `stamp` according to the usual transit."""
-        while self.items:
-            item = self.items[0]
-            transit = self.transit.of(item)
-            if transit is None or stamp - item.entered < _OVERDUE * transit + item.length:
-                return
+        while self.items and self.transit.has_passed(self.items[0], stamp):
             self.miss(self.items.pop(0), stamp)
 
     def give_up_unloaded(self, stamp: int) -> None:
@@ -222,61 +236,3 @@ class Belt:
         self.given_up.clear()
         self.abandoned.clear()
         return ambiguous
-
-    def departure_before(self, stamp: int) -> int | None:
-        """Return the departure of the item before one that enters at `stamp`, None if not known."""
-        if self.covered:
-            return None
-        if self.at_outfeed is not None:
-            return self.at_outfeed.departure
-        return self.last_departure(stamp)
-
-    def last_departure(self, stamp: int) -> int | None:
-        """Return the time of the last departure before `stamp` according to the eyes."""
-        left = [item for item in (*self.given_up, self.left_last) if item is not None]
-        departures = [item.departure for item in left]
-        if self.freed is not None:
-            departures.append(self.freed)
-        return min(max(departures), stamp) if departures else None
-
-    def is_next_departure(self, stamp: int) -> bool:
-        """Return whether the next item must have left now, so that its t3 and a t4 were lost."""
-        if not self.items or self.items[0] is self.at_infeed:
-            return False
-        item = self.items[0]
-        transit = self.transit.of(item)
-        if transit is None or not item.length:
-            return False
-        return abs(stamp - item.entered - item.length - transit) < _TOO_EARLY * transit
-
-    def is_none_due(self, stamp: int) -> bool:
-        """Return whether no item on the belt can be at the outfeed eye yet."""
-        return all(
-            self._is_entering(item, stamp) or self._is_early(item, stamp) for item in self.items
-        )
-
-    def _is_early(self, item: TrackedItem, stamp: int) -> bool:
-        transit = self.transit.of(item)
-        if transit is None or item.t1 is None:
-            return False
-        return stamp - item.t1 <= (1 - _TOO_EARLY) * transit
-
-    def take_leaving(self, stamp: int) -> TrackedItem:
-        """Remove the item of an outfeed edge from the belt, and give up those before it.
-
-        It is the item whose transit would be nearest to the usual one.
-        """
-        deviations = {0: math.inf}
-        for i, candidate in enumerate(self.items):
-            transit = self.transit.of(candidate)
-            if transit is not None and (not self._is_entering(candidate, stamp) or not i):
-                deviations[i] = abs(stamp - candidate.entered - transit)
-        position = min(deviations, key=lambda i: deviations[i])
-        for passed_over in self.items[:position]:
-            self.miss(passed_over, stamp)
-        item = self.items[position]
-        del self.items[: position + 1]
-        return item
-
-    def _is_entering(self, item: TrackedItem, stamp: int) -> bool:
-        return item is self.at_infeed or (item.t2 is not None and item.t2 > stamp)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from checkweigher_core.records import EyeEdge
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.belt import Belt, UsualTransit
+from checkweigher_dsp.items.departures import last_departure
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.items.transitions import apply_edge, apply_late_edge, settle, settle_first
@@ -61,7 +62,7 @@ class ItemTracker:
     def empty_since(self) -> int | None:
         """Time at which the last item had left, ns; None if there was none."""
         newest = self.eyes.newest
-        return None if newest is None else self.belt.last_departure(newest)
+        return None if newest is None else last_departure(self.belt, newest)
 
     @property
     def overdue_after(self) -> int | None:

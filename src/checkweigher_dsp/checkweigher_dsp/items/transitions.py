@@ -13,6 +13,12 @@ from dataclasses import dataclass
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.belt import Belt
+from checkweigher_dsp.items.departures import (
+    departure_before,
+    is_next_departure,
+    is_none_due,
+    take_leaving,
+)
 from checkweigher_dsp.items.eyes import Switch
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
@@ -131,7 +137,7 @@ def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
     """Return the longest time for which an item can be at the outfeed eye, ns."""
     known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
     span = max(item.length if known else 0, belt.eyes.debounce)
-    if item is belt.at_outfeed and belt.is_none_due(stamp):
+    if item is belt.at_outfeed and is_none_due(belt, stamp):
         span = max(span, 2 * item.length or belt.transit.value or 0)  # its t4 was lost
     return span
 
@@ -161,7 +167,7 @@ def _enter(belt: Belt, switch: Switch) -> TrackedItem:
     item = belt.begun = belt.new_item()
     item.t1 = switch.stamp
     item.others_there = belt.at_outfeed is not None or belt.covered
-    item.left_before = belt.departure_before(switch.stamp)
+    item.left_before = departure_before(belt, switch.stamp)
     belt.put(item)
     return item
 
@@ -252,7 +258,7 @@ def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Let an item leave that was given up, if no item on the belt can be at the eye yet."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
-    if not gone or not belt.is_none_due(switch.stamp):
+    if not gone or not is_none_due(belt, switch.stamp):
         return None
     item = gone.popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
@@ -265,7 +271,7 @@ def _leave(belt: Belt, switch: Switch) -> TrackedItem | None:
     if not belt.items:
         return None
     ambiguous = belt.drop_given_up()
-    return _begin_to_leave(belt, switch, belt.take_leaving(switch.stamp), ambiguous)
+    return _begin_to_leave(belt, switch, take_leaving(belt, switch.stamp), ambiguous)
 
 
 def _leave_unseen(belt: Belt, switch: Switch) -> TrackedItem:
@@ -298,7 +304,7 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
 
 def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Set the t4 of the item at the outfeed eye."""
-    item = None if belt.is_next_departure(switch.stamp) else switch.there
+    item = None if is_next_departure(belt, switch.stamp) else switch.there
     if item is not None:
         item.t4 = switch.stamp
     return item
@@ -331,7 +337,7 @@ def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
     if not belt.items:
         return None
     _go_before_start(belt, switch)
-    item = belt.left_last = belt.take_leaving(switch.stamp)
+    item = belt.left_last = take_leaving(belt, switch.stamp)
     item.fault(Reason.MISSING_EDGE)
     item.t4 = switch.stamp
     belt.finished.append(item)

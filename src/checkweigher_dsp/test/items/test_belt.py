@@ -4,6 +4,7 @@
 
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.belt import Belt, UsualTransit
+from checkweigher_dsp.items.departures import take_leaving
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import State, TrackedItem
 
@@ -48,7 +49,7 @@ def test_before_a_whole_item_the_length_of_the_product_gives_the_transit():
 def test_the_item_nearest_to_its_time_leaves_and_those_before_it_are_given_up():
     belt = _belt(0, 30, 60)
 
-    leaving = belt.take_leaving(132)
+    leaving = take_leaving(belt, 132)
 
     assert leaving.t1 == 30
     assert [item.t1 for item in belt.items] == [60]

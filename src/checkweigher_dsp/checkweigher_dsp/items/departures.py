@@ -1,0 +1,62 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Departures from the belt: which item an edge of the outfeed eye is of, and when the last left."""
+
+import math
+
+from checkweigher_dsp.items.belt import Belt
+from checkweigher_dsp.items.item import TrackedItem
+
+
+def departure_before(belt: Belt, stamp: int) -> int | None:
+    """Return the departure of the item before one that enters at `stamp`, None if not known."""
+    if belt.covered:
+        return None
+    if belt.at_outfeed is not None:
+        return belt.at_outfeed.departure
+    return last_departure(belt, stamp)
+
+
+def last_departure(belt: Belt, stamp: int) -> int | None:
+    """Return the time of the last departure before `stamp` according to the eyes."""
+    left = [item for item in (*belt.given_up, belt.left_last) if item is not None]
+    departures = [item.departure for item in left]
+    if belt.freed is not None:
+        departures.append(belt.freed)
+    return min(max(departures), stamp) if departures else None
+
+
+def is_next_departure(belt: Belt, stamp: int) -> bool:
+    """Return whether the next item must have left now, so that its t3 and a t4 were lost."""
+    if not belt.items or belt.items[0] is belt.at_infeed:
+        return False
+    return belt.transit.ends(belt.items[0], stamp)
+
+
+def is_none_due(belt: Belt, stamp: int) -> bool:
+    """Return whether no item on the belt can be at the outfeed eye yet."""
+    return all(
+        _is_entering(belt, item, stamp) or belt.transit.is_early(item, stamp) for item in belt.items
+    )
+
+
+def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
+    """Remove the item of an outfeed edge from the belt, and give up those before it.
+
+    It is the item whose transit would be nearest to the usual one.
+    """
+    deviations = {0: math.inf}
+    for i, candidate in enumerate(belt.items):
+        transit = belt.transit.of(candidate)
+        if transit is not None and (not _is_entering(belt, candidate, stamp) or not i):
+            deviations[i] = abs(stamp - candidate.entered - transit)
+    position = min(deviations, key=lambda i: deviations[i])
+    for passed_over in belt.items[:position]:
+        belt.miss(passed_over, stamp)
+    item = belt.items[position]
+    del belt.items[: position + 1]
+    return item
+
+
+def _is_entering(belt: Belt, item: TrackedItem, stamp: int) -> bool:
+    return item is belt.at_infeed or (item.t2 is not None and item.t2 > stamp)
