@@ -35,10 +35,10 @@ def edges(number: int) -> list[EyeEdge]:
     return [EyeEdge(t1 + step * NANOSECONDS // 10, eye, blocked) for step, eye, blocked in steps]
 
 
-def estimate(number: int, mass: float) -> MassEstimate:
+def estimate(number: int, mass: float, **more: float) -> MassEstimate:
     """The estimate of an item, numbered from 1."""
     t1, t2, t3 = (edge.stamp for edge in edges(number))
-    return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5)
+    return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5, **more)
 
 
 class RejectLine:
@@ -75,9 +75,9 @@ class RejectLine:
         """Reset the stop request, and return whether that was done."""
         return bool(call(self.node, Trigger, ports.RESET_STOP_REQUEST).success)
 
-    def weigh(self, number: int) -> None:
+    def weigh(self, number: int, **more: float) -> None:
         """Publish the mass of an item."""
-        message = to_message(ports.MASS_ESTIMATE, estimate(number, 0.15))
+        message = to_message(ports.MASS_ESTIMATE, estimate(number, 0.15, **more))
         publish(self.node, ports.MASS_ESTIMATE, message)
 
     def pass_item(self, number: int) -> None:

@@ -21,6 +21,7 @@ from checkweigher_core.records import (
     EyeEdge,
     StreamState,
     StreamStatus,
+    ZeroChange,
 )
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import stamp_from, to_message
@@ -186,6 +187,24 @@ def test_a_reset_while_the_driver_has_trouble_shows_the_request_again(spinner: S
     wait_for(line.reset)
     while line.stop().state != StopRequest.RUN:
         pass
+
+
+def test_a_step_of_the_zero_stops_the_line_until_the_belt_is_zeroed(spinner: Spinner):
+    line = RejectLine(spinner)
+    assert line.stop().state == StopRequest.RUN
+    for number, zero in ((1, 0.0), (2, 0.1)):
+        line.pass_item(number)
+        line.weigh(number, zero=zero)
+        assert line.verdict().decision == Verdict.ACCEPT
+
+    request = line.stop()
+
+    assert (request.reason, request.item_id) == ('ZeroStep', 2)
+    assert request.hint.endswith(': +100.0 g before item 2')
+    assert not line.reset()
+    change = ZeroChange(START, 0.1, 0.1, 1e-4)
+    publish(line.node, ports.ZERO_SETTING, to_message(ports.ZERO_SETTING, change))
+    wait_for(line.reset)
 
 
 def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):

@@ -47,6 +47,7 @@ class Reason(StrEnum):
     EXTERNAL_REJECT = 'ExternalReject'
     NOT_INSPECTED = 'NotInspected'
     PERFORMANCE_TEST = 'PerformanceTest'
+    STAGE_FAILED = 'StageFailed'
 
     @property
     def hint(self) -> str:
@@ -70,6 +71,8 @@ class StopReason(StrEnum):
     PERFORMANCE_TEST = 'PerformanceTest'
     NO_ITEMS = 'NoItems'
     FOREIGN_PUBLISHER = 'ForeignPublisher'
+    STAGE_FAILED = 'StageFailed'
+    ZERO_STEP = 'ZeroStep'
     UNKNOWN = 'Unknown'
 
     @property
@@ -115,6 +118,7 @@ _HINTS = {
     Reason.EXTERNAL_REJECT: 'an inspection device rejected it',
     Reason.NOT_INSPECTED: 'an inspection device did not run, or answers too late; see inspections',
     Reason.PERFORMANCE_TEST: 'it passed during a performance test, as a test product does',
+    Reason.STAGE_FAILED: 'the program failed on this item; report it with the log and a bag of it',
 }
 # A table of its own: reasons of both kinds may have the same value.
 _STOP_HINTS = {
@@ -131,5 +135,7 @@ _STOP_HINTS = {
     StopReason.PERFORMANCE_TEST: 'the performance test is overdue or failed; make it',
     StopReason.NO_ITEMS: 'items leave the belt and segmenter announces none; start it again',
     StopReason.FOREIGN_PUBLISHER: 'a stranger publishes topics of this line; stop that node',
+    StopReason.STAGE_FAILED: 'the program failed on two items in a row; report it with log and bag',
+    StopReason.ZERO_STEP: 'something lies on the belt or was taken off; clear it, call zero, reset',
     StopReason.UNKNOWN: 'a stop request came without a reason that this version knows',
 }

@@ -193,7 +193,8 @@ WEIGH_WINDOW = Port(
     'One for each item, without signal if it cannot be weighed')
 ZERO_SETTING = Port(
     'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', records.ZeroChange, STATE,
-    'segmenter', ('product', 'users'), (), 'The last change of the zero by the service `zero`')
+    'segmenter', ('product', 'reject', 'users'), (),
+    'The last change of the zero by the service `zero`')
 SEGMENTER_STATUS = Port(
     'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'segmenter', ('driver', 'reject'), (),

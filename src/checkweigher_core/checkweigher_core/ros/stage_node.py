@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 import time
+import traceback
 from typing import Any, Generic
 
 from rcl_interfaces.msg import SetParametersResult
@@ -101,6 +102,11 @@ class StageNode(PortNode, Generic[P]):
         """Log and count an exception that ends a callback, and not the node."""
         self.count('exceptions')
         super().fail(error, what)
+
+    def item_failed(self, item_id: int, error: Exception) -> None:
+        """Log and count an exception of the stage, which costs one item."""
+        self.get_logger().error(''.join(traceback.format_exception(error)))
+        self.fail(error, f'item {item_id}: the stage failed')
 
     def count(self, name: str) -> None:
         """Count an event for the diagnostics."""

@@ -29,6 +29,7 @@ from checkweigher_dsp.denoising.window_batch import (
     is_consistent,
     padded_length,
 )
+from checkweigher_dsp.items.failures import PRINTED, Failures
 from checkweigher_dsp.signal.averages import hann_mean
 
 # Ways to pad a window, see `Denoiser` and `pad`.
@@ -190,8 +191,9 @@ class Denoiser:
     restored as the share of the product on the belt, by t1 and t2 of the photo-eyes.
     """
 
-    def __init__(self, parameters: DenoiseParameters) -> None:
+    def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
         self._parameters = parameters
+        self._failures = failures
 
     def denoise(self, window: WeighWindow) -> WeighWindow:
         """Return the window with its `denoised` signal; a fault is returned unchanged.
@@ -206,6 +208,13 @@ class Denoiser:
         Windows of equal shape are denoised at once, so memory grows with their number. A hundred at
         a time are fast.
         """
+        return self._failures.together(
+            self._denoise_all,
+            lambda window: replace(window, reasons=(Reason.STAGE_FAILED.value,)),
+            windows,
+        )
+
+    def _denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
         bad = (Reason.BAD_WINDOW.value,)
         result = [
             window if window.reasons or is_consistent(window) else replace(window, reasons=bad)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification of the mass in denoised weigh windows by the chosen estimator."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
 import hashlib
 import json
@@ -25,6 +25,7 @@ from checkweigher_dsp.estimation.learning.learner import (
     learn,
     learned_load,
 )
+from checkweigher_dsp.items.failures import PRINTED, Failures
 from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 
 
@@ -98,8 +99,14 @@ class Identifier:
     0.2
     """
 
-    def __init__(self, parameters: IdentifierParameters, known: LearnedKinds | None = None) -> None:
+    def __init__(
+        self,
+        parameters: IdentifierParameters,
+        known: LearnedKinds | None = None,
+        failures: Failures = PRINTED,
+    ) -> None:
         self._parameters = parameters
+        self._failures = failures
         self._known = parameters.chosen
         self._estimator = ESTIMATORS[parameters.estimator](self._known)
         basis = parameters.basis
@@ -117,23 +124,30 @@ class Identifier:
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
         """Estimate many masses in less time, each to the same bits as alone."""
-        refused = [self._refuse(window) for window in windows]
+        refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
-        loads = iter(self._estimator.estimate_all(accepted))
-        return [
-            refusal or self._weigh(window, next(loads))
-            for window, refusal in zip(windows, refused, strict=True)
-        ]
+        estimate_all, failed = self._estimator.estimate_all, self._failed
+        loads: Iterator[LoadEstimate | MassEstimate] = iter(
+            self._failures.together(estimate_all, failed, accepted)
+        )
+        found = [refusal or next(loads) for refusal in refused]
+        return self._failures.each(self._conclude, self._failed, windows, found)
 
     def learn(self) -> None:
         """Learn from the last window now; otherwise the next window does it, and takes longer."""
-        if self._lesson is not None:
-            self.learned = learn(self.learned, *self._lesson, self._parameters.learning)
-            self._lesson = None
+        lesson, self._lesson = self._lesson, None
+        if lesson is not None:
+            self.learned = learn(self.learned, *lesson, self._parameters.learning)
 
     def forget(self) -> None:
         """Reset everything that was learned."""
         self.learned, self._lesson = LearnedKinds(self.learned.basis), None
+
+    def _failed(self, window: WeighWindow) -> MassEstimate:
+        return self._record(window, (Reason.STAGE_FAILED.value,))
+
+    def _conclude(self, window: WeighWindow, found: LoadEstimate | MassEstimate) -> MassEstimate:
+        return found if isinstance(found, MassEstimate) else self._weigh(window, found)
 
     def _weigh(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
         """Return the mass of a window, by the learned weights if they are trusted."""

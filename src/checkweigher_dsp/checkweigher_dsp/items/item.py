@@ -46,6 +46,13 @@ class TrackedItem:
         return next(stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None)
 
     @property
+    def edges(self) -> tuple[int, int, int] | None:
+        """t1, t2 and t3, None if one of them is missing."""
+        if self.t1 is None or self.t2 is None or self.t3 is None:
+            return None
+        return self.t1, self.t2, self.t3
+
+    @property
     def length(self) -> int:
         """Time that it blocks an eye, ns; 0 if that is not known."""
         return self.t2 - self.t1 if self.t1 is not None and self.t2 is not None else 0

@@ -12,6 +12,7 @@ from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.health.items import WorkloadWatch
+from checkweigher_dsp.items.failures import Failures
 
 
 class DenoiseNode(StageNode[DenoiseParameters]):
@@ -26,7 +27,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
 
     def on_parameters(self) -> None:
         """Use a changed table."""
-        self._denoiser = Denoiser(self.parameters)
+        self._denoiser = Denoiser(self.parameters, Failures(self.item_failed))
 
     def _on_window(self, window: WeighWindow) -> None:
         began = time.monotonic()

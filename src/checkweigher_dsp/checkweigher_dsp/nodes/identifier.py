@@ -19,6 +19,7 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.health.learning import describe, learning_finding
+from checkweigher_dsp.items.failures import Failures
 from checkweigher_dsp.nodes.learned_record import NONE, LearnedRecord
 
 
@@ -59,7 +60,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             known = self._record.read() or known
             if self._record.trouble:
                 self.warn(self._record.trouble)
-        self._identifier = Identifier(self.parameters, known)
+        self._identifier = Identifier(self.parameters, known, Failures(self.item_failed))
         # The usual values of the estimator before are not those of this one.
         self._convergence = ConvergenceWatch()
 

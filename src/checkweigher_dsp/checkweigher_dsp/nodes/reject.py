@@ -28,6 +28,7 @@ from checkweigher_dsp.nodes.product_in_use import ProductInUse
 from checkweigher_dsp.nodes.stop_requests import StopRequests
 from checkweigher_dsp.nodes.verdict_output import VerdictOutput
 from checkweigher_dsp.rejection.items import MAX_JUDGED
+from checkweigher_dsp.rejection.limits import tolerance
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
@@ -63,6 +64,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self.subscribe(ports.SEGMENTER_STATUS, self._on_segmenter, needed=False)
         eyes = self.subscribe(ports.PHOTO_EYES, self._on_edge)
         self.subscribe(ports.MASS_ESTIMATE, self._on_record)
+        self.subscribe(ports.ZERO_SETTING, self._monitor.add_zero_change, needed=False)
         self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
         self._external = self.subscribe(ports.EXTERNAL_REJECT, self._on_external_reject)
         self._stops = StopRequests(
@@ -139,8 +141,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _on_record(self, record: Item | MassEstimate) -> None:
         """Judge by an announcement, or by an estimate if the node is active."""
         stage = self._stage
-        if isinstance(record, MassEstimate) and not self._stops.active:
-            return
+        if isinstance(record, MassEstimate):
+            if not self._stops.active:
+                return
+            self._monitor.add_zero(record, tolerance(stage.product))
         late_items, late_estimates = stage.late_items, stage.late_estimates
         self._verdicts.send(stage.take(record, self._timer.now))
         if stage.late_items > late_items:

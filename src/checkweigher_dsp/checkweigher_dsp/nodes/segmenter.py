@@ -30,6 +30,7 @@ from checkweigher_core.ros.line_parameters import in_time
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.health.segmenter import SegmenterWatch
+from checkweigher_dsp.items.failures import Failures
 from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
 from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -137,7 +138,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._items_before += before.cutter.count
             self._count = before.item_count
             self._answer_zero(False, 'the stream was started again: not zeroed')
-        self._segmenter = Segmenter(load_cell, self.parameters, self._count)
+        failures = Failures(self.item_failed)
+        self._segmenter = Segmenter(load_cell, self.parameters, self._count, failures)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
         segmenter = self._segmenter

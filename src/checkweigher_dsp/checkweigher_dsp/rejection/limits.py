@@ -87,6 +87,13 @@ def _is_certain(estimate: MassEstimate) -> bool:
     return math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest  # NaN is not
 
 
+def tolerance(product: ProductOnLine) -> float:
+    """Return half of the range of accepted masses, or from nominal to its lower end, kg."""
+    allowed = (product.upper_limit - product.lower_limit) / 2
+    below = product.nominal - product.lower_limit if product.nominal else math.inf
+    return max(min(allowed, below), 0.0)
+
+
 def _outside(value: float, low: float, high: float) -> bool:
     return (low > 0 or high < math.inf) and not low <= value <= high  # NaN is outside
 

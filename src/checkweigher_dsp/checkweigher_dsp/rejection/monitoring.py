@@ -3,16 +3,21 @@
 """Monitoring of the rejector against the verdicts, and requests to stop the line."""
 
 from dataclasses import dataclass
+import math
 
 from checkweigher_core.records import (
+    GRAMS,
     NANOSECONDS,
     Decision,
     EyeEdge,
     MachineConditions,
+    MassEstimate,
     PerformanceState,
     PerformanceTest,
     StopRequest,
     Verdict,
+    ZeroChange,
+    seconds,
 )
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_dsp.rejection.parameters import RejectParameters
@@ -26,6 +31,10 @@ _CONDITIONS = {
         StopReason.INSPECTION_FAULT,
     )
 }
+
+_FAILED_IN_A_ROW = 2
+_SURE = 4.0  # standard deviations
+_DRIFT_TIME = 600.0  # s in which the zero may drift by the largest step
 
 
 @dataclass(slots=True, eq=False)
@@ -58,6 +67,8 @@ class RejectMonitor:
         State of the performance test.
     strangers : str
         Strangers that publish topics of the line, empty for none.
+    zero_step : str
+        Step of the zero since the belt was zeroed last, empty for none.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -67,7 +78,9 @@ class RejectMonitor:
         self.conditions = MachineConditions(0, True)
         self.test: PerformanceTest | None = None
         self.strangers = ''
-        self._in_a_row = 0
+        self.zero_step = ''
+        self._zero: tuple[float, float, int] | None = None  # last zero, std_dev, and its stamp
+        self._in_a_row = self._failed_in_a_row = 0
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
 
@@ -87,9 +100,38 @@ class RejectMonitor:
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self.stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
+        failed = Reason.STAGE_FAILED in verdict.reasons
+        self._failed_in_a_row = self._failed_in_a_row + 1 if failed else 0
+        if self._failed_in_a_row >= _FAILED_IN_A_ROW:
+            self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
         # An item that a station takes off does not come to the eye behind the rejector.
         if self._window and verdict.reject_at is not None and not (rejected and verdict.station):
             self._expected.append(_Expected(verdict.item_id, verdict.reject_at, rejected))
+
+    def add_zero(self, estimate: MassEstimate, tolerance: float) -> None:
+        """Request a stop if the zero has stepped since the item before.
+
+        The step may be no larger than `tolerance` of the product, kg, beside the uncertainty of the
+        masses and what drifts.
+        """
+        largest = min(self.parameters.max_zero_step, tolerance)
+        known = estimate.weighed and math.isfinite(estimate.zero + estimate.std_dev)
+        if not known or estimate.t1 is None:
+            return
+        before, self._zero = self._zero, (estimate.zero, estimate.std_dev, estimate.t1)
+        if before is None or not self.parameters.max_zero_step:
+            return
+        zero, std_dev, stamp = before
+        step = estimate.zero - zero
+        largest *= 1 + abs(seconds(estimate.t1 - stamp)) / _DRIFT_TIME
+        if abs(step) > largest + _SURE * math.hypot(std_dev, estimate.std_dev):
+            self.zero_step = f'{GRAMS * step:+.1f} g before item {estimate.item_id}'
+            self.stop(StopReason.ZERO_STEP, estimate.item_id, text=self.zero_step)
+
+    def add_zero_change(self, change: ZeroChange) -> None:
+        """Accept the zero that was set."""
+        self.zero_step = ''
+        self._zero = change.zero, change.std_dev, change.stamp
 
     def add_edge(self, edge: EyeEdge) -> None:
         """Add an edge of the eye behind the rejector."""
@@ -110,6 +152,8 @@ class RejectMonitor:
             self.stop(StopReason.PERFORMANCE_TEST, text=self.test.text)
         if self.strangers:
             self.stop(StopReason.FOREIGN_PUBLISHER, text=self.strangers)
+        if self.zero_step:
+            self.stop(StopReason.ZERO_STEP, text=self.zero_step)
 
     def stop(
         self, reason: StopReason, item_id: int = 0, stamp: int | None = None, text: str = ''
@@ -139,7 +183,7 @@ class RejectMonitor:
     def reset(self, now: int) -> None:
         """Clear the request and the rejects in a row, unless a reason lasts; see `check`."""
         self.request = None
-        self._in_a_row = 0
+        self._in_a_row = self._failed_in_a_row = 0
         self.restart()
         self.check(now)
 

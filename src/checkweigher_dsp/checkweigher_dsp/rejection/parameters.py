@@ -47,6 +47,11 @@ class RejectParameters(Parameters):
     max_rejects_in_a_row: int = parameter(
         0, 'rejects in a row that raise a stop request; 0 for none', minimum=0, maximum=1_000_000
     )
+    max_zero_step: float = _mass(
+        0.02,
+        'step of the zero from item to item, beyond which the line stops until it is zeroed; at '
+        'most the tolerance of the product counts; 0: not checked',
+    )
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )

@@ -17,6 +17,7 @@ from checkweigher_core.records import (
     seconds,
 )
 from checkweigher_core.records.reasons import Reason
+from checkweigher_dsp.items.failures import PRINTED, Failures
 from checkweigher_dsp.segmentation.item_source import ItemSource
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
@@ -41,6 +42,8 @@ class Segmenter:
         Parameters of the stage.
     item_count : int
         Number of the last item before: the next one is ``item_count + 1``.
+    failures : Failures
+        Report of the exceptions that items cause.
 
     Raises
     ------
@@ -58,7 +61,11 @@ class Segmenter:
     """
 
     def __init__(
-        self, load_cell: LoadCell, parameters: SegmenterParameters, item_count: int = 0
+        self,
+        load_cell: LoadCell,
+        parameters: SegmenterParameters,
+        item_count: int = 0,
+        failures: Failures = PRINTED,
     ) -> None:
         parameters.check_lengths(load_cell)
         self.load_cell = load_cell
@@ -67,7 +74,7 @@ class Segmenter:
         self.zero_keeper = ZeroKeeper(load_cell, parameters, self._buffer)
         inputs = load_cell, parameters, self._buffer, self.zero_keeper
         self._source = ItemSource(*inputs, item_count)
-        self.cutter = WindowCutter(*inputs)
+        self.cutter = WindowCutter(*inputs, failures)
         self.samples = 0
         self.edges = 0
 

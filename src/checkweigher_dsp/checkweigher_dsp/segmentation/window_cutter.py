@@ -4,6 +4,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, LoadCell, WeighWindow, seconds
 from checkweigher_core.records.reasons import Reason
+from checkweigher_dsp.items.failures import Failures
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.load_check import LoadCheck
@@ -54,7 +56,9 @@ class WindowCutter:
         parameters: SegmenterParameters,
         buffer: SampleBuffer,
         zero: ZeroKeeper,
+        failures: Failures,
     ) -> None:
+        self._failures = failures
         self._load_cell = load_cell
         self._parameters = parameters
         self._buffer = buffer
@@ -70,10 +74,13 @@ class WindowCutter:
 
     def take(self, items: Iterable[TrackedItem]) -> None:
         """Add items that wait for their samples."""
-        for item in items:
-            self._check_start(item)
-            self.motion.check(item)
-            self._waiting.append(item)
+        items = list(items)
+        self._failures.each(self._check, lambda item: item.fault(Reason.STAGE_FAILED), items)
+        self._waiting += items
+
+    def _check(self, item: TrackedItem) -> None:
+        self._check_start(item)
+        self.motion.check(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
         """Fault the waiting items that entered before a time, ns. Returns whether there are any."""
@@ -87,11 +94,16 @@ class WindowCutter:
 
         Without `wait` the samples up to t3 are enough.
         """
-        cut = [(item, self._cut(item, wait=wait)) for item in self._waiting]
-        self._waiting = [item for item, window in cut if window is None]
+        found = self._failures.each(
+            partial(self._cut, wait=wait),
+            lambda item: self._fault(item, Reason.STAGE_FAILED),
+            self._waiting,
+        )
+        pairs = zip(self._waiting, found, strict=True)
+        self._waiting = [item for item, window in pairs if window is None]
         kept = {item.item_id for item in self._waiting}
         self._shifts = {item: shift for item, shift in self._shifts.items() if item in kept}
-        windows = [window for _, window in cut if window is not None]
+        windows = [window for window in found if window is not None]
         self.count += len(windows)
         return windows
 
@@ -100,33 +112,27 @@ class WindowCutter:
         if self._buffer.empty and wait:
             return None
         self._check_start(item)
-        if item.faults or item.t1 is None or item.t2 is None or item.t3 is None:
+        if item.faults or item.edges is None:
             return self._fault(item, *item.faults)
-        if self._buffer.empty:
+        place = None if self._buffer.empty else self._find_place(item, *item.edges)
+        if place is None or self._buffer.end < (place.trail_end if wait else place.end):
             return None
-        place = self._find_place(item, item.t1, item.t2, item.t3)
-        if self._buffer.end < (place.trail_end if wait else place.end):
-            return None
-        reason = self._check_place(place)
+        reason = self._check_place(place) or self._check_rise(item, place)
         if reason is not None:
             return self._fault(item, reason)
-        if self._parameters.rise_lag_tolerance and item.item_id not in self._shifts:
-            found = self._find_shift(item, place)
-            if isinstance(found, Reason):
-                return self._fault(item, found)
-            self._shifts[item.item_id] = found, self.edge_check.doubt
+        if self._shift_of(item) != (place.shift, place.doubt):
             return self._cut(item, wait=wait)
-        zero = self._zero_before(item, place)
-        if not zero.trusted:
-            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
-        return self._make_window(item, place, zero)
+        return self._make_window(item, place)
 
     def _samples(self, duration: float) -> int:
         """Return the number of samples in a duration, s."""
         return round(duration * self._load_cell.sample_rate)
 
+    def _shift_of(self, item: TrackedItem) -> tuple[int, float]:
+        return self._shifts.get(item.item_id, (0, 0.0))
+
     def _find_place(self, item: TrackedItem, t1: int, t2: int, t3: int) -> _Place:
-        shift, doubt = self._shifts.get(item.item_id, (0, 0.0))
+        shift, doubt = self._shift_of(item)
         entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
         # The trail ends when the item has left, or earlier.
         left = self._buffer.index_at(t3 + shift + item.length)
@@ -148,8 +154,11 @@ class WindowCutter:
             self._zero.try_to_set(span, self._parameters.zero_moment)
         return self._zero.update(seconds(place.t1), empty, settled)
 
-    def _make_window(self, item: TrackedItem, place: _Place, zero: Zero) -> WeighWindow:
-        """Return the window of an item whose samples are sound, a fault if its load varies."""
+    def _make_window(self, item: TrackedItem, place: _Place) -> WeighWindow:
+        """Return the window of an item whose samples are sound, a fault if zero or load are not."""
+        zero = self._zero_before(item, place)
+        if not zero.trusted:
+            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         first = buffer.whole_from(entry - self._samples(self._parameters.lead_time), entry)
@@ -187,11 +196,13 @@ class WindowCutter:
             line_speed = self._load_cell.weigh_length / seconds(item.usual_transit)
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
-    def _find_shift(self, item: TrackedItem, place: _Place) -> int | Reason:
-        """Return the shift of the window of an item after its edges, ns.
+    def _check_rise(self, item: TrackedItem, place: _Place) -> Reason | None:
+        """Find the shift of the window of an item after its edges.
 
-        If the rise and the edges contradict each other, return the reason instead.
+        Returns the reason if the rise and the edges contradict each other.
         """
+        if not self._parameters.rise_lag_tolerance or item.item_id in self._shifts:
+            return None
         buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1
         span = seconds(buffer.stamp_at(last) - buffer.stamp_at(place.entry))
         if abs(span - (last - place.entry) / rate) > self._parameters.rise_lag_tolerance:
@@ -202,7 +213,8 @@ class WindowCutter:
             return Reason.CLOCK_JUMP  # nothing shows whether the clock of the eyes jumped as well
         shift = self.edge_check.check(seen, *self.motion.measure(item))
         if shift is not None:
-            return round(NANOSECONDS * shift)
+            self._shifts[item.item_id] = round(NANOSECONDS * shift), self.edge_check.doubt
+            return None
         # Without the part before the rise, the load shows whether the item was alone.
         late = self._samples(max(seen.lag, 0.0)) if seen.is_known else 0
         window = buffer.look_at(min(place.begin + late, place.end), place.end)

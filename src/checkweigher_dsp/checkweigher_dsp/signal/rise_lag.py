@@ -102,8 +102,11 @@ def rise_lag(
         lag += change
     else:
         return RiseLag()
+    # Empty belt and level by signal and eyes; where the two are so far apart, by the signal alone.
     begin, end = (int(time.searchsorted(at)) for at in (min(lag, 0.0), rise_time + max(lag, 0.0)))
     stop = int(time.searchsorted(transit + min(lag, 0.0)))
+    if min(begin, stop - end) < _FEWEST:
+        begin, end = (int(time.searchsorted(at)) for at in (lag, rise_time + lag))
     share = np.clip((time - lag) / rise_time, 0.0, 1.0)
     bend = 30 * (time[1] - time[0]) * share * (1 - share)
     bent = zero * np.add.reduce(bend) + level * (bend @ share) - bend

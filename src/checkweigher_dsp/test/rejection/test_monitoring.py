@@ -2,12 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """When the line should stop: too many rejects, or a rejector that does not do what it is told."""
 
+from dataclasses import replace
+import math
+
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_core.records import Decision, Eye, EyeEdge, Verdict
+from checkweigher_core.records import (
+    Decision,
+    Eye,
+    EyeEdge,
+    MassEstimate,
+    ProductOnLine,
+    Verdict,
+    ZeroChange,
+)
 from checkweigher_core.records.reasons import StopReason
+from checkweigher_dsp.rejection.limits import tolerance
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
@@ -114,6 +126,7 @@ def test_the_first_reason_stays_until_the_reset_and_counting_starts_again():
     [
         ('trouble', StopReason.DRIVER_TROUBLE),
         ('strangers', StopReason.FOREIGN_PUBLISHER),
+        ('zero_step', StopReason.ZERO_STEP),
     ],
 )
 def test_what_lasts_stops_the_line_until_it_is_over_and_the_request_is_reset(name, reason):
@@ -134,6 +147,72 @@ def test_what_lasts_stops_the_line_until_it_is_over_and_the_request_is_reset(nam
     assert monitor.request.text == 'the port is gone'
     monitor.reset(0)
     assert monitor.request is None
+
+
+def test_two_items_in_a_row_on_which_a_stage_failed_stop_the_line():
+    monitor = RejectMonitor(RejectParameters())
+    failed = ('StageFailed',)
+    for number, reasons in enumerate([failed, (), failed, ('NoLoad',), failed]):
+        monitor.add_verdict(replace(_verdict(number), reasons=reasons))
+    assert monitor.request is None
+    monitor.add_verdict(replace(_verdict(9), reasons=failed))
+    assert (monitor.request.reason, monitor.request.item_id) == (StopReason.STAGE_FAILED, 9)
+
+
+def _zeros(monitor, zeros, apart=1, tolerance=math.inf, std_dev=1e-4):
+    for number, zero in enumerate(zeros):
+        estimate = MassEstimate(
+            number, number * apart * SECOND, 0, 0, mass=0.15, std_dev=std_dev, zero=zero
+        )
+        monitor.add_zero(estimate, tolerance)
+    return monitor.request
+
+
+@pytest.mark.parametrize(
+    ('zeros', 'more', 'step'),
+    [
+        ((0.1, 0.1), {}, None),  # as it was at the start
+        ((0.0, 0.015, 0.03), {}, None),
+        ((0.0, 0.1, 0.1), {}, '+100.0 g before item 1'),
+        ((0.1, 0.0), {}, '-100.0 g before item 1'),
+        ((0.0, 0.015), {'tolerance': 0.0045}, '+15.0 g before item 1'),
+        ((0.0, 0.015), {'tolerance': 0.0045, 'std_dev': 0.003}, None),
+        ((0.0, 0.015), {'tolerance': 0.0045, 'apart': 3600}, None),
+        ((0.0, 0.1), {'apart': 600}, '+100.0 g before item 1'),
+    ],
+)
+def test_a_step_of_the_zero_stops_the_line_until_it_is_zeroed(zeros, more, step):
+    monitor = RejectMonitor(RejectParameters())
+    request = _zeros(monitor, zeros, **more)
+    assert (request and (request.reason, request.text)) == (step and (StopReason.ZERO_STEP, step))
+    monitor.reset(0)
+    assert (monitor.request is not None) == (step is not None)
+
+    monitor.add_zero_change(ZeroChange(0, zeros[-1], zeros[0], 1e-4))
+    monitor.reset(0)
+    assert monitor.request is None
+    assert _zeros(monitor, zeros[-1:]) is None
+
+
+def test_an_item_that_was_not_weighed_shows_no_step():
+    monitor = RejectMonitor(RejectParameters())
+    monitor.add_zero(MassEstimate(1, 0, 0, 0, ('ZeroOutOfRange',)), 0.001)
+    assert _zeros(monitor, (0.1,)) is None
+    assert _zeros(RejectMonitor(RejectParameters(max_zero_step=0.0)), (0.0, 1.0)) is None
+
+
+@pytest.mark.parametrize(
+    ('limits', 'expected'),
+    [
+        ({}, math.inf),
+        ({'lower_limit': 0.14, 'upper_limit': 0.15}, 0.005),
+        ({'lower_limit': 0.141, 'nominal': 0.15}, 0.009),
+        ({'lower_limit': 0.141, 'upper_limit': 0.145, 'nominal': 0.15}, 0.002),
+        ({'lower_limit': 0.1}, math.inf),
+    ],
+)
+def test_the_tolerance_of_a_product(limits, expected):
+    assert tolerance(ProductOnLine(1, **limits)) == pytest.approx(expected)
 
 
 def test_trouble_is_shown_when_the_reason_before_it_has_been_reset():

@@ -34,6 +34,18 @@ def test_a_rise_that_is_late_or_early_lags_by_that(shift: int):
         assert seen(force).bend == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.parametrize('shift', [-150, -90])
+def test_a_rise_is_early_by_more_than_the_eyes_show_the_level(shift: int):
+    rise, used = 0.32, TIME < TRANSIT
+    fall = load_share(TIME - TRANSIT - MS * shift, rise)
+    force = MASS * (load_share(TIME - MS * shift, rise) - fall)
+
+    found = rise_lag(force[used], TIME[used], rise, TRANSIT)
+
+    assert found.lag == pytest.approx(MS * shift, abs=2e-5)
+    assert 0 < found.std_dev < 1e-3
+
+
 @pytest.mark.parametrize('frequency', [22.0, 38.0, 45.0])
 def test_a_platform_lags_by_its_delay_at_frequency_0(frequency: float):
     force = MASS * load_response(TIME, RISE, frequency, 0.06)

@@ -1,0 +1,69 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Failures of a stage on one item: the item is a FAULT, and the stage goes on with the next one."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+import traceback
+from typing import Any, Protocol, TypeVar
+
+
+class _Numbered(Protocol):
+    @property
+    def item_id(self) -> int: ...
+
+
+A = TypeVar('A', bound=_Numbered)
+B = TypeVar('B')
+
+
+def print_failure(item_id: int, error: Exception) -> None:
+    """Write the traceback of a failure to the standard error output."""
+    traceback.print_exception(error)
+
+
+@dataclass(frozen=True, slots=True)
+class Failures:
+    """Rule for the exceptions of a stage.
+
+    The stages have all their work on an item done here. Where it raises an exception, `fault` makes
+    the result of the item, with the reason StageFailed, and `report` gets the number of the item
+    and the exception. Two such items in a row stop the line, see `RejectMonitor`.
+    """
+
+    report: Callable[[int, Exception], None] = print_failure
+
+    def each(
+        self,
+        work: Callable[..., B],
+        fault: Callable[[A], B],
+        items: Iterable[A],
+        *more: Iterable[Any],
+    ) -> list[B]:
+        """Return the results of items, one by one; `more` are further arguments of `work`."""
+        return [
+            self._one(work, fault, item, *others)
+            for item, *others in zip(items, *more, strict=True)
+        ]
+
+    def together(
+        self,
+        work: Callable[[Sequence[A]], Sequence[B]],
+        fault: Callable[[A], B],
+        items: Sequence[A],
+    ) -> list[B]:
+        """Return the results of items that `work`, which has no state, processes at once."""
+        try:
+            return list(work(items))
+        except Exception:  # one by one, which finds the item and reports it
+            return self.each(lambda item: work([item])[0], fault, items)
+
+    def _one(self, work: Callable[..., B], fault: Callable[[A], B], item: A, *others: Any) -> B:
+        try:
+            return work(item, *others)
+        except Exception as error:
+            self.report(item.item_id, error)
+            return fault(item)
+
+
+PRINTED = Failures()
