@@ -104,10 +104,7 @@ class EdgeCheck:
             std_dev = math.hypot(std_dev, seen.bend_std_dev)
             if math.isnan(lag) or self._is_mismatch(lag, _SURE * seen.std_dev, length / speed):
                 return None
-        if len(self._first) < _MOST:
-            self._first.append(seen)
-            if len(self._first) >= _FEWEST:
-                self.learned = median(each.lag for each in self._first) - self._stated(speed)
+        self._learn(seen, speed)
         bend, doubt = self._bend()
         sure = math.hypot(std_dev, doubt)
         likely = _ALIKE if self._sure_shift(_without(lag, bend), sure) else _LIKELY
@@ -117,6 +114,12 @@ class EdgeCheck:
         between = self._sure_shift(lag - bend, sure) - shift
         self.doubt = math.hypot(sure if shift else 0.0, between / _EVEN)
         return shift
+
+    def _learn(self, seen: RiseLag, speed: float) -> None:
+        if len(self._first) < _MOST:
+            self._first.append(seen)
+            if len(self._first) >= _FEWEST:
+                self.learned = median(each.lag for each in self._first) - self._stated(speed)
 
     def _stated(self, speed: float) -> float:
         known = self._parameters
