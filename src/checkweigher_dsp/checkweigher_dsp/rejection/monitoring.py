@@ -33,7 +33,6 @@ _CONDITIONS = {
 }
 
 _FAILED_IN_A_ROW = 2
-_SURE = 4.0  # standard deviations
 _DRIFT_TIME = 600.0  # s in which the zero may drift by the largest step
 
 
@@ -79,7 +78,7 @@ class RejectMonitor:
         self.test: PerformanceTest | None = None
         self.strangers = ''
         self.zero_step = ''
-        self._zero: tuple[float, float, int] | None = None  # last zero, std_dev, and its stamp
+        self._zero: tuple[float, int] | None = None  # of the last item, kg, and its t1
         self._in_a_row = self._failed_in_a_row = 0
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
@@ -111,27 +110,23 @@ class RejectMonitor:
     def add_zero(self, estimate: MassEstimate, tolerance: float) -> None:
         """Request a stop if the zero has stepped since the item before.
 
-        The step may be no larger than `tolerance` of the product, kg, beside the uncertainty of the
-        masses and what drifts.
+        The step may be no larger than `tolerance` of the product, kg, and what drifts.
         """
-        largest = min(self.parameters.max_zero_step, tolerance)
-        known = estimate.weighed and math.isfinite(estimate.zero + estimate.std_dev)
-        if not known or estimate.t1 is None:
+        if estimate.t1 is None or not math.isfinite(estimate.zero):
             return
-        before, self._zero = self._zero, (estimate.zero, estimate.std_dev, estimate.t1)
+        before, self._zero = self._zero, (estimate.zero, estimate.t1)
         if before is None or not self.parameters.max_zero_step:
             return
-        zero, std_dev, stamp = before
-        step = estimate.zero - zero
-        largest *= 1 + abs(seconds(estimate.t1 - stamp)) / _DRIFT_TIME
-        if abs(step) > largest + _SURE * math.hypot(std_dev, estimate.std_dev):
+        step = estimate.zero - before[0]
+        largest = min(self.parameters.max_zero_step, tolerance)
+        if abs(step) > largest * (1 + abs(seconds(estimate.t1 - before[1])) / _DRIFT_TIME):
             self.zero_step = f'{GRAMS * step:+.1f} g before item {estimate.item_id}'
             self.stop(StopReason.ZERO_STEP, estimate.item_id, text=self.zero_step)
 
     def add_zero_change(self, change: ZeroChange) -> None:
         """Accept the zero that was set."""
         self.zero_step = ''
-        self._zero = change.zero, change.std_dev, change.stamp
+        self._zero = change.zero, change.stamp
 
     def add_edge(self, edge: EyeEdge) -> None:
         """Add an edge of the eye behind the rejector."""

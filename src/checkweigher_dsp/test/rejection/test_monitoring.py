@@ -159,12 +159,10 @@ def test_two_items_in_a_row_on_which_a_stage_failed_stop_the_line():
     assert (monitor.request.reason, monitor.request.item_id) == (StopReason.STAGE_FAILED, 9)
 
 
-def _zeros(monitor, zeros, apart=1, tolerance=math.inf, std_dev=1e-4):
+def _zeros(monitor, zeros, apart=1, tolerance=math.inf):
     for number, zero in enumerate(zeros):
-        estimate = MassEstimate(
-            number, number * apart * SECOND, 0, 0, mass=0.15, std_dev=std_dev, zero=zero
-        )
-        monitor.add_zero(estimate, tolerance)
+        t1 = number * apart * SECOND
+        monitor.add_zero(MassEstimate(number, t1, t1, t1, mass=0.15, zero=zero), tolerance)
     return monitor.request
 
 
@@ -176,7 +174,7 @@ def _zeros(monitor, zeros, apart=1, tolerance=math.inf, std_dev=1e-4):
         ((0.0, 0.1, 0.1), {}, '+100.0 g before item 1'),
         ((0.1, 0.0), {}, '-100.0 g before item 1'),
         ((0.0, 0.015), {'tolerance': 0.0045}, '+15.0 g before item 1'),
-        ((0.0, 0.015), {'tolerance': 0.0045, 'std_dev': 0.003}, None),
+        ((0.0, math.nan, 0.1), {}, '+100.0 g before item 2'),
         ((0.0, 0.015), {'tolerance': 0.0045, 'apart': 3600}, None),
         ((0.0, 0.1), {'apart': 600}, '+100.0 g before item 1'),
     ],
