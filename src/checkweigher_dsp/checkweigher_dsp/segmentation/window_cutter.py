@@ -114,8 +114,8 @@ class WindowCutter:
         self._check_start(item)
         if item.faults or item.edges is None:
             return self._fault(item, *item.faults)
-        place = None if self._buffer.empty else self._find_place(item, *item.edges)
-        if place is None or self._buffer.end < (place.trail_end if wait else place.end):
+        place = self._find_place(item, *item.edges, wait=wait)
+        if place is None:
             return None
         reason = self._check_place(place) or self._check_rise(item, place)
         if reason is not None:
@@ -131,12 +131,19 @@ class WindowCutter:
     def _shift_of(self, item: TrackedItem) -> tuple[int, float]:
         return self._shifts.get(item.item_id, (0, 0.0))
 
-    def _find_place(self, item: TrackedItem, t1: int, t2: int, t3: int) -> _Place:
+    def _find_place(
+        self, item: TrackedItem, t1: int, t2: int, t3: int, *, wait: bool
+    ) -> _Place | None:
+        """Return the place of an item in the samples, None as long as they have not come."""
+        if self._buffer.empty:
+            return None
         shift, doubt = self._shift_of(item)
         entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
         # The trail ends when the item has left, or earlier.
         left = self._buffer.index_at(t3 + shift + item.length)
         trail_end = max(min(end + self._samples(self._parameters.trail_time), left), end)
+        if self._buffer.end < (trail_end if wait else end):
+            return None
         return _Place(t1, t2, t3, entry, begin, end, trail_end, shift, doubt)
 
     def _check_place(self, place: _Place) -> Reason | None:
@@ -215,9 +222,12 @@ class WindowCutter:
         if shift is not None:
             self._shifts[item.item_id] = round(NANOSECONDS * shift), self.edge_check.doubt
             return None
-        # Without the part before the rise, the load shows whether the item was alone.
+        return self._contradiction(place, seen)
+
+    def _contradiction(self, place: _Place, seen: RiseLag) -> Reason:
+        """Return what the load without the part before the rise shows: one item, or several."""
         late = self._samples(max(seen.lag, 0.0)) if seen.is_known else 0
-        window = buffer.look_at(min(place.begin + late, place.end), place.end)
+        window = self._buffer.look_at(min(place.begin + late, place.end), place.end)
         alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
