@@ -24,7 +24,9 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 
     Raises `OutputError` if it cannot be written; a file that was there before then stays.
     """
-    parts = map(_encoded, [content] if isinstance(content, str | bytes) else content)
+    given = [content] if isinstance(content, str | bytes) else content
+    # The name of a file may not be Unicode.
+    parts = (p if isinstance(p, bytes) else p.encode(errors='backslashreplace') for p in given)
     try:
         if is_stream(path):
             _write_stream(path, parts)
@@ -49,11 +51,6 @@ def is_stream(path: Path) -> bool:
     if stat.S_ISREG(there.st_mode):
         return os.path.samestat(there, os.fstat(1))
     return not stat.S_ISDIR(there.st_mode)
-
-
-def _encoded(part: str | bytes) -> bytes:
-    # The name of a file may not be Unicode.
-    return part if isinstance(part, bytes) else part.encode('utf-8', 'backslashreplace')
 
 
 def _write_stream(path: Path, parts: Iterable[bytes]) -> None:

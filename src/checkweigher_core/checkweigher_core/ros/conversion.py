@@ -169,6 +169,7 @@ def _plan(kind: Any) -> _Plan:
     form = _FORMS.get(kind, _Form())
     plan = _Plan(form)
     names = {form.stamp: 'header.stamp', **form.names}
+    defaults = {each.name: each.default for each in fields(kind)}
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if name in form.lacks:
             continue
@@ -176,7 +177,7 @@ def _plan(kind: Any) -> _Plan:
         get: _Get = attrgetter(place)
         convert = _reader(hint, form.unknown.get(name))
         if name in form.newer:
-            get, convert = _newer(place, convert, _default(kind, name))
+            get, convert = _newer(place, convert, defaults[name])
         plan.read.append((get, convert))
         if place != 'header.stamp':
             plan.write.append((place, attrgetter(name), _writer(hint)))
@@ -190,10 +191,6 @@ def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
         lambda message: getattr(message, name, None),
         lambda value: default if value is None else convert(value),
     )
-
-
-def _default(kind: Any, name: str) -> object:
-    return next(each.default for each in fields(kind) if each.name == name)
 
 
 def newer_fields(record: type) -> frozenset[str]:
@@ -236,14 +233,10 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if hint is str:
         return lambda text: str(_bounded(text))
     if issubclass(hint, Enum) and unknown is not None:
-        return _member_reader(hint, unknown)
+        members = {member.value: member for member in hint}
+        return lambda value: members.get(value, unknown)
     reader: Callable[[Any], Any] = hint
     return reader
-
-
-def _member_reader(kind: type[Enum], unknown: Any) -> Callable[[Any], Any]:
-    members = {member.value: member for member in kind}
-    return lambda value: members.get(value, unknown)
 
 
 def _text(value: str) -> str:
