@@ -30,7 +30,6 @@ from checkweigher_core.state_files import replace_file
 from checkweigher_core.yaml_files import opened
 
 _Kind = TypeVar('_Kind', bound='Settings')
-_Entry = tuple['Field[Any]', Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +79,7 @@ def plain(value: Any) -> Any:
 
 
 @cache
-def _fields(kind: Any) -> dict[str, _Entry]:
+def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
     """Return fields and types by the keys: `class_` has the key class, `... | None` counts once."""
     hints = get_type_hints(kind)
     types = {k: get_args(h)[0] if isinstance(h, UnionType) else h for k, h in hints.items()}

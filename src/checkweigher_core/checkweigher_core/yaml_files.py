@@ -59,8 +59,10 @@ class _Loader(yaml.SafeLoader):
 
     def fetch_tag(self) -> None:
         """Refuse a tag such as !!int, with which a value could be read in another way."""
-        problem = 'tags such as !!int are not read; write the value alone'
-        raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.get_mark())
+        raise yaml.MarkedYAMLError(
+            problem='tags such as !!int are not read; write the value alone',
+            problem_mark=self.get_mark(),
+        )
 
     def table(self, node: Any) -> dict[Any, Any]:
         """Return a table; refuse a repeated key, of which YAML would use the last value."""
@@ -79,12 +81,12 @@ _Loader.yaml_implicit_resolvers = {
 }
 _Loader.add_constructor('tag:yaml.org,2002:map', _Loader.table)
 _WHOLE = r'[-+]?(0|[1-9][0-9]*)$|0x[0-9a-fA-F]+$|0o[0-7]+$'
-_REAL = r'[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$'
-_NOT_FINITE = r'[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$'
-_Loader.add_implicit_resolver('tag:yaml.org,2002:int', re.compile(_WHOLE), [*'-+0123456789'])
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(f'{_REAL}|{_NOT_FINITE}'), [*'-+.0123456789']
+_REAL = (
+    r'[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$'
+    r'|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$'
 )
+_Loader.add_implicit_resolver('tag:yaml.org,2002:int', re.compile(_WHOLE), [*'-+0123456789'])
+_Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(_REAL), [*'-+.0123456789'])
 
 
 def _line(text: str, path: tuple[Any, ...]) -> int:

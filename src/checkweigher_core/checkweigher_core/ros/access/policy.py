@@ -3,7 +3,7 @@
 """Security policy of a line for SROS2, with the least rights of each node."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from xml.etree import ElementTree
 
@@ -144,15 +144,9 @@ def policy(lanes: Iterable[str]) -> str:
 
 def _add_profile(profiles: ElementTree.Element, lane: str, node: str) -> None:
     profile = ElementTree.SubElement(profiles, 'profile', ns=f'/{lane}', node=node)
-    its = rights(node, lane)
-    _add_names(profile, 'topic', 'publish', its.publish)
-    _add_names(profile, 'topic', 'subscribe', its.subscribe)
-    _add_names(profile, 'service', 'reply', its.reply)
-    _add_names(profile, 'service', 'request', its.request)
-
-
-def _add_names(profile: ElementTree.Element, what: str, right: str, names: Iterable[str]) -> None:
-    if names:
-        parent = ElementTree.SubElement(profile, f'{what}s', {right: 'ALLOW'})
-        for name in sorted(names):
-            ElementTree.SubElement(parent, what).text = name
+    for right, names in asdict(rights(node, lane)).items():
+        what = 'topic' if right in ('publish', 'subscribe') else 'service'
+        if names:
+            parent = ElementTree.SubElement(profile, f'{what}s', {right: 'ALLOW'})
+            for name in sorted(names):
+                ElementTree.SubElement(parent, what).text = name
