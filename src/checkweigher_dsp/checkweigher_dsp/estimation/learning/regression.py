@@ -41,7 +41,7 @@ _LEARNED = 5.0  # numbers, at least, that the grid and the weights take from the
 _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # Hz
 _DAMPING = 0.05
 _FADING = 0.1  # s
-_ROUNDING = 1e-9  # of a load of 1
+_ROUNDING = 1e-6  # of a load of 1
 _LEAST_VARIANCE = 1e-18  # kg^2
 
 
@@ -71,7 +71,7 @@ class Fit(Settings):
         if count < PARTS or lengths != [count, count, count // 2 + 1]:
             raise SettingsError(f'{count} weights do not fit to lists of {lengths}', 'weights')
         mass = self.weights @ self.curve
-        if not abs(mass - 1) < _ROUNDING:
+        if abs(mass - 1) > _ROUNDING:
             raise SettingsError(
                 f'they weigh a load of 1 as {mass:g}: the file is damaged', 'weights'
             )
