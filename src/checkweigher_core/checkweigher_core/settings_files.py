@@ -6,7 +6,7 @@ A file is a subclass of `Settings`. It may have fields of the types of parameter
 lists and tables of them, further `Settings`, `Parameters`, enumerations by name, and arrays.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields
 from enum import Enum
 from functools import cache
@@ -64,9 +64,9 @@ def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
 def plain(value: Any) -> Any:
     """Return settings, or values of them, for JSON; unknown values stay."""
     if isinstance(value, Settings):
-        entries = _fields(cast(Any, type(value)))
-        own = {key: getattr(value, entry.name) for key, (entry, _) in entries.items()}
-        return plain({key: each for key, each in own.items() if key != 'name'} | {**value.unknown})
+        entries = _fields(cast(Any, type(value))).items()
+        own = {key: getattr(value, each.name) for key, (each, _) in entries if key != 'name'}
+        return plain(own | {**value.unknown})
     if isinstance(value, Mapping):
         return {key: plain(each) for key, each in value.items()}
     if isinstance(value, tuple | list):
@@ -94,28 +94,45 @@ def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False
     refused.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
-    names = ', '.join(key for key in known if key != 'name')
     if not isinstance(content, dict):
-        raise SettingsError(f'{reprlib.repr(content)} is no table with {names}', *path)
+        raise SettingsError(f'{reprlib.repr(content)} is no table with {_names(known)}', *path)
     if type(number := content.get('format', 1)) is not int:
         raise SettingsError(f'{number!r} is not the number of a format', *path, 'format')
     newer = newer or number > kind.format
-    unknown = {key: each for key, each in content.items() if key == 'name' or key not in known}
-    if not (newer or path):
-        unknown.pop('format', None)
-    for key in () if newer else unknown:
-        raise SettingsError(f'no such key; it may have {names}', *path, key)
-    values: dict[str, Any] = {'unknown': unknown}
+    values: dict[str, Any] = {'unknown': _unknown(known, content, path, newer)}
     for key, (entry, hint) in known.items():
         value = path[-1] if key == 'name' else content.get(key)
-        if entry.default is MISSING and value in (None, '', [], {}):
-            raise SettingsError('is missing; add it', *path, key)
-        if value not in (None, '') and repr(value) != repr(plain(entry.default)):
+        if _is_given(entry, value, (*path, key)):
             values[entry.name] = _value(hint, entry, value, (*path, key), newer)
     try:
         return kind(**values)
     except SettingsError as error:
         raise SettingsError(error.text, *path, *error.path) from None
+
+
+def _names(known: Iterable[str]) -> str:
+    return ', '.join(key for key in known if key != 'name')
+
+
+def _unknown(
+    known: Iterable[str], content: Mapping[str, Any], path: tuple[Any, ...], newer: bool
+) -> dict[str, Any]:
+    """Return the unknown values of a newer format; `SettingsError` for those of another."""
+    unknown = {key: each for key, each in content.items() if key == 'name' or key not in known}
+    if newer:
+        return unknown
+    if not path:
+        unknown.pop('format', None)
+    for key in unknown:
+        raise SettingsError(f'no such key; it may have {_names(known)}', *path, key)
+    return {}
+
+
+def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
+    """Return whether a value is not that of the default, such as NaN; it may have to be given."""
+    if entry.default is MISSING and value in (None, '', [], {}):
+        raise SettingsError('is missing; add it', *path)
+    return value not in (None, '') and repr(value) != repr(plain(entry.default))
 
 
 def _value(hint: Any, entry: Any, value: Any, path: tuple[Any, ...], newer: bool) -> Any:
@@ -138,13 +155,18 @@ def _value(hint: Any, entry: Any, value: Any, path: tuple[Any, ...], newer: bool
             listed = enumerate(_checked(value, list, 'a list like [a, b]'), 1)
             return tuple(_value(inner[0], entry, v, (*path, n), newer) for n, v in listed)
         return _leaf(kind, inner, entry, value, newer)
-    except SettingsError:
-        raise
-    except ParameterError as error:  # of an inner set
-        name, _, text = str(error).partition(': ')
-        raise SettingsError(text, *path, *name.split('.')[1:]) from None
     except ValueError as error:
-        raise SettingsError(str(error), *path) from None
+        raise _placed(error, path) from None
+
+
+def _placed(error: ValueError, path: tuple[Any, ...]) -> SettingsError:
+    """Return an error of a value, or of an inner set of parameters, with its place."""
+    if isinstance(error, SettingsError):
+        return error
+    if isinstance(error, ParameterError):
+        name, _, text = str(error).partition(': ')
+        return SettingsError(text, *path, *name.split('.')[1:])
+    return SettingsError(str(error), *path)
 
 
 def _leaf(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any, newer: bool) -> Any:
@@ -154,14 +176,19 @@ def _leaf(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any, newer: bool
         table = _checked(value, dict, 'a table of "name: value" lines').items()
         return kind.from_mapping({str(k): v for k, v in table if not newer or k in kind.entries()})
     if issubclass(kind, tuple | np.ndarray):
-        count = 2 if inner == (float, float) else None
-        made = convert(tuple, allowed, _checked(value, list, 'a list like [a, b]', count))
-        return np.array(made) if kind is np.ndarray else made
+        return _numbers(kind, inner, entry, value)
     if issubclass(kind, Enum):
         return kind[str(convert(str, allowed, value)).upper()]
     if kind is str and not (isinstance(value, str) and value.isprintable()):
         raise ValueError(f'{value!r} is not one line of text; put it in quotes')
     return value if value in allowed.choices else convert(kind, allowed, value)
+
+
+def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
+    """Return a list of numbers as a tuple or an array."""
+    count = 2 if inner == (float, float) else None
+    made = convert(tuple, describe(entry), _checked(value, list, 'a list like [a, b]', count))
+    return np.array(made) if kind is np.ndarray else made
 
 
 def _checked(value: Any, kind: type[Any], what: str, count: int | None = None) -> Any:

@@ -30,7 +30,7 @@ def opened(source: Path | str) -> Iterator[Any]:
         raise SettingsError(f'{place}lists or tables are nested too deeply') from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        line = mark.line + 1 if mark else 1
+        line = getattr(mark, 'line', 0) + 1
         raise SettingsError(f'{place}line {line}: bad YAML: {error.problem}') from None
     except (OSError, ValueError, yaml.YAMLError) as error:
         problem = getattr(error, 'strerror', None) or ' '.join(str(error).split())
