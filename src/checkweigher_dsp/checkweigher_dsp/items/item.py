@@ -39,6 +39,8 @@ class TrackedItem:
     given_up: int | None = None  # time at which it was given up
     outlier: bool = False  # much slower or faster than those before: its length may be wrong
     state: State = State.ON_BELT
+    shift: int | None = None  # of the rise after its edges, None before the two were compared
+    doubt: float = 0.0  # s, standard deviation of the shift
 
     @property
     def entered(self) -> int:

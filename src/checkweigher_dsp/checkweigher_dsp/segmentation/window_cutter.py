@@ -40,7 +40,6 @@ class _Place:
     end: int  # index of t3
     trail_end: int  # end of the samples to wait for after t3
     shift: int  # ns, of the rise after the edges
-    doubt: float  # s, standard deviation of the shift
 
 
 class WindowCutter:
@@ -66,8 +65,6 @@ class WindowCutter:
         self.motion = MotionCheck(load_cell.weigh_length, parameters)
         self.edge_check = EdgeCheck(parameters)
         self._load_check = LoadCheck()
-        # Shift of items that wait and were checked, ns, and its standard deviation, s.
-        self._shifts: dict[int, tuple[int, float]] = {}
         self._waiting: list[TrackedItem] = []
         self.count = 0
         self.jumped = False  # whether the samples begin at a jump of their clock
@@ -101,8 +98,6 @@ class WindowCutter:
         )
         pairs = zip(self._waiting, found, strict=True)
         self._waiting = [item for item, window in pairs if window is None]
-        kept = {item.item_id for item in self._waiting}
-        self._shifts = {item: shift for item, shift in self._shifts.items() if item in kept}
         windows = [window for window in found if window is not None]
         self.count += len(windows)
         return windows
@@ -120,7 +115,7 @@ class WindowCutter:
         reason = self._check_place(place) or self._check_rise(item, place)
         if reason is not None:
             return self._fault(item, reason)
-        if self._shift_of(item) != (place.shift, place.doubt):
+        if item.shift and item.shift != place.shift:
             return self._cut(item, wait=wait)
         return self._make_window(item, place)
 
@@ -128,23 +123,20 @@ class WindowCutter:
         """Return the number of samples in a duration, s."""
         return round(duration * self._load_cell.sample_rate)
 
-    def _shift_of(self, item: TrackedItem) -> tuple[int, float]:
-        return self._shifts.get(item.item_id, (0, 0.0))
-
     def _find_place(
         self, item: TrackedItem, t1: int, t2: int, t3: int, *, wait: bool
     ) -> _Place | None:
         """Return the place of an item in the samples, None as long as they have not come."""
         if self._buffer.empty:
             return None
-        shift, doubt = self._shift_of(item)
+        shift = item.shift or 0
         entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
         # The trail ends when the item has left, or earlier.
         left = self._buffer.index_at(t3 + shift + item.length)
         trail_end = max(min(end + self._samples(self._parameters.trail_time), left), end)
         if self._buffer.end < (trail_end if wait else end):
             return None
-        return _Place(t1, t2, t3, entry, begin, end, trail_end, shift, doubt)
+        return _Place(t1, t2, t3, entry, begin, end, trail_end, shift)
 
     def _check_place(self, place: _Place) -> Reason | None:
         """Return the reason why the samples of a place cannot be weighed, None if they can."""
@@ -183,7 +175,7 @@ class WindowCutter:
             counts_per_kg=cell.counts_per_kg,
             zero_counts=cell.zero_counts,
             zero=zero.counts,
-            zero_std_dev=_zero_std_dev(window, place, zero),
+            zero_std_dev=_zero_std_dev(window, place, zero, item.doubt),
             first_index=first,
             stamp=buffer.stamp_at(begin) - place.shift - lead,
             empty_begin=alone_from - first,
@@ -208,7 +200,7 @@ class WindowCutter:
 
         Returns the reason if the rise and the edges contradict each other.
         """
-        if not self._parameters.rise_lag_tolerance or item.item_id in self._shifts:
+        if not self._parameters.rise_lag_tolerance or item.shift is not None:
             return None
         buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1
         span = seconds(buffer.stamp_at(last) - buffer.stamp_at(place.entry))
@@ -220,7 +212,7 @@ class WindowCutter:
             return Reason.CLOCK_JUMP  # nothing shows whether the clock of the eyes jumped as well
         shift = self.edge_check.check(seen, *self.motion.measure(item))
         if shift is not None:
-            self._shifts[item.item_id] = round(NANOSECONDS * shift), self.edge_check.doubt
+            item.shift, item.doubt = round(NANOSECONDS * shift), self.edge_check.doubt
             return None
         return self._contradiction(place, seen)
 
@@ -296,13 +288,13 @@ class WindowCutter:
         return buffer.look_at(begin, entry), True
 
 
-def _zero_std_dev(window: NDArray[np.int32], place: _Place, zero: Zero) -> float:
-    """Return the standard deviation of the zero in counts, including the effect of the doubt.
+def _zero_std_dev(window: NDArray[np.int32], place: _Place, zero: Zero, doubt: float) -> float:
+    """Return the standard deviation of the zero in counts, including the effect of a doubt in s.
 
     A load that is removed from the signal too early or late by a time d leaves its area, M d, which
     smoothing distributes over about twice the transit.
     """
-    if not place.doubt:
+    if not doubt:
         return zero.std_dev
     load = float(np.mean(window)) - zero.counts
-    return math.hypot(zero.std_dev, load * place.doubt / (2 * seconds(place.t3 - place.t1)))
+    return math.hypot(zero.std_dev, load * doubt / (2 * seconds(place.t3 - place.t1)))
