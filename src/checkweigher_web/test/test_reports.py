@@ -28,7 +28,7 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
     with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
         anna = Person(browser, line)
         anna.log_in('anna')
-        anna.until(lambda: 'ACCEPT' in anna.text('.decision'))
+        anna.until(lambda: 'FAULT' in anna.text('.decision'))  # there is no product yet
         anna.does('Product', '✓', 'Select', choice='crisps')
         anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
         anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))

@@ -74,18 +74,21 @@ class LineRecipe:
         """Add nodes that have been started."""
         self._restarted |= nodes
 
-    def taken(self, product: ProductOnLine, otherwise: ProductOnLine | None = None) -> None:
+    def taken(
+        self, product: ProductOnLine, resumed: ProductOnLine | None = None, *, waits: bool = False
+    ) -> None:
         """Process the product by which the reject node judges from now on.
 
-        If it has none when this node starts, `otherwise` is on the line, or no product.
+        If it has none when this node starts, `resumed` is selected, and unless it `waits` for the
+        parameters of other nodes, on the line.
         """
         first, self.in_use = self.in_use is None, product
         # The reject node may have had a product, or limits of its own, when this node started.
         if product.product and (first or product.stamp == self.on_line.stamp):
             self.on_line = self.selected = product
         elif first and not self.on_line.stamp:  # nothing was selected meanwhile
-            self.selected = otherwise
-            self.put(otherwise)
+            self.selected = resumed
+            self.put(None if waits else resumed)
         if product.stamp == self.on_line.stamp and not self._taken.done():
             self._taken.set_result(product)
 

@@ -99,7 +99,7 @@ class ProductSelection:
         if recipe is not None and self._recipe.in_use is None:
             self._select_in_counts(recipe)
         # With parameters of its own a product waits until the nodes have them.
-        self._recipe.taken(product, None if recipe is None or recipe.parameters else limits)
+        self._recipe.taken(product, limits, waits=recipe is not None and bool(recipe.parameters))
         if product.product:
             self._batches.keep(self._recipe.selected)
 
@@ -121,7 +121,10 @@ class ProductSelection:
         name = on_line.product or name
         try:
             if resumed is not None and limits is not None and resumed.name == name:
-                limits = on_line if on_line.product else limits
+                # A batch may have begun meanwhile.
+                limits = replace(
+                    on_line if on_line.product else limits, batch=self._batches.production.batch
+                )
                 await self._recipe.set(resumed, limits, partial(self._audit.announce, by=Author()))
             elif name and self._batches.production.product is None:
                 await self.select(name, Author())  # otherwise the limits of the line hold
