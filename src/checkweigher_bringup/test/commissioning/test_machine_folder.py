@@ -28,6 +28,7 @@ def test_what_the_nodes_keep_is_in_the_folder(tmp_path: Path):
         'folder': str(tmp_path), 'audit_log': values['product']['audit_log']
     }  # fmt: skip
     assert values['product']['batch_folder'] == str(tmp_path / 'batches')
+    assert values['reject']['needs_product'] is True
     assert (tmp_path / 'plans').is_dir()
 
 
