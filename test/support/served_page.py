@@ -54,6 +54,13 @@ def line_of(
         line.wait()
 
 
+def child_of(process: int) -> int:
+    """Return the only process that another one has started."""
+    started = Path(f'/proc/{process}/task').glob('*/children')
+    (child,) = [int(each) for path in started for each in path.read_text().split()]
+    return child
+
+
 def get(port: int, path: str = '/', **headers: str) -> HTTPResponse:
     """Return the answer of the page to a request, read to its end."""
     return _get(port, path, headers)[0]

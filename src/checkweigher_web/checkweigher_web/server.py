@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 import errno
+import faulthandler
 from functools import partial
 import os
 from pathlib import Path
@@ -24,12 +25,7 @@ import uvicorn
 
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.access.guard import Access, Guard, bind_events
-from checkweigher_web.access.hardening import (
-    PromptProtocol,
-    answer,
-    forget_waiting,
-    log_in_lines,
-)
+from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
@@ -51,6 +47,7 @@ from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.reports import add_reports
 from checkweigher_web.work.services import Workshop
 
+HUNG = 30.0  # s without a turn of the event loop, after which the process ends
 _LOOK_PERIOD = 1.0  # s
 _AWAY = 15.0  # s; a browser may be offline so long and keeps its page, with an open dialog
 _LARGEST_MESSAGE = 1 << 20  # bytes of a message from a browser
@@ -212,7 +209,9 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     )
     bind_events(access)
     log_in_lines()
-    for look in (access.expel, answer, forget_waiting):
+    # Ends the process if the event loop does not come back to this in time.
+    alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
+    for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
     # Printed when the server handles the signals.
     nicegui.on_startup(lambda: print(f'page: {site.address}', file=sys.stderr, flush=True))

@@ -19,14 +19,13 @@ from browsers import (
     until,
 )
 from persons import Line, Person, add_users
-from processes import children
 import pytest
 import rclpy
 from rclpy.node import Node
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from served_page import line_of, served
+from served_page import child_of, line_of, served
 
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.pipeline.line import LineParameters
@@ -82,7 +81,7 @@ def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path
         browser.get(f'http://127.0.0.1:{port}/')
         until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
         until(browser, lambda: not note())
-        (silent,) = children(line.pid)
+        silent = child_of(line.pid)
         for process, ending in ((silent, signal.SIGKILL), (page.pid, signal.SIGSTOP)):
             os.kill(process, signal.SIGSTOP)
             until(browser, lambda: re.match(r'No news since \d\d:\d\d:\d\d, for ', note()))

@@ -12,11 +12,10 @@ import threading
 import time
 
 from browsers import needs_browser, open_browser, text_of, until
-from graph import wait_for
 import pytest
 import rclpy
 from running import BAGS, PATIENCE
-from served_page import get, get_text, line_of, served
+from served_page import child_of, get, get_text, line_of, served
 from viewers import viewers
 
 from checkweigher_core.records import Verdict
@@ -29,6 +28,13 @@ SHORT, MANY = 4, 20  # viewers
 AMID = 10  # verdicts
 PAUSE = 0.2  # s between two requests of a flood
 MEASURED = 20.0  # s
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 @contextmanager
@@ -131,10 +137,8 @@ def judged_line(folder: Path, clock: Clock) -> Iterator[int]:
         node = PortNode('judged')
         node.subscribe(ports.VERDICT, clock.judge)
         spinner.add(node)
-        wait_for(lambda: bool(clock.judged))
-        started = Path(f'/proc/{line.pid}/task').glob('*/children')
-        (of_line,) = [int(each) for path in started for each in path.read_text().split()]
-        yield of_line
+        wait_for(lambda: clock.judged)
+        yield child_of(line.pid)
 
 
 def said_of(name: str, delays: Sequence[float]) -> str:

@@ -1,9 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the web server: time of a request, lines of the log, pages without a browser, hangs."""
+"""Limits of the web server: time of a request, lines of the log, pages without a browser."""
 
 import asyncio
-import faulthandler
 import logging
 from pathlib import Path
 import traceback
@@ -15,7 +14,6 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from checkweigher_core.printable import one_line
 
 REQUEST = 10.0  # s, for a whole request
-HUNG = 30.0  # s without a turn of the event loop, after which the process ends
 WAITING = 100  # pages whose browsers have not opened a socket
 _PLACES = 3  # of an error in the log, the innermost ones
 
@@ -69,11 +67,6 @@ def log_in_lines() -> None:
     for name in ('engineio.server', 'socketio.server'):  # they have handlers of their own
         logging.getLogger(name).handlers.clear()
     logging.basicConfig(handlers=[LineHandler()], force=True)
-
-
-def answer() -> None:
-    """Record a turn of the event loop; end the process if the next one does not come in time."""
-    faulthandler.dump_traceback_later(HUNG, exit=True)
 
 
 def forget_waiting() -> None:
