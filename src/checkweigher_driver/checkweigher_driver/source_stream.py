@@ -3,6 +3,7 @@
 """The stream of a source: announced, sent in step with the line behind it, and ended."""
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 import threading
 import time
@@ -30,37 +31,13 @@ _REMINDER = 5.0  # s
 _REPEATS = (0.2, 0.5, 1.0)
 
 
-class SentStream:
-    """Events of one stream, by its number; `flow` counts those on their way to the line."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.flow = FlowControl()
-        self.edges_sent = 0
-        self.stamp = 0  # of the last block, ns
-
-    def add(self, event: Event) -> None:
-        """Add an event that is about to be sent."""
-        self.flow.sent(event)
-        if isinstance(event, SampleBlock):
-            self.stamp = event.stamp
-        elif isinstance(event, EyeEdge):
-            self.edges_sent += 1
-
-    def status(self, state: StreamState, text: str) -> StreamStatus:
-        """Return the progress of the stream."""
-        return StreamStatus(
-            self.stamp, self.number, state, self.flow.samples_sent, self.edges_sent, text=text
-        )
-
-
 class SourceStream:
     """Send the events of a source, one stream after the other, each in a thread of its own.
 
     The thread has the lock of the process while it sends, in one process until all that follows
     from an event has been done, and never while it waits or reads. `note` is called with each event
     before it is sent; `machine_ready` returns whether the outputs of the machine can be switched.
-    `sent` is the latest stream, `failure` the error that ended its source, empty without one.
+    `failure` is the error that ended the source of the latest stream, empty without one.
     `reject_ready` is to be set while the reject node reports that it is active.
     """
 
@@ -89,7 +66,8 @@ class SourceStream:
 
     def _announce(self, number: int) -> None:
         self._stopping = False
-        self.sent = SentStream(number)
+        self._flow = FlowControl()
+        self._progress = StreamStatus(0, number, StreamState.RUNNING, 0, 0)
         self._answered = False
         self.failure = self._trouble = ''
         self._flows = False  # whether samples flow, so that trouble of the machine matters
@@ -124,7 +102,7 @@ class SourceStream:
             if text and state == StreamState.RUNNING and not self._flows:
                 return
             self._flows &= state == StreamState.RUNNING
-            self.status.send(self.sent.status(state, text))
+            self.status.send(replace(self._progress, state=state, text=text))
 
     def tell_trouble(self, trouble: str) -> None:
         """Report the trouble of the machine, empty for none, if it has changed."""
@@ -137,9 +115,9 @@ class SourceStream:
     def hear_segmenter(self, status: StreamStatus) -> None:
         """Process the progress of the segmenter."""
         with self._changed:
-            if status.stream != self.sent.number:
+            if status.stream != self._progress.stream:
                 return
-            flow = self.sent.flow
+            flow = self._flow
             if not self._answered:
                 self._answered = True
                 flow.items_judged = status.items
@@ -149,7 +127,7 @@ class SourceStream:
     def hear_verdict(self) -> None:
         """Count a verdict."""
         with self._changed:
-            self.sent.flow.judged()
+            self._flow.judged()
             self._changed.notify_all()
 
     def _run(self, source: Source) -> None:
@@ -201,11 +179,15 @@ class SourceStream:
             del self._repeats[0]
             self.report(StreamState.RUNNING, self._trouble)
         self._note(event)
-        self.sent.add(event)
+        self._flow.sent(event)
+        before = self._progress
         if isinstance(event, SampleBlock):
+            samples = before.samples + len(event.counts)
+            self._progress = replace(before, stamp=event.stamp, samples=samples)
             self._samples.send(event)
             self._node.count('blocks')
         elif isinstance(event, EyeEdge):
+            self._progress = replace(before, edges=before.edges + 1)
             self._eyes.send(event)
             self._node.count('edges')
         else:
@@ -213,7 +195,7 @@ class SourceStream:
 
     def _line_has_come_so_far(self, event: Event, rate: float) -> bool:
         """Wait until the line is ready for an event; return whether to go on."""
-        flow = self.sent.flow
+        flow = self._flow
 
         def ask(waited: float) -> None:
             # The segmenter reports edges with the samples. Without samples it has to be asked.

@@ -53,11 +53,11 @@ def test_a_recording_waits_for_a_segmenter_names_it_and_ends_when_it_is_told_to(
 
 
 def test_a_recording_that_waits_for_nobody_is_sent_as_a_whole(line):
-    stream, sent, _ = line(lossless=False)
+    _, sent, _ = line(lossless=False)
     wait_for(lambda: getattr(sent[-1][1], 'state', None) == StreamState.FINISHED, 'the end')
     status = sent[-1][1]
     events = [record for _, record in sent]
     assert status.edges == sum(isinstance(event, EyeEdge) for event in events) == 8
     blocks = [event for event in events if isinstance(event, SampleBlock)]
     assert status.samples == sum(len(block.counts) for block in blocks)
-    assert stream.sent.stamp == blocks[-1].stamp
+    assert status.stamp == blocks[-1].stamp
