@@ -42,11 +42,11 @@ _TIMED: tuple[tuple[type, str, str], ...] = (
     (DenoiseNode, '_on_window', 'denoise'),
     (IdentifierNode, '_on_window', 'identifier'),
     (RejectNode, '_on_edge', 'reject: edge'),
-    (RejectNode, '_on_estimate', 'reject: estimate'),
+    (RejectNode, '_on_record', 'reject'),
     (ProductNode, '_on_verdict', 'product: verdict'),
     (Diagnostics, '_publish', 'diagnostics, of each node'),
 )
-_OF_EVENTS = {'_send', '_on_event'}
+_OF_EVENTS = {'_send', '_on_event', '_on_record'}
 
 
 class StageTimes:

@@ -16,6 +16,7 @@ from checkweigher_core.records.reasons import Reason
 
 # Relative tolerance, so that no rounding error puts a mass below a limit that it is equal to.
 ROUNDING = 1e-9
+_COUNTS = ('items', 'accepted', 'below_tu1', 'surplus')
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,24 +47,13 @@ class BatchTally:
     @classmethod
     def of(cls, record: Verdict | ProductOnLine) -> 'BatchTally':
         """Return the counts that a record carries."""
-        return cls(
-            record.product,
-            record.batch,
-            record.batch_items,
-            record.batch_accepted,
-            record.batch_below_tu1,
-            record.batch_surplus,
-        )
+        counts = (getattr(record, f'batch_{name}') for name in _COUNTS)
+        return cls(record.product, record.batch, *counts)
 
     @property
     def counts(self) -> dict[str, Any]:
         """The counts as the fields of `Verdict` and `ProductOnLine`."""
-        return {
-            'batch_items': self.items,
-            'batch_accepted': self.accepted,
-            'batch_below_tu1': self.below_tu1,
-            'batch_surplus': self.surplus,
-        }
+        return {f'batch_{name}': getattr(self, name) for name in _COUNTS}
 
     @property
     def key(self) -> tuple[str, str]:
