@@ -61,7 +61,8 @@ class RejectStage:
     foreign : bool
         Whether edges and estimates may come from a stranger. Each verdict is then a FAULT.
     out_of_numbers : bool
-        Whether an item has left that can have no number of its own. The line then has to stop.
+        Whether an item has left that can have no number of its own. The line then has to stop, and
+        the caller clears it.
     """
 
     def __init__(
