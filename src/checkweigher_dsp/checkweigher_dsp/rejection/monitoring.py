@@ -22,15 +22,7 @@ from checkweigher_core.records import (
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-_CONDITIONS = {
-    reason.value: reason
-    for reason in (
-        StopReason.GUARD_OPEN,
-        StopReason.AIR_PRESSURE,
-        StopReason.BIN_FULL,
-        StopReason.INSPECTION_FAULT,
-    )
-}
+_REASONS = {reason.value: reason for reason in StopReason}
 
 _FAILED_IN_A_ROW = 2
 _DRIFT_TIME = 600.0  # s in which the zero may drift by the largest step
@@ -142,7 +134,7 @@ class RejectMonitor:
         if not self.conditions.known:
             self.stop(StopReason.DRIVER_TROUBLE, text='the machine inputs are not read')
         for word, name in zip(self.conditions.conditions, self.conditions.inputs, strict=False):
-            self.stop(_CONDITIONS.get(word, StopReason.UNKNOWN), text=f'input {name}')
+            self.stop(_REASONS.get(word, StopReason.UNKNOWN), text=f'input {name}')
         if self.test is not None and _forbids(self.test, now):
             self.stop(StopReason.PERFORMANCE_TEST, text=self.test.text)
         if self.strangers:

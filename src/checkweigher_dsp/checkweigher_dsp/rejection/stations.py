@@ -69,20 +69,17 @@ def station_of(text: str, distance: float, delay: float, name: str) -> Station:
 
 # Reasons of items whose identity or place is uncertain. Such items go to the rejector.
 _NO_PLACE = {
-    reason.value
-    for reason in (
-        Reason.DISTANCE_FAULT,
-        Reason.MISSING_EDGE,
-        Reason.CHATTERING_EYE,
-        Reason.LATE_EDGE,
-        Reason.BELT_STOPPED,
-        Reason.BELT_SPEED_CHANGED,
-        Reason.CLOCK_JUMP,
-        Reason.EDGE_MISMATCH,
-        Reason.SOURCE_RESTARTED,
-        Reason.STREAM_ENDED,
-        Reason.FOREIGN_PUBLISHER,
-    )
+    Reason.DISTANCE_FAULT,
+    Reason.MISSING_EDGE,
+    Reason.CHATTERING_EYE,
+    Reason.LATE_EDGE,
+    Reason.BELT_STOPPED,
+    Reason.BELT_SPEED_CHANGED,
+    Reason.CLOCK_JUMP,
+    Reason.EDGE_MISMATCH,
+    Reason.SOURCE_RESTARTED,
+    Reason.STREAM_ENDED,
+    Reason.FOREIGN_PUBLISHER,
 }
 _WORDS = {each.name for each in Decision if each is not Decision.ACCEPT} | set(Reason)
 

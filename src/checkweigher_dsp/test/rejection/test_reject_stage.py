@@ -41,9 +41,15 @@ def test_both_limits_belong_to_what_is_accepted(mass, decision):
     assert judge(_estimate(mass), LIMITS).decision is decision
 
 
-@pytest.mark.parametrize('mass', [1e-6, 0.15, 1e3])
-def test_without_limits_all_that_was_weighed_is_accepted(mass):
-    assert judge(_estimate(mass), RejectParameters()).decision is Decision.ACCEPT
+@pytest.mark.parametrize(
+    ('mass', 'parameters'),
+    [
+        *[(mass, RejectParameters()) for mass in (1e-6, 0.15, 1e3)],
+        (0.0, RejectParameters(lower_limit=0.0, upper_limit=0.0)),
+    ],
+)
+def test_without_limits_and_at_equal_ones_what_was_weighed_is_accepted(mass, parameters):
+    assert judge(_estimate(mass), parameters).decision is Decision.ACCEPT
 
 
 def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():
@@ -120,19 +126,19 @@ def test_what_was_not_weighed_has_its_own_reason_and_not_its_length_or_speed():
 
 
 @pytest.mark.parametrize(
-    ('product', 'needed', 'reasons'),
-    [('', True, ('NoProduct',)), ('crisps', True, ()), ('', False, ())],
+    ('of_line', 'reasons'),
+    [
+        (ProductOnLine(1, needed=True), ('NoProduct',)),
+        (RejectParameters(needs_product=True).limits, ('NoProduct',)),  # before the first product
+        (ProductOnLine(1, 'crisps', needed=True), ()),
+        (ProductOnLine(1), ()),
+    ],
 )
-def test_where_a_product_is_needed_nothing_is_accepted_without_one(product, needed, reasons):
-    of_line = ProductOnLine(1, product, needed=needed)
+def test_where_a_product_is_needed_nothing_is_accepted_without_one(of_line, reasons):
     verdict = limits.judge(_estimate(), RejectParameters(), of_line)
 
     assert verdict.reasons == reasons
     assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
-
-
-def test_a_line_may_need_a_product_before_it_hears_of_one():
-    assert judge(_estimate(), RejectParameters(needs_product=True)).reasons == ('NoProduct',)
 
 
 def test_the_product_on_the_line_replaces_all_limits_of_the_parameters():
@@ -147,12 +153,6 @@ def test_the_product_on_the_line_replaces_all_limits_of_the_parameters():
 
 def test_a_product_of_another_length_is_no_underweight():
     assert judge(_estimate(0.05, product_length=0.2), RANGES).decision is Decision.FAULT
-
-
-def test_equal_limits_are_allowed():
-    assert judge(_estimate(0.0), RejectParameters(lower_limit=0.0, upper_limit=0.0)).decision is (
-        Decision.ACCEPT
-    )
 
 
 @pytest.mark.parametrize(
