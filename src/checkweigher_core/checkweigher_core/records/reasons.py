@@ -26,6 +26,7 @@ class Reason(StrEnum):
     NO_CONVERGENCE = 'NoConvergence'
     NO_LOAD = 'NoLoad'
     BAD_WINDOW = 'BadWindow'
+    BAD_SIGNAL = 'BadSignal'
     NO_ESTIMATE = 'NoEstimate'
     UNKNOWN_ITEM = 'UnknownItem'
     LATE_EDGE = 'LateEdge'
@@ -97,6 +98,7 @@ _HINTS = {
     Reason.NO_CONVERGENCE: 'no stable platform or level in this signal; check what shakes the belt',
     Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
     Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
+    Reason.BAD_SIGNAL: 'the signal stands still, jumps or repeats itself; check the converter',
     Reason.NO_ESTIMATE: 'no mass came in time for the rejector; check that all stages run',
     Reason.UNKNOWN_ITEM: 'a mass came of an item that was never announced; is there a second line?',
     Reason.LATE_EDGE: 'an edge came after younger ones; check the clock and path of the photo-eyes',

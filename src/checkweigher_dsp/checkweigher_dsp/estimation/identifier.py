@@ -25,6 +25,7 @@ from checkweigher_dsp.estimation.learning.learner import (
     learn,
     learned_load,
 )
+from checkweigher_dsp.estimation.plausibility import is_plausible
 from checkweigher_dsp.items.failures import PRINTED, Failures
 from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 
@@ -152,6 +153,8 @@ class Identifier:
     def _weigh(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
         """Return the mass of a window, by the learned weights if they are trusted."""
         estimate = self._estimate(window, load)
+        if not estimate.reasons and not is_plausible(window):
+            return self._record(window, (Reason.BAD_SIGNAL.value,), zero=estimate.zero)
         if not self._parameters.learn or estimate.reasons:
             return estimate
         self.learn()
