@@ -10,8 +10,8 @@ derivation] Of a converter that works, the filtered signal e
 - is no calmer under a load: from t2 to t3 it has at least the variance that it has on the empty
   belt. Their ratio is distributed as F; e is correlated, so that a sample is 1 over the sum of its
   squared correlations in degrees of freedom, 0.48 for white noise;
-- has no steps from t1 to t3 beyond what the noise explains and, in proportion to load and speed, what a product
-  explains that strikes the belt;
+- has no steps from t1 to t3 beyond what the noise explains and, in proportion to load and speed,
+  what a product explains that strikes the belt;
 - never repeats itself: with white noise of s counts nothing predicts more than a share
   p = erf(1 / (s sqrt 8)) of the readings. So among N readings a sequence of w is found twice in at
   most N^2 p^w / 2 of all windows.
@@ -66,7 +66,8 @@ def is_plausible(window: WeighWindow) -> bool:
         return True  # a converter that shows no noise
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
     strike = _STRIKE * window.belt_speed * load * _STEP_GAIN
-    if np.max(np.abs(loaded), initial=0.0) > math.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), strike):
+    limit = math.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), strike)
+    if np.max(np.abs(loaded), initial=0.0) > limit:
         return False
     if typical < 2 * _ROUNDING or known is loaded:
         return True
