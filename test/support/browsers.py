@@ -10,7 +10,7 @@ import shutil
 import pytest
 from running import PATIENCE
 from selenium import webdriver
-from selenium.common.exceptions import TimeoutException
+from selenium.common.exceptions import StaleElementReferenceException, TimeoutException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.wait import WebDriverWait
@@ -96,7 +96,10 @@ def open_browser(folder: Path, *more: str) -> Iterator[webdriver.Chrome]:
 def until(driver: webdriver.Chrome, condition: Callable[[], object]) -> object:
     """Wait until a condition holds, and return what it gave; tell what is seen if it never does."""
     try:
-        return WebDriverWait(driver, PATIENCE, poll_frequency=0.1).until(lambda _: condition())
+        # An element may be drawn anew between its search and its use.
+        drawn_anew = [StaleElementReferenceException]
+        wait = WebDriverWait(driver, PATIENCE, 0.1, ignored_exceptions=drawn_anew)
+        return wait.until(lambda _: condition())
     except TimeoutException:
         log = [each['message'] for each in driver.get_log('browser')]
         seen = f'{driver.current_url}, log {log}: {text_of(driver, "body")}'

@@ -3,10 +3,8 @@
 """The page in a real browser, Debian's Chromium, on a line that runs."""
 
 from collections.abc import Callable, Iterator
-import os
 from pathlib import Path
 import re
-import signal
 
 from browsers import (
     WIDTHS,
@@ -25,7 +23,7 @@ from rclpy.node import Node
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from served_page import child_of, line_of, served
+from served_page import line_of, served
 
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.pipeline.line import LineParameters
@@ -71,24 +69,6 @@ def test_an_item_is_shown_with_mass_verdict_and_signal(browser: Chrome, port: in
     drawn = 'return document.querySelectorAll(".chart canvas").length'
     until(browser, lambda: browser.execute_script(drawn) == 6)
     assert errors_of(browser) == []
-
-
-def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path):
-    def note() -> str:
-        return text_of(browser, 'body.stale .late')
-
-    with line_of(tmp_path / 'line.yaml', LINE) as line, served() as (page, port):
-        browser.get(f'http://127.0.0.1:{port}/')
-        until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
-        until(browser, lambda: not note())
-        silent = child_of(line.pid)
-        for process, ending in ((silent, signal.SIGKILL), (page.pid, signal.SIGSTOP)):
-            os.kill(process, signal.SIGSTOP)
-            until(browser, lambda: re.match(r'No news since \d\d:\d\d:\d\d, for ', note()))
-            assert shortcomings(browser) == []
-            os.kill(process, ending)
-            if process == silent:  # it is started again
-                until(browser, lambda: not note())
 
 
 def test_an_item_can_be_chosen_with_the_keyboard_alone(browser: Chrome, port: int):

@@ -99,7 +99,7 @@ def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
     # After the second item nothing passes any more, so nothing asks for the stop again.
     values = {
         'driver': {'simulator.masses': [0.2], 'simulator.count': 2},
-        'reject': {'upper_limit': 0.1, 'max_rejects_in_a_row': 2},
+        'reject': {'max_rejects_in_a_row': 2},
     }
     with new_line(tmp_path, values) as line, open_browser(tmp_path / 'browser') as browser:
         person = Person(browser, line)
@@ -112,5 +112,5 @@ def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
         assert 'TooManyRejects reset' in person.does('Reset stop', '✓', 'Reset')
         person.until(lambda: not stop())
         browser.refresh()
-        person.until(lambda: person.text('.decision') == '↑ OVER')
+        person.until(lambda: person.text('.decision') == '✗ FAULT')  # no product is selected
         assert not stop()

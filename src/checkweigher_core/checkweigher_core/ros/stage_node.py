@@ -89,8 +89,9 @@ class StageNode(PortNode, Generic[P]):
         return self.diagnose(now)
 
     def received(self, port: Port) -> None:
-        """Count a record that has arrived."""
-        self.count(f'{port.name} received')
+        """Count a record that has arrived, unless it only says that its maker lives."""
+        if port.recorded:
+            self.count(f'{port.name} received')
 
     def refuse(self, port: Port, error: Exception) -> None:
         """Log and count a record that the stage cannot use."""
