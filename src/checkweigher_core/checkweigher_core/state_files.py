@@ -44,7 +44,7 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Have the entries of a folder on the disk when this returns."""
+    """Write the entries of a folder to the disk, so that a power cut leaves them."""
     with _opened(path) as folder:
         os.fsync(folder)
 

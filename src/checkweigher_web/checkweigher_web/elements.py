@@ -79,7 +79,7 @@ class Pulse(ui.element, component='pulse.js'):
     """A note on the age of the page, which the browser greys while no beat comes."""
 
     def beat(self, age: float) -> None:
-        """Tell the browser the age of what it shows, in s."""
+        """Send the age of the state that the browser shows, in s."""
         self.props.update(age=age, beat=self.props.get('beat', 0) + 1)
 
 

@@ -11,7 +11,7 @@ from checkweigher_core.ros.graph.discovery import set_profiles
 
 
 def _set_log_folder() -> None:
-    """Have rcl write its logs among the temporary files if the user has no home to write to."""
+    """Let rcl write its logs among the temporary files if the user has no home folder."""
     home = os.environ.get('HOME', '')
     given = os.environ.get('ROS_LOG_DIR') or os.environ.get('ROS_HOME')
     if not given and not (home and os.access(home, os.W_OK)):

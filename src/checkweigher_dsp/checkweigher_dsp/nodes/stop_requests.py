@@ -59,7 +59,7 @@ class StopRequests:
         return self._monitor.request if self.active else _NOT_READY
 
     def begin(self) -> None:
-        """Take back the request of a node that was not active."""
+        """Begin to request stops for the line, and no longer because the node is not active."""
         self.active = True
         self._shown = self.request
         self.output.send(self._shown)

@@ -107,9 +107,9 @@ class ProductSelection:
         """Select the product of before or the first one; return whether that was done just now."""
         if self._begun or self._batches.doubt:
             return False
-        resumed, limits = self._resumed
-        forgotten = resumed is None and self._batches.in_doubt
-        name = resumed.name if resumed else '' if forgotten else self._first
+        resumed, _ = self._resumed
+        first = '' if self._batches.in_doubt else self._first
+        name = first if resumed is None else resumed.name
         if not self._recipe.ready:
             if name:
                 self._warn(f'product {name!r} waits for the nodes of the line')
@@ -117,22 +117,26 @@ class ProductSelection:
         if self._audit.awaits(set(NODES)):
             return False
         # If only this node was started again, the product on the line stays.
-        on_line = self._recipe.on_line
-        name = on_line.product or name
+        name = self._recipe.on_line.product or name
         try:
-            if resumed is not None and limits is not None and resumed.name == name:
-                # A batch may have begun meanwhile.
-                limits = replace(
-                    on_line if on_line.product else limits, batch=self._batches.production.batch
-                )
-                await self._recipe.set(resumed, limits, partial(self._audit.announce, by=Author()))
-            elif name and self._batches.production.product is None:
-                await self.select(name, Author())  # otherwise the limits of the line hold
+            await self._begin(name)
         except (AuditError, SettingsError, RefusedError) as error:
             self._warn(f'product {name!r} was not selected: {error}')
             return False
         self._begun, self._resumed = True, (None, None)
         return bool(name)
+
+    async def _begin(self, name: str) -> None:
+        """Set the product of before with its limits, or select another one; '' for none."""
+        resumed, limits = self._resumed
+        if resumed is not None and limits is not None and resumed.name == name:
+            on_line = self._recipe.on_line
+            # A batch may have begun meanwhile.
+            batch = self._batches.production.batch
+            limits = replace(on_line if on_line.product else limits, batch=batch)
+            await self._recipe.set(resumed, limits, partial(self._audit.announce, by=Author()))
+        elif name and self._batches.production.product is None:
+            await self.select(name, Author())  # otherwise the limits of the line hold
 
     async def restore(self) -> None:
         """Set the parameters of the product in nodes of the line that were started again."""
