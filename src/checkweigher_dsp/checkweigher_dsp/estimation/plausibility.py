@@ -10,8 +10,8 @@ derivation] Of a converter that works, the filtered signal e
 - is no calmer under a load: from t2 to t3 it has at least the variance that it has on the empty
   belt. Their ratio is distributed as F; e is correlated, so that a sample is 1 over the sum of its
   squared correlations in degrees of freedom, 0.48 for white noise;
-- has no steps from t1 to t3 beyond what the noise explains and, in proportion to load and speed,
-  what a product explains that strikes the belt;
+- has no steps from t1 to t3 beyond what the noise explains and what a product explains: it strikes
+  the belt, in proportion to load and speed, and at t1, t2 and t3 the slope of the load changes;
 - never repeats itself: with white noise of s counts nothing predicts more than a share
   p = erf(1 / (s sqrt 8)) of the readings. So among N readings a sequence of w is found twice in at
   most N^2 p^w / 2 of all windows.
@@ -35,6 +35,8 @@ _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.a
 _EDGE = len(_FILTER) - 1  # samples at each end that it cannot be applied to
 _GAIN = math.sqrt(_FILTER @ _FILTER)
 _STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e of a step of 1
+# Largest e where the slope changes by 1 a sample.
+_SLOPE_GAIN = float(np.max(np.abs(np.cumsum(np.cumsum(_FILTER))))) / _GAIN
 _QUARTILE = 0.3186  # of the absolute values of a normal distribution, standard deviations
 _ROUNDING = 1 / 12  # counts^2
 _FEWEST = 24  # filtered samples of the empty belt that show its noise
@@ -66,8 +68,12 @@ def is_plausible(window: WeighWindow) -> bool:
         return True  # a converter that shows no noise
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
     strike = _STRIKE * window.belt_speed * load * _STEP_GAIN
-    limit = math.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), strike)
-    if np.max(np.abs(loaded), initial=0.0) > limit:
+    explained = np.full(len(loaded), strike)
+    # A scale that follows at once shows where the load begins to rise, is complete, and falls.
+    for corner in (0, begin - entry, end - entry):
+        near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
+        explained[near] += load / max(begin - entry, 1) * _SLOPE_GAIN
+    if np.any(np.abs(loaded) > np.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), explained)):
         return False
     if typical < 2 * _ROUNDING or known is loaded:
         return True

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.estimation.plausibility import is_plausible
 
@@ -67,6 +68,14 @@ def test_a_signal_that_lies_is_a_fault(window, change, begin):
 )
 def test_what_a_converter_may_do_is_plausible(window, change):
     assert is_plausible(replace(window, counts=np.rint(change(window.counts)).astype(np.int32)))
+
+
+def test_a_scale_without_inertia_shows_where_the_slope_of_the_load_changes(window):
+    time = time_since_entry(window, 0, len(window.counts))
+    share = np.clip(time / time[window.window_begin], 0, 1)
+    noise = 3 * np.random.default_rng(4).standard_normal(len(time))
+    counts = np.rint(ZERO + 1e5 * share + noise).astype(np.int32)
+    assert is_plausible(replace(window, counts=counts))
 
 
 def test_without_noise_or_empty_belt_nothing_follows_from_calm(window, make_pass, make_window):
