@@ -20,7 +20,7 @@ def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path
         return text_of(browser, 'body.stale .late')
 
     with line_of(tmp_path / 'line.yaml', LINE) as line, served() as (page, port):
-        browser.get(f'http://127.0.0.1:{port}/')
+        browser.get(f'http://127.0.0.1:{port}/lane/')  # others may linger in the domain
         until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
         until(browser, lambda: not note())
         silent = child_of(line.pid)
