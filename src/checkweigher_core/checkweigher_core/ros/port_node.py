@@ -3,6 +3,7 @@
 """A node with inputs and outputs, whose callbacks take turns with those of its process."""
 
 from collections.abc import Callable, Generator
+from functools import partial
 import inspect
 import types
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from checkweigher_core.printable import one_line
+from checkweigher_core.ros.one_shot_timer import OneShotTimer
 from checkweigher_core.ros.outputs import LOCK, Callback, HeldOutput, Input, Output, disconnect
 from checkweigher_core.ros.ports import Port
 
@@ -34,6 +36,7 @@ class PortNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
+        self._one_shot_timers: list[OneShotTimer] = []
         super().__init__(name, **options)
 
     def start(self) -> None:
@@ -70,6 +73,12 @@ class PortNode(Node):
         """Create a timer; an exception of its callback is logged and not fatal."""
         guarded = self._guarded(locked(callback), 'a timer failed')
         return super().create_timer(timer_period_sec, guarded, *args, **options)
+
+    def create_one_shot_timer(self, callback: Callable[[], object]) -> OneShotTimer:
+        """Create a timer that does not wake the executor; see `OneShotTimer`."""
+        timer = OneShotTimer(callback, partial(self.fail, what='a timer failed'))
+        self._one_shot_timers.append(timer)
+        return timer
 
     def create_subscription(
         self,
@@ -142,6 +151,9 @@ class PortNode(Node):
     def destroy_node(self) -> None:
         """Destroy the node, and disconnect it from the others of its process."""
         disconnect(self)
+        with LOCK:
+            for timer in self._one_shot_timers:
+                timer.clear()
         super().destroy_node()
 
 

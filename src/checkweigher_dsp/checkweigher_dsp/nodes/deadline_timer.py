@@ -5,9 +5,7 @@
 from collections.abc import Callable
 import time
 
-from rclpy.node import Node
-
-from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.timing import StreamClock
 
 
@@ -20,9 +18,9 @@ class DeadlineTimer:
         Clock of the stamps. If it is not running, nothing is overdue by the time of the arrivals.
     """
 
-    def __init__(self, node: Node, callback: Callable[[], None], *, running: bool) -> None:
+    def __init__(self, node: PortNode, callback: Callable[[], None], *, running: bool) -> None:
         self.clock = StreamClock(running=running)
-        self._timer = OneShotTimer(node, callback)
+        self._timer = node.create_one_shot_timer(callback)
 
     @property
     def now(self) -> int | None:

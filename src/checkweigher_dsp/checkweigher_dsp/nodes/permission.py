@@ -4,27 +4,26 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
-import threading
 import time
 
 from checkweigher_core.records import NANOSECONDS, Permission
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.outputs import LOCK, Input
+from checkweigher_core.ros.outputs import Input
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
-_PERIOD = 0.1  # s
+_PERIOD = round(0.1 * NANOSECONDS)
 # s. The segmenter publishes its status every 0.2 s, or after a longer block, the others a sign of
 # life every 0.15 s.
 _FRESH_TIME = 0.4
-_MARGIN = 0.001  # s
+_MARGIN = round(0.001 * NANOSECONDS)
 
 
 class PermissionGiver:
     """Output of the permission of a lane.
 
-    It has its own thread, because each wake of the executor takes 1 ms. It sends nothing while a
-    callback of the process has the lock, so a node that hangs gives no permission.
+    It sends nothing while a callback of the process has the lock, so a node that hangs gives no
+    permission.
 
     Parameters
     ----------
@@ -59,23 +58,15 @@ class PermissionGiver:
             stage: node.subscribe(port, partial(self._add_sign, stage), needed=False)
             for stage, port in ports.ALIVE.items()
         }
-        self._ending = threading.Event()
-        threading.Thread(target=self._repeat, name='permission', daemon=True).start()
-
-    def end(self) -> None:
-        """Send no more, because the node is about to be destroyed."""
-        self._ending.set()
+        self._timer = node.create_one_shot_timer(self._repeat)
+        self._timer.set(time.monotonic_ns() + _PERIOD)
 
     def _repeat(self) -> None:
-        while not self._ending.wait(self._pause()):
-            with LOCK:
-                if not self._ending.is_set():
-                    self.give()
-
-    def _pause(self) -> float:
-        """Return the time to the next message in s, at most until a sign is not fresh."""
-        left = self.rule.fresh_for(time.monotonic_ns()) / NANOSECONDS
-        return left + _MARGIN if 0 < left < _PERIOD else _PERIOD
+        self.give()
+        # At most until a sign is not fresh.
+        now = time.monotonic_ns()
+        left = self.rule.fresh_for(now)
+        self._timer.set(now + (left + _MARGIN if 0 < left < _PERIOD else _PERIOD))
 
     def _add_sign(self, stage: str, _: object) -> None:
         self.rule.add_sign(stage, time.monotonic_ns())

@@ -105,9 +105,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return [self._stops.output, self._verdicts.output]
 
     def destroy_node(self) -> None:
-        """End the permission, destroy the node, and close the file of the numbers."""
-        if hasattr(self, '_permission'):
-            self._permission.end()
+        """Destroy the node, and close the file of the numbers."""
         super().destroy_node()
         self._numbers.close()
 

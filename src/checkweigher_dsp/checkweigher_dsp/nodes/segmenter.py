@@ -32,7 +32,6 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.health.segmenter import SegmenterWatch
 from checkweigher_dsp.items.failures import Failures
 from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
-from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
@@ -82,9 +81,9 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             for port in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES)
         )
         self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
-        self._answer_timer = OneShotTimer(self, self._answer)
-        self._end_timer = OneShotTimer(self, self._finish_incomplete)
-        self._stall_timer = OneShotTimer(self, self._go_by_edges)
+        self._answer_timer = self.create_one_shot_timer(self._answer)
+        self._end_timer = self.create_one_shot_timer(self._finish_incomplete)
+        self._stall_timer = self.create_one_shot_timer(self._go_by_edges)
         self._zero_requests: list[Future] = []
         # A callback group of its own, so that samples are processed while an answer waits.
         self._zero_group = ReentrantCallbackGroup()

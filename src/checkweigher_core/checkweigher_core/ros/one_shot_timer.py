@@ -1,0 +1,97 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A timer that fires once, and does not wake the executor."""
+
+from collections.abc import Callable
+import math
+import threading
+import time
+
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.ros.outputs import LOCK
+
+
+class OneShotTimer:
+    """Timer that calls a function once, at a time of the monotonic clock in ns.
+
+    All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
+    The function is called with the lock of the process. Whoever sets or clears a timer has that
+    lock, too, so a timer that was cleared does not fire.
+
+    Parameters
+    ----------
+    callback : callable
+        Function to call.
+    fail : callable
+        Gets an exception of `callback`.
+    """
+
+    def __init__(self, callback: Callable[[], object], fail: Callable[[Exception], None]) -> None:
+        self.due: int | None = None  # time at which it fires, ns
+        self._callback = callback
+        self._fail = fail
+
+    def set(self, due: int) -> None:
+        """Set the time, in place of the one set before."""
+        self.due = due
+        _thread.serve(self, due)
+
+    def set_by(self, due: int) -> None:
+        """Set the time, unless an earlier one is set."""
+        if self.due is None or due < self.due:
+            self.set(due)
+
+    def clear(self) -> None:
+        """Clear the time."""
+        self.due = None
+
+    def fire(self) -> None:
+        """Call the function if its time has come."""
+        with LOCK:
+            if self.due is None or self.due > time.monotonic_ns():
+                return
+            self.due = None
+            try:
+                self._callback()
+            except Exception as error:
+                self._fail(error)
+
+
+class _TimerThread:
+    """Thread that fires the timers of a process. It begins with the first one that is set."""
+
+    def __init__(self) -> None:
+        self._timers: set[OneShotTimer] = set()
+        self._wakes: float = 0  # time until which it waits at most, ns
+        self._set = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    def serve(self, timer: OneShotTimer, due: int) -> None:
+        """Fire a timer at its time, ns."""
+        with self._set:
+            self._timers.add(timer)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name='timers', daemon=True)
+                self._thread.start()
+            if due < self._wakes:
+                self._set.notify()
+
+    def _run(self) -> None:
+        while True:
+            for timer in self._wait():
+                timer.fire()
+
+    def _wait(self) -> list[OneShotTimer]:
+        """Wait for the next timers, and return them."""
+        with self._set:
+            while True:
+                times = {each: due for each in self._timers if (due := each.due) is not None}
+                self._timers = set(times)  # without those that were cleared or have fired
+                now, self._wakes = time.monotonic_ns(), min(times.values(), default=math.inf)
+                if self._wakes <= now:
+                    return [each for each, due in times.items() if due <= now]
+                left = (self._wakes - now) / NANOSECONDS
+                self._set.wait(left if times else None)
+
+
+_thread = _TimerThread()
