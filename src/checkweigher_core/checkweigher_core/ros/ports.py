@@ -228,7 +228,7 @@ PERMISSION = Port(
 ALIVE = {
     stage: Port(
         f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
-        'A sign of life every 0.15 s, for a `reject` in another process', recorded=False)
+        'A sign of life every 0.2 s, for a `reject` in another process', recorded=False)
     for stage in ('denoise', 'identifier')
 }
 EXTERNAL_REJECT = Port(

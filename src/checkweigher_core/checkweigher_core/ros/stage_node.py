@@ -17,6 +17,7 @@ from std_msgs.msg import Empty
 from checkweigher_core.changes import PARAMETER
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.change_record import ChangeRecord
 from checkweigher_core.ros.diagnostics import Diagnostics
 from checkweigher_core.ros.graph.place import Place, participant_of
@@ -25,7 +26,7 @@ from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import ALIVE, Port
 
-_ALIVE_PERIOD = 0.15  # s
+_ALIVE_PERIOD = round(0.2 * NANOSECONDS)
 Overrides = dict[str, object]
 
 
@@ -68,7 +69,13 @@ class StageNode(PortNode, Generic[P]):
         """Begin to publish diagnostics, and signs of life for a reject in another process."""
         self.diagnostics.start()
         if self._alive is not None and not self._alive.takers:
-            self.create_timer(_ALIVE_PERIOD, partial(self._alive.send, Empty()))
+            self._alive_timer = self.create_one_shot_timer(partial(self._show_life, self._alive))
+            self._show_life(self._alive)
+
+    def _show_life(self, output: Output) -> None:
+        """Send a sign of life; no callback that hangs has the lock of the process."""
+        output.send(Empty())
+        self._alive_timer.set(time.monotonic_ns() + _ALIVE_PERIOD)
 
     def shut_down(self) -> None:
         """Prepare for the end of the process."""

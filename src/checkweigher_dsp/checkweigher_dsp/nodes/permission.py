@@ -13,8 +13,7 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
 _PERIOD = round(0.1 * NANOSECONDS)
-# s. The segmenter publishes its status every 0.2 s, or after a longer block, the others a sign of
-# life every 0.15 s.
+# s. The stages show every 0.2 s that they work, the segmenter at long blocks less often.
 _FRESH_TIME = 0.4
 _MARGIN = round(0.001 * NANOSECONDS)
 

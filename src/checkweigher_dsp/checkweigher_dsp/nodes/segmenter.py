@@ -147,7 +147,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
             return
         self._watch.add(time.monotonic(), event)
-        last_edge = segmenter.last_edge
+        leaving = segmenter.leaving_since
         self._publish(segmenter, segmenter.take(event))
         if isinstance(event, SampleBlock):
             self._last_stamp = event.stamp
@@ -160,7 +160,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (
             signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
             or self._blocks_since_report >= _STATUS_BLOCKS
-            or segmenter.last_edge != last_edge
+            # reject gives an item that leaves without an announcement a verdict of its own.
+            or segmenter.leaving_since not in (None, leaving)
         ):
             self._publish_status(StreamState.RUNNING)
         answer = segmenter.zero_keeper.answer

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import (
     NANOSECONDS,
+    Eye,
     EyeEdge,
     Item,
     LoadCell,
@@ -87,6 +88,12 @@ class Segmenter:
     def last_edge(self) -> int | None:
         """Stamp of the youngest edge that was tracked, ns; None if there is none."""
         return self._source.tracker.eyes.newest
+
+    @property
+    def leaving_since(self) -> int | None:
+        """Stamp of the edge since which an item blocks the outfeed eye, ns; None if it is clear."""
+        edge = self._source.tracker.eyes.youngest.get(Eye.OUTFEED)
+        return edge.stamp if edge is not None and edge.blocked else None
 
     @property
     def edges_wait(self) -> bool:
