@@ -49,11 +49,13 @@ class Campaign:
         self._t1_of: dict[int, int] = {}  # by t3
         self._last_t1: int | None = None
         self._waiting: list[Any] = []  # verdicts
+        self._kills: list[tuple[int, str]] = []  # times, ns, and nodes
 
     def kill(self, name: str) -> None:
         """Kill a node that has been started."""
         wait_for(lambda: self._killed(name))
         self.killed[name] += 1
+        self._kills.append((time.time_ns(), name))
 
     def _killed(self, name: str) -> bool:
         with suppress(AssertionError, OSError):  # it is yet to be started again
@@ -120,6 +122,9 @@ class Campaign:
             f'killed {killed}; {sum(self.entered.values())} items, doubled {len(doubled)}, '
             f'lost {len(lost)}, numbers used twice {len(twice)}, no product {len(self.unknown)}'
         )
+        for t1 in lost:
+            when, name = min(self._kills, key=lambda kill: abs(kill[0] - t1))
+            print(f'lost: {t1}, which entered {(t1 - when) / 1e9:+.3f} s after a kill of {name}')
         assert (doubled, twice, self.unknown) == ({}, [], [])
         assert gap or not lost
 
