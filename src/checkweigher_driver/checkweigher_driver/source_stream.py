@@ -211,14 +211,14 @@ class SourceStream:
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.
 
-        A recording waits without a limit for a segmenter and for the `listeners`. The wait for the
-        reject node is limited, because a graph that only cuts windows has none.
+        Where nothing may be lost, a recording waits without a limit for a segmenter and for the
+        `listeners`. All other waits are limited: a device does not wait, and a graph that only cuts
+        windows has no reject node.
         """
-        if source.paced and not self._parameters.lossless:
-            return True
         wanted = self._parameters.listeners
         what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'
-        if source.paced and not self._wait_for(lambda: self.has_listeners(wanted), what):
+        held = source.paced and self._parameters.lossless
+        if held and not self._wait_for(lambda: self.has_listeners(wanted), what):
             return False
         ready = self._wait_for(lambda: not self._missing(), '', patience=_PATIENCE)
         if ready and (missing := self._missing()):
