@@ -33,6 +33,9 @@ from checkweigher_dsp.items.failures import PRINTED, Failures
 from checkweigher_dsp.signal.averages import hann_mean
 
 # Ways to pad a window, see `Denoiser` and `pad`.
+_gain = partial(parameter, minimum=0, maximum=10)
+_threshold = partial(parameter, unit='threshold_unit', minimum=0)
+
 PADDINGS = ('continuation', 'level', 'mirror', 'signal')
 METHODS = ('shrinkage', 'soft', 'hard')
 
@@ -56,32 +59,17 @@ class DenoiseParameters(Parameters):
         minimum=1e-3,
         maximum=100,
     )
-    gamma5: tuple[float, ...] = parameter(
-        UNTRAINED.gains[0], 'gain of band 5 at each speed', minimum=0, maximum=10
+    gamma5: tuple[float, ...] = _gain(UNTRAINED.gains[0], 'gain of band 5 at each speed')
+    gamma6: tuple[float, ...] = _gain(UNTRAINED.gains[1], 'gain of band 6 at each speed')
+    gamma7: tuple[float, ...] = _gain(UNTRAINED.gains[2], 'gain of band 7 at each speed')
+    lambda5: tuple[float, ...] = _threshold(
+        UNTRAINED.thresholds[0], 'threshold of band 5 at each speed'
     )
-    gamma6: tuple[float, ...] = parameter(
-        UNTRAINED.gains[1], 'gain of band 6 at each speed', minimum=0, maximum=10
+    lambda6: tuple[float, ...] = _threshold(
+        UNTRAINED.thresholds[1], 'threshold of band 6 at each speed'
     )
-    gamma7: tuple[float, ...] = parameter(
-        UNTRAINED.gains[2], 'gain of band 7 at each speed', minimum=0, maximum=10
-    )
-    lambda5: tuple[float, ...] = parameter(
-        UNTRAINED.thresholds[0],
-        'threshold of band 5 at each speed',
-        unit='threshold_unit',
-        minimum=0,
-    )
-    lambda6: tuple[float, ...] = parameter(
-        UNTRAINED.thresholds[1],
-        'threshold of band 6 at each speed',
-        unit='threshold_unit',
-        minimum=0,
-    )
-    lambda7: tuple[float, ...] = parameter(
-        UNTRAINED.thresholds[2],
-        'threshold of band 7 at each speed',
-        unit='threshold_unit',
-        minimum=0,
+    lambda7: tuple[float, ...] = _threshold(
+        UNTRAINED.thresholds[2], 'threshold of band 7 at each speed'
     )
     threshold_unit: float = parameter(
         1e-7, 'one unit of the thresholds on this load cell', unit='kg', minimum=0, maximum=1e3
@@ -251,7 +239,6 @@ def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[
 
 
 def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
-    """Denoise windows with their disturbance extrapolated to both sides."""
     force, begin = batch.force, batch.begin
     count = force.shape[-1] - begin
     length = padded_length(parameters.stretch, count)

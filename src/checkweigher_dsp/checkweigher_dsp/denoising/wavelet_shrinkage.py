@@ -57,13 +57,11 @@ def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[n
 
 
 @lru_cache(maxsize=8)
-def band_responses(
-    length: int, wavelet: str = WAVELET, levels: int = LEVELS
-) -> NDArray[np.complex128]:
+def band_responses(length: int) -> NDArray[np.complex128]:
     r"""Return the frequency responses of the SWT bands on a circle of `length` samples.
 
-    The length is a multiple of ``2**levels``. The responses are read-only, (levels + 1, length // 2
-    + 1): details 1 to `levels`, then the approximation. The filters of level j are those of level 1
+    The length is a multiple of ``2**LEVELS``. The responses are read-only, (LEVELS + 1, length // 2
+    + 1): details 1 to `LEVELS`, then the approximation. The filters of level j are those of level 1
     with :math:`2^{j-1} - 1` zeros between their taps (algorithme a trous), so that with the
     transforms H, G of the filters of an orthogonal wavelet
 
@@ -74,17 +72,17 @@ def band_responses(
     G. P. Nason, B. W. Silverman, The stationary wavelet transform and some statistical
     applications, 1995.
     """
-    filters = pywt.Wavelet(wavelet)
+    filters = pywt.Wavelet(WAVELET)
     lowpass = _circular_transform(filters.dec_lo, length)
     highpass = _circular_transform(filters.dec_hi, length)
     half = np.arange(length // 2 + 1)
     approximation = np.ones(length // 2 + 1, np.complex128)
-    responses = np.empty((levels + 1, length // 2 + 1), np.complex128)
-    for level in range(levels):
+    responses = np.empty((LEVELS + 1, length // 2 + 1), np.complex128)
+    for level in range(LEVELS):
         dilated = (half << level) % length
         responses[level] = approximation * highpass[dilated]
         approximation = approximation * lowpass[dilated]
-    responses[levels] = approximation
+    responses[LEVELS] = approximation
     responses.flags.writeable = False
     return responses
 
@@ -97,13 +95,11 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 
 @lru_cache(maxsize=8)
-def _syntheses(
-    length: int, wavelet: str, levels: int
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+def _syntheses(length: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Return the responses of the inverse transform, and what each band adds to the whole gain."""
-    responses = band_responses(length, wavelet, levels)
+    responses = band_responses(length)
     # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
-    scales = 2.0 ** -np.array([*range(1, levels + 1), levels])
+    scales = 2.0 ** -np.array([*range(1, LEVELS + 1), LEVELS])
     syntheses = responses.conj() * scales[:, None]
     powers = (responses * syntheses).real
     syntheses.flags.writeable = powers.flags.writeable = False
@@ -111,7 +107,7 @@ def _syntheses(
 
 
 def denoise_periodic(
-    stretch: NDArray[np.float64], details: Sequence[Shrinkage | None], wavelet: str = WAVELET
+    stretch: NDArray[np.float64], details: Sequence[Shrinkage | None]
 ) -> NDArray[np.float64]:
     """Denoise periodic stretches: shrink their detail bands, keep their approximation.
 
@@ -120,11 +116,9 @@ def denoise_periodic(
     Parameters
     ----------
     stretch : ndarray, (..., n) float64
-        n a multiple of ``2**len(details)``; the end continues at the beginning.
+        n a multiple of ``2**LEVELS``; the end continues at the beginning.
     details : sequence of Shrinkage or None
-        Shrinkage of each level from 1 on; None sets the whole band to 0.
-    wavelet : str
-        An orthogonal wavelet of PyWavelets.
+        Shrinkage of each of the `LEVELS`; None sets the whole band to 0.
 
     Returns
     -------
@@ -142,12 +136,12 @@ def denoise_periodic(
     >>> print(denoise_periodic(half_a_rate, details)[:3].round(6))
     [1. 1. 1.]
     """
-    length, levels = stretch.shape[-1], len(details)
-    responses = band_responses(length, wavelet, levels)
-    syntheses, powers = _syntheses(length, wavelet, levels)
+    length = stretch.shape[-1]
+    responses = band_responses(length)
+    syntheses, powers = _syntheses(length)
     spectrum = np.fft.rfft(stretch)
     kept = [(band, each) for band, each in enumerate(details) if each is not None]
-    gain: Any = powers[levels]
+    gain: Any = powers[LEVELS]
     for band, shrinkage in kept:
         if shrinkage.is_linear:
             gain = gain + shrinkage.gain * powers[band]
@@ -193,7 +187,7 @@ def threshold_universally(
     """
     length = stretch.shape[-1]
     responses = band_responses(length)
-    syntheses, powers = _syntheses(length, WAVELET, LEVELS)
+    syntheses, powers = _syntheses(length)
     spectrum = np.fft.rfft(stretch)
     result = spectrum * powers[LEVELS]
     taps = pywt.Wavelet(WAVELET).dec_len

@@ -127,12 +127,11 @@ class Identifier:
         """Estimate many masses in less time, each to the same bits as alone."""
         refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
-        estimate_all, failed = self._estimator.estimate_all, self._failed
         loads: Iterator[LoadEstimate | MassEstimate] = iter(
-            self._failures.together(estimate_all, failed, accepted)
+            self._failures.together(self._estimator.estimate_all, self._failed, accepted)
         )
         found = [refusal or next(loads) for refusal in refused]
-        return self._failures.each(self._conclude, self._failed, windows, found)
+        return self._failures.each(self._weigh, self._failed, windows, found)
 
     def learn(self) -> None:
         """Learn from the last window now; otherwise the next window does it, and takes longer."""
@@ -147,11 +146,10 @@ class Identifier:
     def _failed(self, window: WeighWindow) -> MassEstimate:
         return self._record(window, (Reason.STAGE_FAILED.value,))
 
-    def _conclude(self, window: WeighWindow, found: LoadEstimate | MassEstimate) -> MassEstimate:
-        return found if isinstance(found, MassEstimate) else self._weigh(window, found)
-
-    def _weigh(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
+    def _weigh(self, window: WeighWindow, load: LoadEstimate | MassEstimate) -> MassEstimate:
         """Return the mass of a window, by the learned weights if they are trusted."""
+        if isinstance(load, MassEstimate):
+            return load  # a refusal or a failure
         estimate = self._estimate(window, load)
         if not estimate.reasons and not is_plausible(window):
             return self._record(window, (Reason.BAD_SIGNAL.value,), zero=estimate.zero)
@@ -198,12 +196,15 @@ class Identifier:
         )
 
     def _estimate(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
-        """Return the mass of a window from the load that the estimator found in it."""
         known, speed = self._known, window.belt_speed
         mass = known.at('gain', speed) * load.mass + known.at('offset', speed)
         variance = self._variance(window, load, mass)
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
-        if not (self._has_converged(load, mass, variance) and is_in_window(load, window)):
+        stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
+        limit = self._parameters.max_relative_std_dev * abs(mass)
+        # NaN is not certain: neither as mass nor as variance.
+        certain = variance >= 0 and math.sqrt(variance) <= limit < math.inf
+        if not (stable and certain and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
         if mass <= 0:
             return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
@@ -239,9 +240,3 @@ class Identifier:
         trained, trained_zero = known.at('std_dev', speed), known.at('zero_std_dev', speed)
         worse = zero - trained_zero * trained_zero
         return trained * trained + relative * relative + max(worse, 0.0)
-
-    def _has_converged(self, load: LoadEstimate, mass: float, variance: float) -> bool:
-        stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
-        limit = self._parameters.max_relative_std_dev * abs(mass)
-        # NaN is not: neither as mass nor as variance.
-        return bool(stable and variance >= 0 and math.sqrt(variance) <= limit < math.inf)

@@ -68,7 +68,6 @@ def describe(kind: ItemKind) -> str:
 
 
 def _duration(kind: ItemKind) -> float:
-    """Return the usual duration of a part, s."""
     known = [each.duration for each in kind.passages]
     return median(known) if known else kind.length / kind.speed / kind.rise
 

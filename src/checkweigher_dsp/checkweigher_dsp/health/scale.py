@@ -69,7 +69,6 @@ class ZeroWatch:
 
     @property
     def _distance(self) -> float:
-        """Distance of the zero from that of calibration, kg."""
         if self._zero is None:
             return math.nan
         return (self._zero.counts - self._zero_counts) / self._counts_per_kg

@@ -17,11 +17,6 @@ A = TypeVar('A', bound=_Numbered)
 B = TypeVar('B')
 
 
-def print_failure(item_id: int, error: Exception) -> None:
-    """Write the traceback of a failure to the standard error output."""
-    traceback.print_exception(error)
-
-
 @dataclass(frozen=True, slots=True)
 class Failures:
     """Rule for the exceptions of a stage.
@@ -31,7 +26,7 @@ class Failures:
     and the exception. Two such items in a row stop the line, see `RejectMonitor`.
     """
 
-    report: Callable[[int, Exception], None] = print_failure
+    report: Callable[[int, Exception], None]
 
     def each(
         self,
@@ -41,10 +36,14 @@ class Failures:
         *more: Iterable[Any],
     ) -> list[B]:
         """Return the results of items, one by one; `more` are further arguments of `work`."""
-        return [
-            self._one(work, fault, item, *others)
-            for item, *others in zip(items, *more, strict=True)
-        ]
+        results = []
+        for item, *others in zip(items, *more, strict=True):
+            try:
+                results.append(work(item, *others))
+            except Exception as error:
+                self.report(item.item_id, error)
+                results.append(fault(item))
+        return results
 
     def together(
         self,
@@ -58,12 +57,5 @@ class Failures:
         except Exception:  # one by one, which finds the item and reports it
             return self.each(lambda item: work([item])[0], fault, items)
 
-    def _one(self, work: Callable[..., B], fault: Callable[[A], B], item: A, *others: Any) -> B:
-        try:
-            return work(item, *others)
-        except Exception as error:
-            self.report(item.item_id, error)
-            return fault(item)
 
-
-PRINTED = Failures()
+PRINTED = Failures(lambda _, error: traceback.print_exception(error))

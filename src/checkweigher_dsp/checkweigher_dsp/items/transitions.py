@@ -157,7 +157,6 @@ def _reopen_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _enter(belt: Belt, switch: Switch) -> TrackedItem:
-    """Begin an item."""
     _merge_flicker(belt)
     if belt.at_infeed is not None:
         belt.at_infeed.fault(Reason.MISSING_EDGE)
@@ -176,7 +175,6 @@ def _enter(belt: Belt, switch: Switch) -> TrackedItem:
 
 
 def _end_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Set the t2 of the item at the infeed eye."""
     item = switch.there
     if item is None or item.t4 is not None:
         return None
@@ -303,7 +301,6 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
 
 
 def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Set the t4 of the item at the outfeed eye."""
     item = None if is_next_departure(belt, switch.stamp) else switch.there
     if item is not None:
         item.t4 = switch.stamp

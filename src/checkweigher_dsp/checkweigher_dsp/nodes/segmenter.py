@@ -282,7 +282,6 @@ class SegmenterNode(StageNode[SegmenterParameters]):
 
 
 def _in(seconds: float) -> int:
-    """Return the time after a duration, ns of the monotonic clock."""
     return time.monotonic_ns() + round(seconds * NANOSECONDS)
 
 

@@ -131,7 +131,6 @@ class WeighingLine:
         yield from self.finish()
 
     def _with_announced(self, windows: list[WeighWindow]) -> list[Item | WeighWindow]:
-        """Return the records for the stages after the segmenter, in order."""
         return [*self._segmenter.take_announced(), *windows]
 
     def _judge(self, steps: Sequence[Item | WeighWindow]) -> list[Weighing]:

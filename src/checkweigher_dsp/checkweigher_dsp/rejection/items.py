@@ -1,12 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The announced items that wait for their verdict, and the numbers of those that have it."""
+"""Items that wait for their verdict, the numbers of those that have it, and early estimates."""
 
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from checkweigher_core.records import NUMBERS_AT_ONCE, Item, Verdict
+from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
 MAX_JUDGED = 1_024  # numbers; more than the port `items` keeps for a node that is started again
 _MAX_OWN = 1_000  # numbers
@@ -113,3 +113,44 @@ class PendingItems:
     def entered_before(self, stamp: int) -> PendingItem | None:
         """Return the oldest item that was on the belt before a stamp, None if there is none."""
         return next((each for each in self.on_belt() if (each.item.stamp or 0) < stamp), None)
+
+
+class EarlyEstimates:
+    """Estimates of items that are not complete, by number; times in ns.
+
+    Attributes
+    ----------
+    unknown : int
+        Number of estimates whose items were never announced, and have no verdict.
+    """
+
+    def __init__(self) -> None:
+        self.unknown = 0
+        self._waiting: dict[int, tuple[MassEstimate, int | None]] = {}
+
+    def add(self, estimate: MassEstimate, until: int | None) -> None:
+        """Add an estimate that waits `until` a time on the clock of arrivals, None for ever."""
+        self._waiting[estimate.item_id] = estimate, until
+
+    def take(self, number: int) -> MassEstimate | None:
+        """Remove and return the estimate of an item, None if it has not come."""
+        estimate, _ = self._waiting.pop(number, (None, None))
+        return estimate
+
+    @property
+    def due(self) -> int | None:
+        """Time at which the next estimate has waited long enough, None if there is none."""
+        return min(
+            (until for _, until in self._waiting.values() if until is not None), default=None
+        )
+
+    def advance(self, now: int) -> None:
+        """Drop the estimates that have waited long enough."""
+        for number, (_, until) in list(self._waiting.items()):
+            if until is not None and until <= now:
+                del self._waiting[number]
+                self.unknown += 1
+
+    def clear(self) -> None:
+        """Drop all estimates."""
+        self._waiting.clear()

@@ -87,12 +87,12 @@ class RejectMonitor:
         """Add a verdict."""
         rejected = verdict.decision is not Decision.ACCEPT
         if Reason.PERFORMANCE_TEST not in verdict.reasons:
-            self._in_a_row = self._in_a_row + 1 if rejected else 0
+            self._in_a_row = rejected * (self._in_a_row + 1)
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self.stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
         failed = Reason.STAGE_FAILED in verdict.reasons
-        self._failed_in_a_row = self._failed_in_a_row + 1 if failed else 0
+        self._failed_in_a_row = failed * (self._failed_in_a_row + 1)
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
         # An item that a station takes off does not come to the eye behind the rejector.

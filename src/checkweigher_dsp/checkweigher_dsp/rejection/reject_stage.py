@@ -12,9 +12,8 @@ from dataclasses import replace
 from checkweigher_core.records import EyeEdge, Item, MassEstimate, StreamStatus, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchRules
 from checkweigher_dsp.rejection.deadlines import PATIENCE_UNHEARD, Deadlines
-from checkweigher_dsp.rejection.early_estimates import EarlyEstimates
 from checkweigher_dsp.rejection.inspections import Inspections, Passage
-from checkweigher_dsp.rejection.items import PendingItem, PendingItems
+from checkweigher_dsp.rejection.items import EarlyEstimates, PendingItem, PendingItems
 from checkweigher_dsp.rejection.limits import judge, refused, without_estimate
 from checkweigher_dsp.rejection.outfeed_watch import OutfeedEdge, OutfeedWatch
 from checkweigher_dsp.rejection.parameters import RejectParameters
@@ -126,7 +125,6 @@ class RejectStage:
         return []
 
     def _add_item(self, item: Item, now: int | None) -> list[Verdict]:
-        """Add an announcement and return the verdicts that follow."""
         self._deadlines.add_item(item, now)
         watched = self._watch.has_judged(item)
         if watched and not self.items.has_verdict(item.item_id):
@@ -163,7 +161,6 @@ class RejectStage:
         return [self._give(each, now) for each in lost]
 
     def _add_estimate(self, estimate: MassEstimate, now: int | None) -> list[Verdict]:
-        """Add an estimate and return the verdict on its item, if there was none yet."""
         pending = self.items.pending.get(estimate.item_id)
         if self.items.has_verdict(estimate.item_id) or (pending and pending.by_mass):
             self.late_estimates += 1

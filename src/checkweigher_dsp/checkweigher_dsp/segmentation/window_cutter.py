@@ -103,7 +103,6 @@ class WindowCutter:
         return windows
 
     def _cut(self, item: TrackedItem, *, wait: bool) -> WeighWindow | None:
-        """Return the window of an item, None as long as its samples have not come."""
         if self._buffer.empty and wait:
             return None
         self._check_start(item)
@@ -120,13 +119,11 @@ class WindowCutter:
         return self._make_window(item, place)
 
     def _samples(self, duration: float) -> int:
-        """Return the number of samples in a duration, s."""
         return round(duration * self._load_cell.sample_rate)
 
     def _find_place(
         self, item: TrackedItem, t1: int, t2: int, t3: int, *, wait: bool
     ) -> _Place | None:
-        """Return the place of an item in the samples, None as long as they have not come."""
         if self._buffer.empty:
             return None
         shift = item.shift or 0

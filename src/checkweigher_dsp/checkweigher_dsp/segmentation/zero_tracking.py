@@ -179,7 +179,6 @@ class ZeroTracker:
 
     @property
     def _shares(self) -> list[float]:
-        """Weights of the motions, of sum 1."""
         most = max(self._likelihoods)
         shares = [math.exp(each - most) for each in self._likelihoods]
         return [each / sum(shares) for each in shares]
@@ -238,7 +237,6 @@ class ZeroTracker:
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
 
     def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
-        """Correct the zero of each motion, and its likelihood."""
         likelihoods = [each.log_likelihood(reading, noise) for each in self._motions]
         left = [each.correct(reading, noise, allowed) for each in self._motions]
         self._likelihoods = [

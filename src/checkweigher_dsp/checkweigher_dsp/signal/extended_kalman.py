@@ -195,7 +195,6 @@ def _filter(
 
 
 def _identified(state: _State) -> tuple[Any, ...]:
-    """Return the fields of an Identification by a state."""
     _, _, a1, a2, b1, *_, p33, p34, p35, p44, p45, p55 = state
     total = np.add(1.0 + a1, a2)
     # d gain / d (a1, a2, b1) = (-gain, -gain, 1) / total, once divided by total

@@ -319,7 +319,6 @@ def _whitening(residual: NDArray[np.float64], max_order: int) -> NDArray[np.floa
 def _or_before(
     fit: AdaptiveIdentification, before: AdaptiveIdentification
 ) -> AdaptiveIdentification:
-    """Return the fit where it is stable, and the one before where it is not."""
     chosen = {
         entry.name: np.where(fit.stable, getattr(fit, entry.name), getattr(before, entry.name))
         for entry in fields(fit)

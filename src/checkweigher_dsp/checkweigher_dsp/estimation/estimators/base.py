@@ -5,6 +5,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from itertools import pairwise
 import math
 from typing import Any, ClassVar, Self
@@ -18,6 +19,8 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 # How far an average may be off the plain mean of a window: standard deviations of its samples, and
 # the share of the load that is lost where the platform is not that of the parameters.
+_std_dev = partial(parameter, unit='kg', minimum=0, maximum=1e3)
+
 _SPREAD = 2.0
 _BIAS = 0.02
 
@@ -53,22 +56,14 @@ class EstimatorParameters(Parameters):
         (1.0,), 'the mass is gain times the estimate, plus offset', minimum=0.1, maximum=10
     )
     offset: tuple[float, ...] = parameter((0.0,), 'see gain', unit='kg', minimum=-1e3, maximum=1e3)
-    std_dev: tuple[float, ...] = parameter(
-        (0.0,),
-        'standard deviation on training passes, the part that all masses have',
-        unit='kg',
-        minimum=0,
-        maximum=1e3,
+    std_dev: tuple[float, ...] = _std_dev(
+        (0.0,), 'standard deviation on training passes, the part that all masses have'
     )
     relative_std_dev: tuple[float, ...] = parameter(
         (0.0,), 'standard deviation in proportion to the mass', minimum=0, maximum=10
     )
-    zero_std_dev: tuple[float, ...] = parameter(
-        (0.0,),
-        'standard deviation of the zero on training passes, as the segmenter stated it',
-        unit='kg',
-        minimum=0,
-        maximum=1e3,
+    zero_std_dev: tuple[float, ...] = _std_dev(
+        (0.0,), 'standard deviation of the zero on training passes, as the segmenter stated it'
     )
 
     def __post_init__(self) -> None:

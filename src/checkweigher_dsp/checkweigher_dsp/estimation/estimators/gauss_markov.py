@@ -18,7 +18,7 @@ empty belt and of the residuals of the training passes.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 import math
 from typing import ClassVar
 
@@ -48,6 +48,8 @@ _SPEED_STEP = 1e-3
 _UNTRAINED_ORDER = 40
 _LEAST_NOISE = 1e-9  # kg, of a signal that has none
 
+_position = partial(parameter, unit='m', minimum=-1, maximum=1)
+
 
 @dataclass(frozen=True)
 class GaussMarkovParameters(EstimatorParameters):
@@ -69,20 +71,10 @@ class GaussMarkovParameters(EstimatorParameters):
     moving_mass: float = parameter(
         2.5, 'of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
     )
-    entry_begin: float = parameter(
-        0.0,
-        'position at which the load begins to come on, behind the infeed eye',
-        unit='m',
-        minimum=-1,
-        maximum=1,
+    entry_begin: float = _position(
+        0.0, 'position at which the load begins to come on, behind the infeed eye'
     )
-    entry_end: float = parameter(
-        0.0,
-        'position at which all of the load is on, behind that at t2',
-        unit='m',
-        minimum=-1,
-        maximum=1,
-    )
+    entry_end: float = _position(0.0, 'position at which all of the load is on, behind that at t2')
     impact: tuple[float, ...] = parameter(
         (0.0,),
         'oscillation that an impact at entry leaves, standard deviation per mass and speed',

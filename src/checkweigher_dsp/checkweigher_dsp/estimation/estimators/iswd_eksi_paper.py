@@ -130,7 +130,6 @@ def identify(signal: NDArray[np.float64], measurement: float, process: float) ->
 
 
 def _move_on(platform: Any, u: float = 0) -> None:
-    """Predict x(k) = -a1 x(k-1) - a2 x(k-2) + b1."""
     x, last, a1, a2, b1 = platform.x[:, 0]
     platform.x = np.array([[-a1 * x - a2 * last + b1], [x], [a1], [a2], [b1]])
 

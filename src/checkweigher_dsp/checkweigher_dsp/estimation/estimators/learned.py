@@ -13,6 +13,7 @@ the other speeds and the empty belt. The weights are those of Gauss and Markov f
 """
 
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import ClassVar
 
@@ -38,6 +39,9 @@ _SAME_RISE = 0.02
 # From t1 to t3: up to some 50 Hz on a slow belt, above the platform on a fast one.
 PARTS = 64
 
+_parts = partial(parameter, minimum=0, maximum=1024)
+_weights = partial(parameter, minimum=-1e6, maximum=1e6)
+
 
 @dataclass(frozen=True)
 class LearnedParameters(EstimatorParameters):
@@ -45,16 +49,11 @@ class LearnedParameters(EstimatorParameters):
 
     node: ClassVar[str] = 'identifier.learned'
 
-    parts: int = parameter(
-        0,
-        'number of equal parts from t2 to t3; 0: not trained, the Hann-weighted mean',
-        minimum=0,
-        maximum=1024,
+    parts: int = _parts(
+        0, 'number of equal parts from t2 to t3; 0: not trained, the Hann-weighted mean'
     )
-    rise_parts: int = parameter(0, 'number of equal parts from t1 to t2', minimum=0, maximum=1024)
-    lead_parts: int = parameter(
-        0, 'number of parts before t1, as long as the others on average', minimum=0, maximum=1024
-    )
+    rise_parts: int = _parts(0, 'number of equal parts from t1 to t2')
+    lead_parts: int = _parts(0, 'number of parts before t1, as long as the others on average')
     gap: float = parameter(
         0.0,
         'shortest time since the item before had left with which the signal before t2 is used, as '
@@ -62,18 +61,13 @@ class LearnedParameters(EstimatorParameters):
         minimum=0,
         maximum=1e3,
     )
-    weights: tuple[float, ...] = parameter(
-        (0.0,),
-        'weights of the parts before t1, up to t2 and up to t3, for each speed',
-        minimum=-1e6,
-        maximum=1e6,
+    weights: tuple[float, ...] = _weights(
+        (0.0,), 'weights of the parts before t1, up to t2 and up to t3, for each speed'
     )
-    weights_alone: tuple[float, ...] = parameter(
+    weights_alone: tuple[float, ...] = _weights(
         (0.0,),
         'weights of the parts from t2 to t3 alone, for items close behind another: `parts` values '
         'for each speed',
-        minimum=-1e6,
-        maximum=1e6,
     )
 
     def fits(self, name: str, count: int) -> bool:
@@ -134,7 +128,6 @@ class Learned(Estimator):
 def _between(
     speed: float, speeds: tuple[float, ...], table: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the row of a table (speeds, n) at a speed, (n,)."""
     position = float(np.interp(speed, speeds, np.arange(len(speeds))))
     before = min(int(position), max(len(speeds) - 2, 0))
     after = min(before + 1, len(speeds) - 1)

@@ -3,6 +3,7 @@
 """Learning while the line runs: a new state from the state before and one item."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,6 +30,8 @@ from checkweigher_dsp.estimation.learning.regression import Fit, fit
 _SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # largest relative differences within a kind
 _STEP = 5  # items from one fit to the next
 
+_items = partial(parameter, minimum=20, maximum=300)
+
 
 @dataclass(frozen=True)
 class LearningParameters(Parameters):
@@ -36,17 +39,11 @@ class LearningParameters(Parameters):
 
     node: ClassVar[str] = 'identifier.learning'
 
-    fewest: int = parameter(
-        30,
-        'number of items of a belt speed and length after which what was learned may weigh',
-        minimum=20,
-        maximum=300,
+    fewest: int = _items(
+        30, 'number of items of a belt speed and length after which what was learned may weigh'
     )
-    most: int = parameter(
-        120,
-        'number of items of a belt speed and length that teach; the later ones are compared',
-        minimum=20,
-        maximum=300,
+    most: int = _items(
+        120, 'number of items of a belt speed and length that teach; the later ones are compared'
     )
     kinds: int = parameter(
         8,
@@ -161,14 +158,10 @@ def _kind_of(known: LearnedKinds, window: WeighWindow) -> ItemKind | None:
 def _compared(
     kind: ItemKind, passage: Passage, item_id: int, parameters: LearningParameters
 ) -> ItemKind:
-    """Return a kind after an item was compared with the fit."""
     known = kind.fit
-    if (
-        known is None
-        or kind.change is not None
-        or passage.lead < known.lead
-        or not is_comparable(known, passage.load)
-    ):
+    if known is None or kind.change is not None:
+        return kind
+    if passage.lead < known.lead or not is_comparable(known, passage.load):
         return kind
     recent = (*kind.recent, known.residual(passage))[-RECENT:]
     change = find_change(known, recent, passage.duration, item_id)
