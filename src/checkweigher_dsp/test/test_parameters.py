@@ -228,9 +228,7 @@ def test_parameters_of_an_inner_set_are_named_with_a_dot():
 
 
 def test_an_inner_value_is_taken_and_the_others_keep_their_defaults():
-    larder = Larder.from_mapping({'shelf.heights': [1, 0.5]})
-
-    assert larder == Larder(True, Shelf(3, (1.0, 0.5)))
+    assert Larder.from_mapping({'shelf.heights': [1, 0.5]}) == Larder(True, Shelf(3, (1.0, 0.5)))
     assert Larder.from_mapping({}) == Larder()
 
 

@@ -93,26 +93,6 @@ def test_the_window_is_denoised_with_the_shrinkage_of_its_speed(make_window):
     assert replace(denoised, denoised=np.zeros(0)) == window
 
 
-@pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
-@pytest.mark.parametrize('way', PADDINGS)
-@pytest.mark.parametrize('gain', [-3, 7, 1000])
-def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way, uncertain):
-    window = make_window(_noisy(96), lead=10)
-    scaled = replace(
-        window,
-        counts=gain * window.counts,
-        zero=gain * window.zero,
-        zero_counts=gain * window.zero_counts,
-        counts_per_kg=gain * window.counts_per_kg,
-    )
-    parameters = _table_1(threshold_unit=1e-6, surround=way, edge_uncertainty=uncertain)
-    denoiser = Denoiser(parameters)
-
-    np.testing.assert_allclose(
-        denoiser.denoise(scaled).denoised, denoiser.denoise(window).denoised, rtol=1e-9
-    )
-
-
 # With continuation the platform that is reckoned with depends on the mass.
 @pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
 @given(factor=st.floats(0.01, 100.0))
@@ -272,13 +252,6 @@ def test_a_window_that_contradicts_itself_is_a_bad_window(make_window, fields):
 def test_a_table_that_does_not_fit_together_is_refused(values, message):
     with pytest.raises(ParameterError, match=message):
         DenoiseParameters(**values)
-
-
-def test_a_mirrored_window_is_reflected_at_its_ends():
-    padded, offset = pad(np.arange(100.0), 256, 'mirror')
-    assert (len(padded), offset) == (256, 78)
-    assert padded[offset - 3 : offset + 2].tolist() == [2, 1, 0, 0, 1]
-    assert padded[offset + 98 : offset + 103].tolist() == [98, 99, 99, 98, 97]
 
 
 def test_the_signal_stands_before_the_window_and_its_first_value_before_that():

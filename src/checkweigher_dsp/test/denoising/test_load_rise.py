@@ -4,8 +4,6 @@
 
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -41,18 +39,6 @@ def test_the_response_is_that_of_the_integrated_platform(rise, frequency, dampin
         _integrated(rise, frequency, damping),
         atol=100 * INTEGRATION,
     )
-
-
-def test_the_share_rises_linearly_from_t1_to_t2():
-    time = np.array([-1.0, 0.0, 0.05, 0.1, 0.2, 5.0])
-    np.testing.assert_allclose(load_share(time, 0.2), [0, 0, 0.25, 0.5, 1, 1], atol=1e-15)
-
-
-@given(st.floats(0.01, 1.0), st.floats(5.0, 200.0), st.floats(0.01, 0.9))
-def test_long_after_the_rise_the_platform_reads_the_whole_load(rise, frequency, damping):
-    # 40 time constants of the oscillation.
-    late = np.array([rise + 40 / (2 * math.pi * frequency * damping)])
-    assert load_response(late, rise, frequency, damping) == pytest.approx([1.0], abs=1e-9)
 
 
 @pytest.mark.parametrize('rise', [0.0, -1.0])
@@ -93,5 +79,4 @@ def test_block_responses_are_means_of_the_response_and_differences_of_such(
 
 
 def test_a_rise_of_no_length_has_responses_as_well():
-    blocks = block_responses(np.arange(-0.05, 0.3, 1 / 240), 0.0, 38.0, 0.06)
-    assert np.isfinite(blocks).all()
+    assert np.isfinite(block_responses(np.arange(-0.05, 0.3, 1 / 240), 0.0, 38.0, 0.06)).all()

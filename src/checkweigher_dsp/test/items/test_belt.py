@@ -49,9 +49,7 @@ def test_before_a_whole_item_the_length_of_the_product_gives_the_transit():
 def test_the_item_nearest_to_its_time_leaves_and_those_before_it_are_given_up():
     belt = _belt(0, 30, 60)
 
-    leaving = take_leaving(belt, 132)
-
-    assert leaving.t1 == 30
+    assert take_leaving(belt, 132).t1 == 30
     assert [item.t1 for item in belt.items] == [60]
     (missed,) = belt.take_finished()
     assert (missed.t1, missed.state) == (0, State.GIVEN_UP)

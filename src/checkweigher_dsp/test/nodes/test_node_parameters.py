@@ -30,8 +30,7 @@ def test_a_list_that_is_empty_by_default_is_taken_from_a_file(
     file.write_text(f'/**/reject:\n  ros__parameters:\n    {text}\n')
     node = Node('reject', cli_args=['--ros-args', '--params-file', str(file)])
     try:
-        taken = declare(node, RejectParameters, read_only=False)
-        assert taken.inspection_distances == expected
+        assert declare(node, RejectParameters, read_only=False).inspection_distances == expected
         for value in ([0.5, 0.7], []):
             name = 'inspection_distances'
             assert node.set_parameters([Parameter(name, value=value)])[0].successful

@@ -199,9 +199,7 @@ def test_a_later_announcement_of_an_item_that_had_its_fault_gets_no_verdict():
     timed += [(item.t3 + NANOSECONDS, replace(again, complete=False))]
     timed += [(item.t3 + NANOSECONDS, again), *item.weighed(2 * NANOSECONDS)]
 
-    verdicts = _play(stage, timed)
-
-    assert [v.item_id for _, v in verdicts] == [1]
+    assert [v.item_id for _, v in _play(stage, timed)] == [1]
     assert (stage.late_items, stage.late_estimates) == (2, 1)
 
 

@@ -34,8 +34,7 @@ def test_a_shift_of_drift_makes_no_edge_late(drift: float):
     jitter = np.random.default_rng(1).uniform(0, 0.005 * S, 8 * 3600)
     for second, delay in enumerate(jitter):
         now = second * S + int(delay)
-        came = clock.came(OFFSET + round(second * S * (1 + drift)), now)
-        assert now - 0.006 * S < came <= now
+        assert now - 0.006 * S < clock.came(OFFSET + round(second * S * (1 + drift)), now) <= now
 
 
 def test_a_new_stream_has_an_offset_of_its_own():

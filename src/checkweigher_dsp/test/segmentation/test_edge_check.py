@@ -87,9 +87,7 @@ def test_a_stated_lag_holds_from_the_first_item_on_and_with_its_part_that_goes_w
 
 
 def test_a_bend_of_the_products_is_no_reason_to_move_a_window():
-    check = EdgeCheck(SegmenterParameters())
-
-    assert shifts(check, [15.0, 15.0, 15.0], bend=12.0) == [3.0] * 3
+    assert shifts(EdgeCheck(SegmenterParameters()), [15.0, 15.0, 15.0], bend=12.0) == [3.0] * 3
     # Ringing may look like one, all passes alike: it moves none that the lag would leave.
     assert shifts(EdgeCheck(SegmenterParameters()), [-0.5, 0.2, -2.0], bend=4.5) == [0, 0, -2.0]
 

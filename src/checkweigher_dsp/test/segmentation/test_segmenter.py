@@ -182,9 +182,7 @@ def test_an_item_without_a_speed_of_its_own_gets_that_of_the_line(make_line, cut
     ],
 )
 def test_samples_lost_between_t1_and_t3_are_a_fault(make_line, cut, lost, reasons):
-    windows = cut(make_line(), lost=lost)
-
-    assert _reasons(windows) == [reasons, [], []]
+    assert _reasons(cut(make_line(), lost=lost)) == [reasons, [], []]
 
 
 def test_lost_samples_before_the_item_shorten_what_goes_with_it(make_line, cut):
@@ -248,9 +246,7 @@ def test_a_load_above_the_capacity_is_a_fault(
 @pytest.mark.parametrize(('least', 'reasons'), [(96, []), (97, ['WindowTooShort'])])
 def test_a_window_of_fewer_samples_than_allowed_is_a_fault(make_line, cut, least, reasons):
     # (0.2 - 0.1) m at 1 m/s are 96 samples.
-    windows = cut(make_line(), SegmenterParameters(min_window=least))
-
-    assert _reasons(windows) == [reasons] * 3
+    assert _reasons(cut(make_line(), SegmenterParameters(min_window=least))) == [reasons] * 3
 
 
 @pytest.mark.parametrize(
@@ -303,9 +299,7 @@ def test_items_are_counted_on_from_those_that_were_there_before(make_line, run_s
     line = make_line()
     segmenter = Segmenter(line.load_cell, DEFAULT, item_count=41)
 
-    windows = run_segmenter(segmenter, line.events())
-
-    assert [window.item_id for window in windows] == [42, 43, 44]
+    assert [window.item_id for window in run_segmenter(segmenter, line.events())] == [42, 43, 44]
     assert (segmenter.item_count, segmenter.cutter.count, segmenter.edges) == (44, 3, 12)
     assert segmenter.samples == len(line.counts)
 

@@ -51,9 +51,7 @@ LOST = [(1, 't2'), (1, 't3'), (1, 't4'), (2, 't1')]
 def test_four_edges_lost_between_two_items_do_not_make_a_slow_one(make_line, run_segmenter):
     line = make_line((0.1,) * 5)
 
-    windows = _run(run_segmenter, line, line.events(LOST))
-
-    assert _reasons(windows) == [[], ['BeltStopped'], [], []]
+    assert _reasons(_run(run_segmenter, line, line.events(LOST))) == [[], ['BeltStopped'], [], []]
 
 
 def test_nor_before_any_speed_is_known_if_the_recipe_has_the_length(make_line, run_segmenter):
@@ -115,9 +113,7 @@ def test_a_belt_that_stops_during_a_pass_is_a_fault(make_line, run_segmenter, mo
     line = make_line((0.1,) * 4, after=3.0)
     edges = _shift(line, getattr(line.products[1], moment), NANOSECONDS)
 
-    windows = _run(run_segmenter, line, _at(line, edges))
-
-    assert _reasons(windows) == [[], ['BeltStopped'], [], []]
+    assert _reasons(_run(run_segmenter, line, _at(line, edges))) == [[], ['BeltStopped'], [], []]
 
 
 def test_a_belt_that_stops_for_long_costs_what_was_on_it(make_line, run_segmenter):
@@ -168,9 +164,7 @@ def test_edges_that_overtake_one_another_before_their_samples_do_no_harm(make_li
     line = make_line()
     expected = _run(run_segmenter, line, line.events())
 
-    windows = _run(run_segmenter, line, [*reversed(line.edges()), *line.blocks()])
-
-    assert windows == expected
+    assert _run(run_segmenter, line, [*reversed(line.edges()), *line.blocks()]) == expected
 
 
 @pytest.mark.parametrize('name', NAMES)

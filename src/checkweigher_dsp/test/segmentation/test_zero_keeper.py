@@ -26,9 +26,7 @@ def test_beyond_the_range_every_item_is_a_fault(make_line, load_cell, calibrated
     # The belt reads 5000; the range is 3000 counts.
     segmenter = Segmenter(replace(load_cell, zero_counts=calibrated), CAREFUL)
 
-    windows = _feed(segmenter, make_line().events())
-
-    assert [window.reasons for window in windows] == [reasons] * 3
+    assert [window.reasons for window in _feed(segmenter, make_line().events())] == [reasons] * 3
 
 
 def test_an_idle_belt_is_zeroed_on_demand(make_line, load_cell):

@@ -254,9 +254,7 @@ def test_a_part_that_stands_out_is_no_empty_belt(level, read):
     # At 40 Hz parts are 2 samples: means 90 and 92 in turn, half of them 2 off the median.
     counts = _counts(*[90, 90, 92, 92] * 4, level, level)
 
-    zero = ZeroTracker(90.0, 20.0, 0.0, 40.0).update(0.0, counts)
-
-    assert (zero != Zero(90.0, 20.0)) is read
+    assert (ZeroTracker(90.0, 20.0, 0.0, 40.0).update(0.0, counts) != Zero(90.0, 20.0)) is read
 
 
 def test_setting_takes_the_reading_within_the_range_alone():

@@ -250,5 +250,4 @@ def test_from_a_third_of_the_sample_rate_on_there_is_no_lowpass(cutoff):
 
 def test_a_lowpass_longer_than_half_the_window_is_cut_to_it():
     settings = AdaptiveSettings(1, 0, 0.1)
-    shape = prefilter_adaptively(np.full((1, 20), 0.1), settings, RATE)[0].shape
-    assert shape == (1, 20 - 10 + 1)
+    assert prefilter_adaptively(np.full((1, 20), 0.1), settings, RATE)[0].shape == (1, 20 - 10 + 1)

@@ -24,15 +24,6 @@ def _lines(passes, count, frequency, seed, masses, amplitude=0.01):
     return masses[:, None] + amplitude * np.cos(2 * np.pi * frequency * time + phase)
 
 
-def test_the_weights_are_straight_lines_between_the_knots():
-    weights = fir_weights(np.array([0.0, 1.0, 0.0]), 5)
-    assert weights == pytest.approx(np.array([0, 0.5, 1, 0.5, 0]) / 2, rel=ROUNDING)
-
-
-def test_a_window_of_one_sample_is_that_sample():
-    assert fir_estimate(np.array([0.3]), np.array([1.0, 2.0, 1.0])) == pytest.approx(0.3)
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(2, 32), st.integers(1, 200))
 def test_a_constant_load_is_shown_by_any_knots(seed, count, length):
     knots = np.random.default_rng(seed).uniform(0.1, 1, count)
