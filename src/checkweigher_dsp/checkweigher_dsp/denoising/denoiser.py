@@ -233,8 +233,7 @@ def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[
         batch.force[:, begin:], parameters.stretch, parameters.surround, batch.force[:, :begin]
     )
     measured = slice(offset, offset + batch.force.shape[-1] - begin)
-    remove_noise = _noise_remover(measured, batch, parameters)
-    result[:, begin:] = remove_noise(padded)[:, measured]
+    result[:, begin:] = _noise_remover(measured, batch, parameters)(padded)[:, measured]
     return result
 
 

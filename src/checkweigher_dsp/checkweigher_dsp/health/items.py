@@ -40,8 +40,7 @@ _NO_MASSES = 3  # items in a row
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
     """Return the concerns about recent items that failed: an error if all did, else a warning."""
     in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
-    is_known = reason in list(Reason)
-    hint = Reason(reason).hint if is_known else 'see docs/reasons.md'
+    hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
     return [
         error_if(in_a_row >= _ALL_FAIL, f'the last {in_a_row} items {what}, mostly {reason}', hint),
         warn_if(

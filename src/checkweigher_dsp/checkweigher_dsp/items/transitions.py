@@ -423,8 +423,7 @@ def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool
     """Add an edge to an item that has entered. Returns whether there is such an item."""
     last, debounce = belt.entered_last, belt.eyes.debounce
     if edge.blocked:
-        found = (each for each in belt.recent if each.accounts_for(edge.stamp, debounce))
-        item = next(found, None)
+        item = next((each for each in belt.recent if each.accounts_for(edge.stamp, debounce)), None)
         if item is not None and item.t1 is None:
             item.t1 = edge.stamp
     elif last is not None and youngest is not None and last.t1 == youngest.stamp < edge.stamp:

@@ -24,8 +24,7 @@ class ProductInUse:
     def use_parameters(self) -> None:
         """Use the limits that are parameters now, until the next product."""
         if self._stage.product.stamp:
-            limits = limits_of(self._node.parameters)
-            self._stage.product = replace(self._stage.product, **limits)
+            self._stage.product = replace(self._stage.product, **limits_of(self._node.parameters))
         self.show()
 
     def show(self) -> None:

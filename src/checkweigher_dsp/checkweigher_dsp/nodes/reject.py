@@ -112,8 +112,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def on_parameters(self) -> None:
         """Use the changed parameters."""
         self._stage.parameters = self._monitor.parameters = self.parameters
-        deadlines = self.parameters.deadlines
-        self._timer.clock.running = self._permission.rule.deadlines = deadlines
+        self._timer.clock.running = self._permission.rule.deadlines = self.parameters.deadlines
         self._product.use_parameters()
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
@@ -197,8 +196,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         stage.foreign = bool(monitor.strangers)
         stamp = self._timer.stamp
         if stamp is not None and self.parameters.devices:
-            heard = self._external.count() > 0
-            stage.inspections.look(monitor.conditions, stamp, heard=heard)
+            stage.inspections.look(monitor.conditions, stamp, heard=self._external.count() > 0)
         if not self._stops.active:
             return
         if stage.out_of_numbers:

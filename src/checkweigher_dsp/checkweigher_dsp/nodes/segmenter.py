@@ -180,8 +180,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.state != StreamState.RUNNING:
             self._stream = status.stream
-            well = status.state == StreamState.FINISHED
-            self._watch.end_stream(well=well, text=status.text)
+            self._watch.end_stream(well=status.state == StreamState.FINISHED, text=status.text)
             self._end = (status.samples, status.edges)
             self._end_timer.set(_in(_END_PATIENCE))
             self._finish_if_ended()

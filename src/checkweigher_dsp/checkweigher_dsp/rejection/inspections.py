@@ -123,8 +123,7 @@ class Inspections:
         patience = _NAMED_PATIENCE
         if not reject.item_id:
             place = self.parameters.devices.index(reject.device)
-            distance = abs(self.parameters.inspection_distances[place])
-            way = distance + 2 * (weigh_length or 0.0)
+            way = abs(self.parameters.inspection_distances[place]) + 2 * (weigh_length or 0.0)
             patience = round(NANOSECONDS * way / _SLOWEST_BELT) + _LATENESS
         self._signals.append(_Signal(reject, now + patience))
 
@@ -182,8 +181,7 @@ class Inspections:
     @property
     def due(self) -> int | None:
         """Time at which the next reject without an item is missed, on the clock of arrivals."""
-        open_ones = (signal.forget_at for signal in self._signals if not signal.used)
-        return min(open_ones, default=None)
+        return min((signal.forget_at for signal in self._signals if not signal.used), default=None)
 
     def advance(self, now: int) -> None:
         """Miss the rejects whose item should have come by `now`."""

@@ -22,7 +22,6 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
     if product.performance_test:  # a pass without a mass is a pass of the test as well
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     decision = decide(estimate.mass, product.lower_limit, product.upper_limit)
-    reject_at = parameters.reject_time(estimate.t3, estimate.line_speed)
     return Verdict(
         estimate.item_id,
         estimate.t3,
@@ -32,7 +31,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
         estimate.std_dev,
         product.lower_limit,
         product.upper_limit,
-        reject_at,
+        parameters.reject_time(estimate.t3, estimate.line_speed),
         estimate.t1,
         estimate_id=estimate.item_id,
     )

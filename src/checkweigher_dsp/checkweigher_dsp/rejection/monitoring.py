@@ -157,8 +157,7 @@ class RejectMonitor:
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
         for item in self._expected:
-            over = item.reject_at + 2 * window < now
-            if over and item.rejected and not item.confirmed:
+            if item.reject_at + 2 * window < now and item.rejected and not item.confirmed:
                 self.stop(StopReason.UNCONFIRMED_REJECT, item.item_id, item.reject_at)
         self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
         return near.count(False)

@@ -120,8 +120,7 @@ class RejectStage:
             if record.last_edge is not None:
                 self._watch.take_to(record.last_edge, record.edges)
         elif now is not None:
-            came = self._deadlines.add_edge(record, now)
-            self._watch.add(record, came, self.items.largest)
+            self._watch.add(record, self._deadlines.add_edge(record, now), self.items.largest)
         return []
 
     def _add_item(self, item: Item, now: int | None) -> list[Verdict]:
@@ -237,7 +236,6 @@ class RejectStage:
         verdict = self._batches.judge(verdict, self.product)
         speed = belt_speed(verdict.t1, verdict.t3, self.weigh_length)
         verdict = route(verdict, self.parameters.all_stations, speed)
-        late = self._deadlines.is_late(verdict, pending.late_from, now)
-        verdict = replace(verdict, late=late)
+        verdict = replace(verdict, late=self._deadlines.is_late(verdict, pending.late_from, now))
         self.inspections.judged.append((verdict, passage))
         return verdict

@@ -58,8 +58,7 @@ class LoadCheck:
             counts -= time * (time @ counts) / power
         changes = _changes(counts, size)
         seen = float(np.median(np.abs(changes, out=changes)))
-        comparable = whole == self._is_of_window
-        self._shaking = max(seen, _MEMORY * self._shaking) if comparable else seen
+        self._shaking = max(seen, _MEMORY * self._shaking) if whole == self._is_of_window else seen
         self._is_of_window = whole
 
 

@@ -112,7 +112,8 @@ class SampleBuffer:
         if lost > 0:
             self._gaps.append((self.end, first_new))
         # Otherwise the time of a sample would depend, by rounding, on how the blocks were cut.
-        if not self._anchors or self._differs(block):
+        late = block.stamp - self.stamp_at(block.first_index) if self._anchors else math.inf
+        if abs(late) > _ROUNDING:
             self._anchors.append(_Anchor(block.first_index, block.stamp))
         if lost >= self._capacity:
             self.start = self.end = first_new
@@ -120,10 +121,6 @@ class SampleBuffer:
             self._push(np.zeros(lost, np.int32))
         self._push(counts)
         self._forget()
-
-    def _differs(self, block: SampleBlock) -> bool:
-        """Return whether the stamp of a block differs from that of the last clock."""
-        return abs(block.stamp - self.stamp_at(block.first_index)) > _ROUNDING
 
     def _push(self, counts: NDArray[np.int32]) -> None:
         used = self.end - self.start

@@ -104,6 +104,5 @@ class ZeroKeeper:
             limit = f'beyond zero_range {self._limits.zero_range:g} kg'
             return ZeroAnswer(False, f'the empty belt reads {mass:.6f} kg, {limit}: not zeroed')
         mass_before = (before - cell.zero_counts) / cell.counts_per_kg
-        std_dev = self.zero.std_dev / abs(cell.counts_per_kg)
-        change = ZeroChange(stamp, mass, mass_before, std_dev)
+        change = ZeroChange(stamp, mass, mass_before, self.zero.std_dev / abs(cell.counts_per_kg))
         return ZeroAnswer(True, f'zeroed at {mass:.6f} kg from the zero of calibration', change)

@@ -158,8 +158,7 @@ def _weights(
 
 def _bell(time: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
     """Return a Hann window from `begin` to `end` at the times of samples."""
-    place = np.clip((time - begin) / (end - begin), 0.0, 1.0)
-    return np.sin(math.pi * place) ** 2
+    return np.sin(math.pi * np.clip((time - begin) / (end - begin), 0.0, 1.0)) ** 2
 
 
 def _noise(force: NDArray[np.float64], weights: NDArray[np.float64]) -> float:

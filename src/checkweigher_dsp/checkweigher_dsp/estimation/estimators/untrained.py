@@ -126,5 +126,4 @@ def _empty_belt(window: WeighWindow) -> NDArray[np.float64]:
 
 def _means(signal: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Return the means of successive parts of `size` samples, the last ones of a signal."""
-    used = signal[len(signal) % size :]
-    return np.asarray(used.reshape(-1, size).mean(axis=1))
+    return np.asarray(signal[len(signal) % size :].reshape(-1, size).mean(axis=1))

@@ -83,8 +83,7 @@ class Fit(Settings):
 
     def residual(self, passage: Passage) -> NDArray[np.float64]:
         """Return the pass without its load, (k,), kg."""
-        parts = passage.last(len(self.weights))
-        return np.asarray(parts - self.mass(passage) * self.curve)
+        return np.asarray(passage.last(len(self.weights)) - self.mass(passage) * self.curve)
 
     def mass(self, passage: Passage) -> float:
         """Return the weighted sum of a pass, kg."""
@@ -221,8 +220,7 @@ def _empty_belt_covariance(passages: Sequence[Passage], count: int) -> NDArray[n
     """
     segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
     places = np.arange(count)
-    distances = abs(np.subtract.outer(places, places))
-    return pooled_autocovariance(segments, count)[distances]
+    return pooled_autocovariance(segments, count)[abs(np.subtract.outer(places, places))]
 
 
 def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
