@@ -6,13 +6,10 @@ from dataclasses import dataclass, fields
 import math
 from typing import ClassVar
 
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 
 from checkweigher_core.parameters import ParameterError, Parameters, by_node, parameter
 from checkweigher_core.yaml_files import opened
-from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.pipeline.line import LineParameters
 
 
@@ -232,13 +229,6 @@ def test_an_inner_value_is_taken_and_the_others_keep_their_defaults():
     assert Larder.from_mapping({}) == Larder()
 
 
-@given(st.booleans(), st.integers(1, 9), st.lists(st.floats(0.0, 1.0)))
-def test_names_and_values_make_the_same_set_again(door, boards, heights):
-    larder = Larder(door, Shelf(boards, tuple(heights)))
-
-    assert Larder.from_mapping(larder.as_mapping()) == larder
-
-
 def test_every_parameter_of_the_line_makes_the_same_set_again():
     for entry in fields(LineParameters):
         parameters = entry.default
@@ -263,14 +253,6 @@ def test_every_parameter_of_the_line_makes_the_same_set_again():
 def test_a_wrong_inner_value_is_refused_with_its_whole_name(values, complaint):
     with pytest.raises(ParameterError, match=complaint):
         Larder.from_mapping(values)
-
-
-def test_what_training_teaches_is_refused_by_its_name_as_well():
-    with pytest.raises(ParameterError, match=r'^identifier\.tvlpf\.gain: 0\.0 is not in 0\.1'):
-        IdentifierParameters.from_mapping({'tvlpf.gain': [0.0]})
-    with pytest.raises(ParameterError, match=r'^identifier\.tvlpf\.gian: .*tvlpf\.gain') as error:
-        IdentifierParameters.from_mapping({'tvlpf.gian': [1.0]})
-    assert 'hann' not in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -162,17 +162,6 @@ def test_what_the_item_before_left_does_not_matter(make_window):
     np.testing.assert_array_equal(result.denoised, plain.denoised)
 
 
-def test_what_follows_t3_does_not_matter(make_window):
-    window = _make_pass(make_window)
-    longer = replace(window, counts=np.append(window.counts, np.int32([7, 8, 9])))
-    denoiser = Denoiser(DenoiseParameters())
-
-    result = denoiser.denoise(longer).denoised
-
-    np.testing.assert_array_equal(result[:-3], denoiser.denoise(window).denoised)
-    assert np.isnan(result[-3:]).all()
-
-
 @pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
 @pytest.mark.parametrize('way', PADDINGS)
 @pytest.mark.parametrize('method', ['shrinkage', 'soft', 'hard'])

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
-from checkweigher_dsp.denoising.entry_fit import EntryFit, platform_taps
+from checkweigher_dsp.denoising.entry_fit import EntryFit
 from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import load_response
 from checkweigher_dsp.denoising.window_batch import WindowBatch, denoised_pass
@@ -99,29 +99,9 @@ def test_the_shift_is_the_solution_of_regularised_least_squares(seed, known):
     np.testing.assert_allclose(shift, expected, atol=1e-4 * UNCERTAINTY)
 
 
-def test_white_forces_on_a_platform_are_white_again_behind_its_filter():
-    # The covariance of a sampled oscillator follows its difference equation beyond the second lag.
-    column = np.ones((1, 1))
-    (taps,) = platform_taps(column / 240, FREQUENCY * column, DAMPING * column)
-    lags = np.arange(20) / 240
-    omega = 2 * math.pi * FREQUENCY
-    damped = omega * math.sqrt(1 - DAMPING**2)
-    covariance = np.exp(-DAMPING * omega * lags) * (
-        np.cos(damped * lags) + DAMPING * omega / damped * np.sin(damped * lags)
-    )
-
-    np.testing.assert_allclose(np.convolve(covariance, taps, 'valid'), 0.0, atol=1e-12)
-
-
 def test_a_model_of_order_0_is_none():
     batch = _batch(LEVEL * _response(_time(), LATE) + _noise(3))
     np.testing.assert_array_equal(_shift(batch, np.ones(1)), _shift(batch))
-
-
-def test_where_nothing_disturbs_both_times_are_found():
-    # To first order: what is left goes with the square of the shift.
-    (shift,) = _shift(_batch(LEVEL * _response(_time(), LATE)))
-    np.testing.assert_allclose(shift, LATE, atol=0.1 * UNCERTAINTY)
 
 
 def test_a_disturbance_that_hides_the_hump_leaves_the_times_of_the_eyes():

@@ -58,13 +58,6 @@ def test_what_averages_takes_some_of_the_ring_down_for_mass(windows, estimator):
 
 
 @pytest.mark.parametrize('estimator', ESTIMATORS)
-def test_the_gain_of_one_mass_makes_that_mass_exact(windows, estimator):
-    (reading,) = _weigh(windows[2:3], estimator)
-    trained = _weigh(windows[2:3], estimator, calibrated=True, gain=[MASSES[2] / reading])
-    assert trained == pytest.approx([MASSES[2]], rel=EXACT)
-
-
-@pytest.mark.parametrize('estimator', ESTIMATORS)
 def test_gain_and_offset_for_all_masses_leave_no_more_than_stated(windows, estimator):
     gain, offset = np.polyfit(_weigh(windows, estimator), MASSES, 1)
     trained = _weigh(windows, estimator, calibrated=True, gain=[gain], offset=[offset])

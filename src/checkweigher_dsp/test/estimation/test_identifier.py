@@ -181,12 +181,6 @@ def test_a_window_that_contradicts_itself_is_a_bad_window(make_window, fields):
     assert Identifier(IdentifierParameters()).estimate(window).reasons == ('BadWindow',)
 
 
-def test_an_unknown_estimator_is_refused_with_the_names_there_are():
-    with pytest.raises(ParameterError, match=r"identifier\.estimator: 'eksi' is not one of") as e:
-        IdentifierParameters(estimator='eksi')
-    assert all(name in str(e.value) for name in ESTIMATORS)
-
-
 @pytest.mark.parametrize('mass', [-0.1, -1e-6])
 def test_a_product_that_weighs_less_than_nothing_is_no_mass(make_window, mass):
     estimate = Identifier(IdentifierParameters()).estimate(_denoised(make_window([mass] * 64)))

@@ -234,18 +234,6 @@ def test_with_a_dead_eye_each_item_is_one_fault(make_line, seeing, spacing):
         assert [item.t3 for item in items] == [product.t3 for product in line.products]
 
 
-def test_at_the_end_what_is_on_the_belt_is_given_up_with_the_reason(make_line):
-    first, second = make_line((0.1, 0.2)).edges()[:2]
-    tracker = ItemTracker(DEBOUNCE, MAX_TRANSIT, count=7)
-    tracker.add(first)
-    tracker.add(second)
-
-    (item,) = tracker.give_up(Reason.STREAM_ENDED)
-
-    assert (item.item_id, list(item.faults)) == (8, [Reason.STREAM_ENDED])
-    assert tracker.give_up(Reason.STREAM_ENDED) == []
-
-
 def test_an_item_is_given_up_only_after_the_longest_transit(make_line):
     first, second = make_line((0.1,)).edges()[:2]
     tracker = ItemTracker(DEBOUNCE, MAX_TRANSIT)

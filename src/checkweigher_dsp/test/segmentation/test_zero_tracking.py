@@ -130,23 +130,6 @@ def test_what_stood_on_the_belt_for_a_moment_changes_nothing(steady):
     assert after.std_dev < before.std_dev
 
 
-def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
-    drift, interval, walk, swing = 1, 2.0, 1.0, 6
-    tracker = ZeroTracker(0.0, 1e3, walk, RATE)
-    for step in range(300):
-        level = drift * step
-        halves = [level - swing] * 8 + [level + swing] * 8
-        zero = tracker.update(interval * step, _counts(*halves))
-
-    # Local-level filter: p = (q + sqrt(q^2 + 4 q r)) / 2, gain p / (p + r); it lags a ramp by
-    # its step times (1 - gain) / gain.
-    q, r = walk**2 * interval, swing**2 + 1e-8 * 1e6
-    p = (q + math.sqrt(q * q + 4 * q * r)) / 2
-    gain = p / (p + r)
-    assert level - zero.counts == pytest.approx(drift * (1 - gain) / gain, rel=1e-6)
-    assert zero.std_dev == pytest.approx(math.sqrt(p * (1 - gain)), rel=1e-6)
-
-
 def _follow_a_ramp(tracker, drift, seconds):
     """Return how far the zero is behind a ramp, and what it states, counts."""
     for second in range(seconds):

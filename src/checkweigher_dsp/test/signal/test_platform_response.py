@@ -109,32 +109,3 @@ def test_stairs_are_off_by_less_than_stated_where_the_mass_comes_on_evenly(mass,
     )
     until = time < 0.2
     assert np.abs(shape - exact)[until].max() < np.abs(lumped - exact)[until].max() / 3
-
-
-@pytest.mark.parametrize(('frequency', 'damping'), [(38.0, 0.06), (22.0, 0.0), (60.0, 0.7)])
-def test_the_empty_platform_swings_by_its_closed_form(frequency, damping):
-    time = _time(-0.2, 0.0)
-    since = time - time[0]
-    omega = 2 * math.pi * frequency
-    decay, damped = damping * omega, omega * math.sqrt(1 - damping**2)
-    envelope = np.exp(-decay * since)
-
-    rows = responses(Platform(frequency, damping, 2.5), 0.3, Crossing(0.1, 0.2), time)
-
-    np.testing.assert_allclose(
-        rows[1],
-        envelope * (np.cos(damped * since) + decay / damped * np.sin(damped * since)),
-        atol=ROUNDING,
-    )
-    np.testing.assert_allclose(
-        rows[2], envelope * omega / damped * np.sin(damped * since), atol=ROUNDING
-    )
-    np.testing.assert_array_equal(rows[[0, 3, 4]], 0.0)
-
-
-@pytest.mark.parametrize('mass', [0.01, 0.2, 5.0])
-def test_a_load_is_shown_at_its_own_at_rest_and_nothing_when_it_has_left(mass):
-    # 4 s are 57 time constants of the empty platform and 33 of that with 5 kg.
-    time = np.array([-0.1, 0.0, 4.0, 8.2])
-    shape = responses(PLATFORM, mass, Crossing(0.0, 0.1, 4.1, 4.2), time)[0]
-    np.testing.assert_allclose(shape, [0.0, 0.0, 1.0, 0.0], atol=1e-9)

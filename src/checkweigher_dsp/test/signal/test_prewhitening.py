@@ -4,8 +4,6 @@
 
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
@@ -51,28 +49,6 @@ def test_the_filter_is_the_inverse_cholesky_factor_of_the_covariance(count):
     np.testing.assert_allclose(
         matrix, np.linalg.inv(np.linalg.cholesky(covariance)), atol=EXACT
     )  # fmt: skip
-
-
-@given(st.lists(st.floats(-0.8, 0.8), min_size=1, max_size=6), st.floats(1e-6, 1e3))
-def test_any_reflections_within_1_are_a_stable_model_that_becomes_white(reflections, std_dev):
-    coefficients = np.ones(1)
-    for k in reflections:
-        longer = np.append(coefficients, 0.0)
-        coefficients = longer + k * longer[::-1]
-    assert np.abs(np.roots(coefficients)).max(initial=0.0) < 1
-    covariance = _covariance(coefficients, std_dev, 12)
-
-    matrix = _matrix(Prewhitener(reflections, std_dev), 12)
-
-    np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(12), atol=1e-8)
-
-
-def test_an_autoregression_of_first_order_by_hand():
-    # x(k) = 0.6 x(k-1) + w, std. dev. of w 2, so that of x is 2 / sqrt(1 - 0.36) = 2.5.
-    whitened = Prewhitener([-0.6], 2.0).whiten(np.array([5.0, 4.0, -1.0, 0.0]))
-    np.testing.assert_allclose(
-        whitened, [5 / 2.5, (4 - 3.0) / 2, (-1 - 2.4) / 2, (0 + 0.6) / 2], rtol=EXACT
-    )
 
 
 def test_many_signals_at_once_are_whitened_as_each_alone():

@@ -156,17 +156,6 @@ def test_the_noise_is_white_behind_the_prefilter():
     assert abs(neighbours(AdaptiveSettings(8, 3))) < 0.03
 
 
-def test_the_stated_variance_is_that_of_the_mass():
-    # n is white, as the least squares takes it to be. 400 windows tell a standard deviation to
-    # 3.5 %; the variance is of first order, hence 15 %.
-    noise = 1e-4 * np.random.default_rng(13).standard_normal((400, 500))
-
-    result = identify_adaptive(_driven((-1.2, 0.5), noise), PLAIN, RATE)
-
-    assert np.std(result.gain) == pytest.approx(np.sqrt(np.mean(result.variance)), rel=0.15)
-    assert np.mean(result.gain) == pytest.approx(0.2, abs=4 * np.std(result.gain) / 20)
-
-
 @pytest.mark.parametrize('settings', [PLAIN, AdaptiveSettings(3, 0)])
 @pytest.mark.parametrize(
     'growth',

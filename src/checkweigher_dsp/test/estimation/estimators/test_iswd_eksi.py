@@ -17,24 +17,6 @@ ROUNDING = 1e-10
 NOISE = IswdEksiParameters().noise
 
 
-def test_a_window_without_platform_is_weighed_by_least_squares():
-    # With a1 = a2 = 0 known the model is z = b1 u + noise; x, which is predicted again at each
-    # step, adds its Q to R, and 1 / P0 is the weight of the prior.
-    loads = np.minimum(np.arange(1, 91) / 45, 1.0)
-    samples = 0.2 * loads + 0.01 * np.random.default_rng(6).standard_normal(90)
-    noise = Noise(0.5, 0.2, 0.0)
-    scale = np.mean(samples[44:])
-    total = 0.5 * 1e-4 / scale**2 * np.where(loads < 1, 4.0 + 0.2, 1.0 + 0.2)
-    normal = np.sum(loads**2 / total) + 1 / noise.initial
-
-    result = identify_passes([(samples, loads)], np.array([1e-4]), noise, rise=4.0)
-
-    expected = np.sum(loads * samples / total) / normal
-    assert result.gain == pytest.approx(expected, rel=ROUNDING)
-    assert result.b1 == pytest.approx(expected, rel=ROUNDING)
-    assert result.variance == pytest.approx(scale**2 / normal, rel=ROUNDING)
-
-
 @settings(max_examples=25)
 @given(
     st.integers(0, 2**32 - 1),
