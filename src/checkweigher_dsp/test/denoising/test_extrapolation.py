@@ -93,9 +93,8 @@ def test_lines_are_predicted_as_exact_arithmetic_does():
     taps = burg(signal, 8)[0]
     exact = [Fraction(value) for value in signal.tolist()]
     for _ in range(60):
-        last = exact[:-9:-1]
         exact.append(
-            -sum(Fraction(tap) * x for tap, x in zip(taps[1:].tolist(), last, strict=True))
+            -sum(Fraction(tap) * x for tap, x in zip(taps[1:].tolist(), exact[:-9:-1], strict=True))
         )
 
     (result,) = predict(signal[None], taps, 60)

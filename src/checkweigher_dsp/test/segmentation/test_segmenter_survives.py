@@ -236,8 +236,7 @@ def test_blocks_twice_do_nothing_and_swapped_or_late_ones_are_lost(
     events = line.events()
     t2 = line.products[1].t2
     hit, *later = (i for i, e in enumerate(events) if isinstance(e, SampleBlock) and e.stamp > t2)
-    to = later[{'twice': 3, 'swapped': 0, 'late': 10}[change]]
-    events.insert(to + 1, events[hit])
+    events.insert(later[{'twice': 3, 'swapped': 0, 'late': 10}[change]] + 1, events[hit])
     if change != 'twice':
         del events[hit]
 

@@ -68,8 +68,7 @@ def _integrate(platform, mass, crossing, time, start=(0.0, 0.0), kick=(0.0, 0.0)
 def test_the_response_to_a_load_agrees_with_matrix_exponentials(mass, crossing):
     time = _time()
     shape = responses(PLATFORM, mass, crossing, time)[0]
-    expected = _integrate(PLATFORM, mass, crossing, time)
-    np.testing.assert_allclose(shape, expected, atol=ROUNDING)
+    np.testing.assert_allclose(shape, _integrate(PLATFORM, mass, crossing, time), atol=ROUNDING)
 
 
 @pytest.mark.parametrize('mass', [0.0, 0.2, 2.5])

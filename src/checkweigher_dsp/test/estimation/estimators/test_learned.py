@@ -50,8 +50,7 @@ def test_a_longer_product_has_the_same_parts_at_the_same_places_of_itself(make_p
 
 def test_an_eye_that_jitters_moves_no_part(make_pass):
     window = quiet(make_pass)
-    jittered = replace(window, t2=window.t2 + 1_000_000)
-    assert pass_features(jittered, LAYOUT) == pytest.approx(
+    assert pass_features(replace(window, t2=window.t2 + 1_000_000), LAYOUT) == pytest.approx(
         pass_features(window, LAYOUT), abs=0.01 / 960
     )
 
