@@ -5,7 +5,7 @@
 import pytest
 
 from checkweigher_core.health.findings import Level
-from checkweigher_dsp.health.edges import edges_finding
+from checkweigher_dsp.health.segmenter import edges_finding
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
