@@ -84,10 +84,6 @@ def test_universal_thresholds_agree_with_pywavelets(mode, each_level, measured):
     )
 
 
-def test_universal_thresholds_leave_a_constant():
-    np.testing.assert_allclose(threshold_universally(np.full(256, 0.3), hard=False), 0.3)
-
-
 def test_several_stretches_are_denoised_each_with_its_own_shrinkage():
     stretches = np.random.default_rng(2).standard_normal((3, 256))
     gains, thresholds = np.array([0.1, 0.5, 0.9]), np.array([0.3, 0.0, 1.2])

@@ -37,11 +37,6 @@ def _oscillation(mass=0.2, count=96, seed=2):
     return mass + ringing + 1e-4 * np.random.default_rng(seed).standard_normal(count)
 
 
-def test_the_mass_is_the_steady_state_of_what_was_identified(make_window):
-    estimate = _identifier('iswd_eksi').estimate(_denoised(make_window([0.2] * 64)))
-    assert estimate.mass == pytest.approx(estimate.b1 / (1 + estimate.a1 + estimate.a2), rel=GAIN)
-
-
 def test_the_mass_is_the_load_above_the_zero_and_not_above_the_calibration(make_window):
     window = _denoised(make_window([0.2] * 64, zero_counts=4000.0))
     estimate = Identifier(IdentifierParameters()).estimate(window)
