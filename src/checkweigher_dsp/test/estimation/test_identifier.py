@@ -5,6 +5,7 @@
 from dataclasses import replace
 import math
 
+from known_models import coefficients
 import numpy as np
 import pytest
 
@@ -48,9 +49,7 @@ def test_the_mass_is_the_load_above_the_zero_and_not_above_the_calibration(make_
 def test_a_platform_is_identified_where_nothing_is_denoised_away(make_window):
     # Step response from rest of 38 Hz, damping 0.06, at 960 Hz, by the closed forms; what was
     # removed is next to nothing, so the filter follows the samples.
-    step = 2 * math.pi * 38 / 960
-    a1 = -2 * math.exp(-0.06 * step) * math.cos(step * math.sqrt(1 - 0.06**2))
-    a2 = math.exp(-2 * 0.06 * step)
+    a1, a2 = coefficients(38.0, 0.06)
     x = [0.0, 0.0]
     for _ in range(96):
         x.append(-a1 * x[-1] - a2 * x[-2] + 0.2 * (1 + a1 + a2))

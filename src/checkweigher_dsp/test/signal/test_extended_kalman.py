@@ -7,6 +7,7 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_models import RATE, coefficients
 import numpy as np
 from plain_path import MatrixFilter
 import pytest
@@ -14,21 +15,13 @@ import pytest
 from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
 from checkweigher_dsp.signal.platform_poles import platform_poles
 
-RATE = 960.0
 ROUNDING = 1e-10
 PLATFORMS = [(20.0, 0.03), (38.0, 0.06), (60.0, 0.2)]  # Hz, damping ratio
 
 
-def _coefficients(frequency, damping):
-    """Return a1 and a2 by the closed forms of the method."""
-    step = 2 * math.pi * frequency / RATE
-    damped = step * math.sqrt(1 - damping**2)
-    return -2 * math.exp(-damping * step) * math.cos(damped), math.exp(-2 * damping * step)
-
-
 def _step_response(frequency, damping, count, level=1.0):
     """Response of a platform at rest to a load that stands from the first sample on."""
-    a1, a2 = _coefficients(frequency, damping)
+    a1, a2 = coefficients(frequency, damping)
     x = [0.0, 0.0]
     for _ in range(count):
         x.append(-a1 * x[-1] - a2 * x[-2] + level * (1 + a1 + a2))
@@ -108,7 +101,7 @@ def test_the_steady_state_of_a_noise_free_step_response_is_recovered(frequency, 
     # The prior pulls with R / P0 against the samples; 1 + a1 + a2, by which the pull on the
     # coefficients is divided, is small for a slow platform, hence the factor.
     noise = Noise(process=0.0, measurement=1e-12, coefficients=1.0)
-    total = 1 + sum(_coefficients(frequency, damping))
+    total = 1 + sum(coefficients(frequency, damping))
 
     result = _identify(_step_response(frequency, damping, 192), noise)
 

@@ -6,24 +6,16 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_models import RATE, coefficients
 import numpy as np
 import pytest
 
 from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 
-RATE = 960.0
-
-
-def _coefficients(frequency, damping):
-    """Return a1 and a2 by the closed forms of the method."""
-    step = 2 * math.pi * frequency / RATE
-    damped = step * math.sqrt(1 - damping**2)
-    return -2 * math.exp(-damping * step) * math.cos(damped), math.exp(-2 * damping * step)
-
 
 @given(st.floats(1.0, 400.0), st.floats(0.01, 0.9))
 def test_poles_are_those_of_the_closed_forms(frequency, damping):
-    a1, a2 = _coefficients(frequency, damping)
+    a1, a2 = coefficients(frequency, damping)
     found = platform_poles(a1, a2, RATE)
     # The arc cosine loses half the digits where the angle is small.
     assert found == pytest.approx((frequency, damping), rel=1e-6)

@@ -4,9 +4,9 @@
 
 import math
 
+from known_models import covariance
 import numpy as np
 import pytest
-from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from checkweigher_dsp.signal.autoregression import burg
@@ -27,27 +27,19 @@ def _reflections(coefficients):
     return found[::-1]
 
 
-def _covariance(coefficients, std_dev, count):
-    """Covariance of a stationary autoregression, from its impulse response."""
-    impulse = np.zeros(20_000)
-    impulse[0] = std_dev
-    response = lfilter([1.0], coefficients, impulse)
-    return toeplitz([response[: len(response) - k] @ response[k:] for k in range(count)])
-
-
 def _matrix(whitener, count):
     return whitener.whiten(np.eye(count)).T
 
 
 @pytest.mark.parametrize('count', [1, 2, 4, 5, 6, 40])
 def test_the_filter_is_the_inverse_cholesky_factor_of_the_covariance(count):
-    covariance = _covariance(MODEL, 3.0, count)
+    known = covariance(MODEL, 3.0, count)
 
     matrix = _matrix(Prewhitener(_reflections(MODEL), 3.0), count)
 
-    np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(count), atol=EXACT)
+    np.testing.assert_allclose(matrix @ known @ matrix.T, np.eye(count), atol=EXACT)
     np.testing.assert_allclose(
-        matrix, np.linalg.inv(np.linalg.cholesky(covariance)), atol=EXACT
+        matrix, np.linalg.inv(np.linalg.cholesky(known)), atol=EXACT
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import warnings
 
 from hypothesis import given
 from hypothesis import strategies as st
+from known_models import RATE, coefficients
 import numpy as np
 import pytest
 from scipy import signal
@@ -24,7 +25,6 @@ from checkweigher_dsp.estimation.estimators.aid import (
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_poles import platform_poles
 
-RATE = 960.0
 ROUNDING = 1e-9
 PLATFORMS = [(22.0, 0.06), (38.0, 0.06), (60.0, 0.2)]  # Hz, damping ratio
 RESONANT = (-1.5, 0.9)
@@ -33,13 +33,6 @@ INDEX = np.arange(96.0)
 PLAIN = AdaptiveSettings(iterations=1)
 ADAPTIVE = AdaptiveSettings(iterations=4, max_order=3)
 SETTINGS = [PLAIN, ADAPTIVE, AdaptiveSettings(3, 6, 100.0)]
-
-
-def _coefficients(frequency, damping):
-    """Return a1 and a2 by the closed forms of the method."""
-    step = 2 * math.pi * frequency / RATE
-    damped = step * math.sqrt(1 - damping**2)
-    return -2 * math.exp(-damping * step) * math.cos(damped), math.exp(-2 * damping * step)
 
 
 def _ringing(frequency, damping, count, mass=0.2, amplitude=0.05):
@@ -72,7 +65,7 @@ def _identify(samples, settings):
 @pytest.mark.parametrize('settings', SETTINGS)
 @pytest.mark.parametrize(('frequency', 'damping'), PLATFORMS)
 def test_a_platform_that_only_rings_is_identified_exactly(frequency, damping, settings):
-    a1, a2 = _coefficients(frequency, damping)
+    a1, a2 = coefficients(frequency, damping)
 
     result = _identify(_ringing(frequency, damping, 96), settings)
 

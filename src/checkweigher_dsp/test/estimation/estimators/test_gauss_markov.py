@@ -5,9 +5,9 @@
 from dataclasses import replace
 import math
 
+from known_models import covariance
 import numpy as np
 import pytest
-from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from checkweigher_core.parameters import ParameterError
@@ -42,13 +42,6 @@ def _estimate(window, **changes):
     return GaussMarkov(replace(TRAINED, **changes)).estimate(window)
 
 
-def _covariance(coefficients, std_dev, count):
-    impulse = np.zeros(20_000)
-    impulse[0] = std_dev
-    response = lfilter([1.0], coefficients, impulse)
-    return toeplitz([response[: len(response) - k] @ response[k:] for k in range(count)])
-
-
 def _textbook(window, mass, lead_time=0.4):
     """Mass and variance by the full covariance, each prior one more term of rank 1."""
     time = seconds(window.stamp - window.t1) + np.arange(len(window.counts)) / 960.0
@@ -57,10 +50,10 @@ def _textbook(window, mass, lead_time=0.4):
     rows = responses(
         Platform(38.0, 0.06, 2.5), mass, Crossing(0.0, 0.1, 0.2, 0.3), time[used]
     )  # fmt: skip
-    covariance = _covariance(MODEL, NOISE, np.sum(used)) + ZERO_STD_DEV**2
+    noise = covariance(MODEL, NOISE, np.sum(used)) + ZERO_STD_DEV**2
     for row, std_dev in zip(rows[1:], (FREE, FREE, IMPACT * mass, IMPACT * mass), strict=True):
-        covariance += std_dev**2 * np.outer(row, row)
-    weights = np.linalg.solve(covariance, rows[0])
+        noise += std_dev**2 * np.outer(row, row)
+    weights = np.linalg.solve(noise, rows[0])
     information = rows[0] @ weights
     return weights @ window.force[used] / information, 1 / information
 
@@ -239,8 +232,8 @@ def test_untrained_it_is_the_level_in_noise_as_the_empty_belt_has_it(make_pass):
     empty = window.force[: math.floor(0.45 * 960)]
     coefficients, reflections = burg(empty - np.mean(empty), 40)
     power = np.var(empty) * np.prod(1 - reflections**2)
-    covariance = _covariance(coefficients, math.sqrt(power), len(samples))
-    weights = np.linalg.solve(covariance, np.ones(len(samples)))
+    noise = covariance(coefficients, math.sqrt(power), len(samples))
+    weights = np.linalg.solve(noise, np.ones(len(samples)))
 
     found = GaussMarkov(GaussMarkovParameters()).estimate(window)
 
