@@ -38,20 +38,17 @@ def test_a_lasting_change_is_an_error(change: float, side: str):
     assert finding.values['change_ms'] == pytest.approx(1e3 * change)
 
 
-def test_a_lag_that_is_not_stated_asks_to_be_measured():
-    finding = edges_finding(check_of(*[0.005] * 10))
+@pytest.mark.parametrize(
+    ('lag', 'level'),
+    [(0.005, Level.WARN), (0.04, Level.ERROR)],  # the latter is too large to be learned
+)
+def test_a_lag_that_is_not_stated_asks_to_be_measured(lag: float, level: Level):
+    finding = edges_finding(check_of(*[lag] * 10))
 
-    assert finding.level is Level.WARN
+    assert finding.level is level
+    assert f'{1e3 * lag:.1f} ms' in finding.text
     assert 'dynamic' in finding.hint
     assert edges_finding(check_of(*[0.0] * 10, rise_lag_known=True)).level is Level.OK
-
-
-def test_a_lag_that_is_too_large_to_be_learned_is_an_error_and_asks_to_be_measured():
-    finding = edges_finding(check_of(*[0.04] * 10))
-
-    assert finding.level is Level.ERROR
-    assert '40.0 ms' in finding.text
-    assert 'dynamic' in finding.hint
 
 
 def test_items_whose_rise_is_not_seen_are_confirmed_by_nothing():

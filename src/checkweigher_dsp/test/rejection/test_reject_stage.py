@@ -53,10 +53,12 @@ def test_without_limits_and_at_equal_ones_what_was_weighed_is_accepted(mass, par
 
 
 def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():
-    verdict = judge(_estimate(reasons=('Saturation', 'SamplesLost')), LIMITS)
+    for estimate in (_estimate(), _estimate(math.nan, belt_speed=math.nan)):
+        reasons = ('Saturation', 'SamplesLost')
+        verdict = judge(replace(estimate, reasons=reasons), replace(LIMITS, min_speed=0.5))
 
-    assert verdict.decision is Decision.FAULT
-    assert verdict.reasons == ('Saturation', 'SamplesLost')
+        # Not that of its length or speed, which is no more known.
+        assert (verdict.decision, verdict.reasons) == (Decision.FAULT, reasons)
 
 
 def test_the_verdict_says_what_it_rests_on():
@@ -116,12 +118,6 @@ def test_a_product_of_another_length_or_speed_is_a_fault(length, speed, reasons)
     assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
     assert verdict.reasons == reasons
     assert verdict.mass == 0.15
-
-
-def test_what_was_not_weighed_has_its_own_reason_and_not_its_length_or_speed():
-    fault = _estimate(math.nan, reasons=('MissingEdge',), belt_speed=math.nan)
-
-    assert judge(fault, RANGES).reasons == ('MissingEdge',)
 
 
 @pytest.mark.parametrize(

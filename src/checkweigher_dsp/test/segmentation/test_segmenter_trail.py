@@ -60,29 +60,17 @@ def test_a_window_comes_when_its_trail_is_complete_and_not_before(line):
     assert came == [1249]
 
 
-@pytest.mark.parametrize(
-    ('lost', 'count'),
-    [((1200, 1201), 0), ((1230, 1235), 0), ((1249, 1260), 0), ((1250, 1260), 50)],
-)
-def test_a_trail_with_lost_samples_is_left_out_and_the_item_weighed(
-    run_segmenter, line, lost, count
-):
-    (window,) = _cut(run_segmenter, line, _trailing(0.05), line.events(lost=lost))
-
-    assert window.reasons == ()
-    np.testing.assert_array_equal(window.counts, line.counts[500 : 1200 + count])
-
-
 @pytest.mark.parametrize(('index', 'count'), [(1200, 0), (1249, 0), (1250, 50)])
-@pytest.mark.parametrize('limit', ['min_counts', 'max_counts'])
-def test_a_trail_with_saturated_samples_is_left_out_and_the_item_weighed(
-    run_segmenter, line, index, count, limit
+@pytest.mark.parametrize('spoilt', ['lost', 'min_counts', 'max_counts'])
+def test_a_trail_with_lost_or_saturated_samples_is_left_out_and_the_item_weighed(
+    run_segmenter, line, index, count, spoilt
 ):
-    counts = line.counts.copy()
-    counts[index] = getattr(line.load_cell, limit)
-    saturated = replace(line, counts=counts)
+    counts, lost = line.counts.copy(), (index, index + 10)
+    if spoilt != 'lost':
+        counts[index], lost = getattr(line.load_cell, spoilt), (0, 0)
+    events = replace(line, counts=counts).events(lost=lost)
 
-    (window,) = _cut(run_segmenter, saturated, _trailing(0.05))
+    (window,) = _cut(run_segmenter, line, _trailing(0.05), events)
 
     assert window.reasons == ()
     np.testing.assert_array_equal(window.counts, counts[500 : 1200 + count])

@@ -188,10 +188,6 @@ def identify_adaptive(
     sample_rate : float
         Hz.
 
-    Returns
-    -------
-    AdaptiveIdentification
-
     Examples
     --------
     >>> ringing = [0.2 + 0.01 * 0.97**k * np.cos(0.25 * k) for k in range(96)]
