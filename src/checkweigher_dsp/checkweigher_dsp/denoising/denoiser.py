@@ -161,7 +161,7 @@ class DenoiseParameters(Parameters):
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
     """Return the largest time in s that a window takes, if no longer than half the stretch.
 
-    It is that of blocks of one sample, as measured on one core of 2024.
+    The coefficients were measured with blocks of one sample, on one core of a computer of 2024.
     """
     return (iterations + 1) * (2e-4 + 3e-7 * stretch + 1e-5 * prediction_order)
 
@@ -191,7 +191,7 @@ class Denoiser:
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
-        """Denoise many windows in less time, each to the same bits as alone.
+        """Denoise many windows at once, bit for bit as one at a time.
 
         Windows of equal shape are denoised at once, so memory grows with their number. A hundred at
         a time are fast.

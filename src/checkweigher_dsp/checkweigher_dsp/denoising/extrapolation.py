@@ -121,7 +121,7 @@ def predict(
 def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the weights (windows, 2 n, p) of the last p samples in the next 2 n, from those of n.
 
-    The last n of the samples that the second half is made of are those of the first one.
+    The second half is predicted from p samples, the last n of which are the first half.
     """
     width, order = weights.shape[1:]
     further = weights[..., order - width :] @ weights

@@ -34,7 +34,7 @@ def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]
 def load_response(
     time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
 ) -> NDArray[np.float64]:
-    r"""Return the reading of a platform at rest as a product enters, relative to its mass.
+    r"""Return the response of a platform at rest to a product that enters, per kg of product.
 
     The platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`; to a load that rises
     by 1 each second from time 0 on it answers with

@@ -38,9 +38,9 @@ class ShrinkageTable:
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
         """Return the shrinkage of levels 1 to 7 at a belt speed, None for a level that is removed.
 
-        Between the speeds of the table it is interpolated linearly, outside it is that of the
-        nearest one. `speed` is in m/s, a float or (windows, 1) as then are gains and thresholds;
-        `unit` is that of the thresholds in the unit of the signal.
+        It is interpolated linearly between the speeds of the table, and constant outside. `speed`
+        is in m/s, a float or (windows, 1) as then are gains and thresholds; `unit` is that of the
+        thresholds in the unit of the signal.
 
         Examples
         --------

@@ -124,7 +124,7 @@ class Identifier:
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        """Estimate many masses in less time, each to the same bits as alone."""
+        """Estimate many masses at once, bit for bit as one at a time."""
         refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
         loads: Iterator[LoadEstimate | MassEstimate] = iter(
@@ -225,8 +225,8 @@ class Identifier:
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass, kg^2.
 
-        After training it is that of the training passes, which includes the noise of their zero;
-        only the excess of the zero's variance over theirs is added.
+        After training, it is the variance of the training passes, which includes the noise of their
+        zero. Only the excess of the present zero's variance over theirs is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

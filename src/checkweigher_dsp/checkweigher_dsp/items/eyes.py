@@ -70,7 +70,8 @@ class Eyes:
     def shows_state(self, stamp: int) -> bool:
         """Return whether the first edge of an eye, one that clears, is its state at start-up.
 
-        A state comes with the first sample or together with the state of the other eye.
+        Such an edge is near the first sample, or within `debounce` of the first edge of the other
+        eye.
         """
         if self.origin is not None and -self._max_transit < stamp - self.origin <= self.debounce:
             return True

@@ -265,7 +265,7 @@ def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Let the item leave that is due."""
+    """Begin the exit of the item that is due to leave."""
     if not belt.items:
         return None
     ambiguous = belt.drop_given_up()

@@ -10,7 +10,7 @@ from checkweigher_dsp.rejection.timing import StreamClock
 
 
 class DeadlineTimer:
-    """Time of the arrivals and of the stamps in ns, and the timer for what is due next.
+    """Clocks of arrivals and stamps in ns, and a timer for the next deadline.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class DeadlineTimer:
 
     @property
     def now(self) -> int | None:
-        """Time for the deadlines, None without deadlines."""
+        """Time of the arrivals in ns, for the deadlines; None if nothing can be overdue."""
         return time.monotonic_ns() if self.clock.running else None
 
     @property

@@ -119,7 +119,7 @@ class Deadlines:
         return now > late_from - lead
 
     def _head_start(self, t3: int, reject_at: int) -> int:
-        """Return the time by which a verdict has to come before its reject time."""
+        """Return the least lead of a verdict over its reject time, ns."""
         known = self.parameters
         travel = (reject_at - t3) / NANOSECONDS + known.actuator_delay
         speed = known.rejector_distance / travel if travel > 0 else math.nan

@@ -184,7 +184,7 @@ class Inspections:
         return min((signal.forget_at for signal in self._signals if not signal.used), default=None)
 
     def advance(self, now: int) -> None:
-        """Miss the rejects whose item should have come by `now`."""
+        """Report the rejects whose item has not come by `now` as missed."""
         for signal in self._signals:
             if signal.forget_at <= now and not signal.used:
                 self._miss(signal.reject, signal.reject.item_id, 'no item was there')

@@ -77,11 +77,11 @@ class OutfeedWatch:
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def judge(self, t1: int | None, t3: int) -> None:
-        """Remember the edges of an item that has its verdict by them."""
+        """Record the edges of an item that was judged by them."""
         self._judged.append((t1, t3))
 
     def has_judged(self, item: Item) -> bool:
-        """Return whether an item had its verdict by its edges before its announcement."""
+        """Return whether an item was judged by its edges alone, before it was announced."""
         return any(
             (item.t1 is not None and item.t1 == t1) or (item.t3 is not None and item.t3 == t3)
             for t1, t3 in self._judged

@@ -214,7 +214,7 @@ class WindowCutter:
         return self._contradiction(place, seen)
 
     def _contradiction(self, place: _Place, seen: RiseLag) -> Reason:
-        """Return what the load without the part before the rise shows: one item, or several."""
+        """Return EDGE_MISMATCH if the load after the rise is of one item, else DISTANCE_FAULT."""
         late = self._samples(max(seen.lag, 0.0)) if seen.is_known else 0
         window = self._buffer.look_at(min(place.begin + late, place.end), place.end)
         alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)

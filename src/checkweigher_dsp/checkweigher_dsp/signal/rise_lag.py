@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""The lag of the samples behind the photo-eyes, from the rise of the load.
 
-Between t1 and t2 a product rides onto the belt. What follows linearly with unity gain (platform,
-amplifier, low-pass) delays the rise by its delay at frequency 0 and changes nothing else of the
-area under it; so does a clock that is off. With a signal y of empty belt z and level z + M, the
-share s of the product on the belt by the eyes, and the lag l, [own derivation]
+Between t1 and t2 a product rides onto the belt. A linear system of unity gain (platform, amplifier,
+low-pass) delays the rise by its delay at frequency 0 and does not change the area under it
+otherwise. A clock offset does the same. With a signal y of empty belt z and level z + M, the share
+s of the product on the belt by the eyes, and the lag l, [own derivation]
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 

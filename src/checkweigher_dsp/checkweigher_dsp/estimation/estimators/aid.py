@@ -8,10 +8,10 @@ The platform obeys
 
 .. math:: x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1) + n(k),\quad u = 1,
 
-and least squares is at its best where n is white. So n is taken from the residual, modelled as an
-autoregression (Burg, order by Akaike) and made white by the inverse of that model, a FIR filter
-that goes over x and u alike; then again, with the better coefficients. Together with it goes a
-fixed low-pass.
+and least squares is at its best where n is white. So n is estimated by the residual and modelled as
+an autoregression (Burg, order by Akaike). The inverse of that model, a FIR filter, makes n white
+when it is applied to x and u. This is repeated with the better coefficients. A fixed low-pass is
+applied, too.
 
 The product is fully on the belt before the window begins, so an output of the filter whose taps
 all lie within the window sees no value of u but 1; the outputs before that are dropped. On
@@ -156,8 +156,8 @@ class Aid(Estimator):
 class AdaptiveIdentification(Identification):
     """Identification of each window, and whether the last iteration found stable poles.
 
-    Where it did not, the values are those of the last iteration that did; where none did, `gain`
-    and `b1` are the Hann-weighted mean of the window and a1 = a2 = 0.
+    If it did not, the values come from the last iteration that did. If none did, `gain` and `b1`
+    are the Hann-weighted mean of the window and a1 = a2 = 0.
     """
 
     stable: NDArray[np.bool_]
@@ -175,8 +175,8 @@ def identify_adaptive(
 ) -> AdaptiveIdentification:
     """Identify the platform by least squares on the adaptively prefiltered windows (AID).
 
-    Where nothing but its own ringing moves the platform the mass is exact, and so it is for a
-    constant load. Noise biases it a little, through the coefficients.
+    The mass is exact for a constant load if nothing but ringing of the platform disturbs it. Noise
+    biases it a little, through the coefficients.
 
     Parameters
     ----------

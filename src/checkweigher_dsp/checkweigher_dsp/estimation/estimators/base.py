@@ -214,8 +214,8 @@ def rough_variance(samples: NDArray[np.float64]) -> float:
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
     """Return whether a load lies among the samples of its window.
 
-    An estimator that knows how a load comes on is misled where it did not come on like that: where
-    the belt stopped, or something else left meanwhile that no eye had seen.
+    An estimator that assumes how a load rises is wrong if the load rose in another way, because the
+    belt stopped or an object that no eye had seen left the belt.
     """
     samples = raw_samples(window)
     level = float(np.mean(samples))

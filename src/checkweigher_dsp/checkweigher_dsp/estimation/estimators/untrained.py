@@ -93,8 +93,9 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 def rise_misfit(window: WeighWindow, mass: float) -> float:
     """Return the rms residual in kg of an evenly rising load of `mass` between t1 and t2.
 
-    The load is as late as on the assumed platform. The residual is that of the means of the thirds
-    of the rise, so that ringing averages out, in excess of the noise of the empty belt.
+    The load is as late as on the assumed platform. The residual is computed from the means of the
+    thirds of the rise, so that ringing averages out. Only its excess over the noise of the empty
+    belt counts.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)

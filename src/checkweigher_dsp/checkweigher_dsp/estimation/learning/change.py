@@ -16,8 +16,8 @@ from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
 
 RECENT = 20  # items that show a change
 _ALIKE = 1.25  # factor beyond the loads learned from, within which an item is compared
-_MOVED = 1.5  # standard deviations of a part, by which most items have moved
-_GROWN = 6.0  # times the power that a line had
+_MOVED = 1.5  # least median shift of a part, in its standard deviations
+_GROWN = 6.0  # least ratio of the power of a line to its power before
 _SAME_PHASE = 0.6  # share of the amplitude
 _STRONG = 0.1  # of all power before: a line that matters
 

@@ -29,8 +29,9 @@ MOST_LEAD = 48  # before t1
 class Passage(Settings):
     """The parts of a pass, with the load that the chosen estimator found in it.
 
-    `parts` (lead + PARTS,), in kg, are those of `pass_features`. The first `lead` parts are before
-    t1, and the last `quiet` of these are free of the ring-down of the previous item.
+    `parts`, in kg with shape (lead + PARTS,), are computed by `pass_features`. The first `lead`
+    parts are before t1, and the last `quiet` of these are free of the ring-down of the previous
+    item.
     """
 
     parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
