@@ -166,7 +166,7 @@ class ConvergenceWatch:
         return conclude('Convergence', well, concerns, values)
 
 
-class VerdictWatch:
+class VerdictTiming:
     """Latency of the verdicts after their outfeed edges, and margin before their reject times."""
 
     def __init__(self) -> None:

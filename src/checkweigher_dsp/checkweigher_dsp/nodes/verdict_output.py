@@ -11,7 +11,7 @@ from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.stage_node import StageNode
-from checkweigher_dsp.health.items import VerdictWatch
+from checkweigher_dsp.health.items import VerdictTiming
 from checkweigher_dsp.nodes.given_numbers import GivenNumbers
 from checkweigher_dsp.rejection.items import PendingItems
 
@@ -32,7 +32,7 @@ class VerdictOutput:
     ) -> None:
         self._node, self._numbers, self._items, self._sent = node, numbers, items, sent
         self.output = node.held_output(ports.VERDICT)
-        self._watch = VerdictWatch()
+        self._watch = VerdictTiming()
 
     def add_edge(self, stamp: int) -> None:
         """Add the arrival of the edge with which an item begins to leave."""

@@ -11,7 +11,7 @@ from checkweigher_dsp.health.items import (
     ConvergenceWatch,
     FaultWatch,
     RejectorWatch,
-    VerdictWatch,
+    VerdictTiming,
     WorkloadWatch,
 )
 
@@ -101,7 +101,7 @@ def verdict(number, *, reject_after=0.5, late=False, estimate_id=None):
 
 
 def test_latency_and_margin_count_from_the_arrival_of_the_outfeed_edge():
-    watch = VerdictWatch()
+    watch = VerdictTiming()
     for number, taken in ((1, 0.004), (2, 0.002), (3, 0.1)):
         watch.add_edge(50.0 + number, number * NANOSECONDS)
         watch.add(50.0 + number + taken, verdict(number))
@@ -116,14 +116,14 @@ def test_latency_and_margin_count_from_the_arrival_of_the_outfeed_edge():
 
 
 def test_a_late_verdict_is_an_error_for_a_minute():
-    watch = VerdictWatch()
+    watch = VerdictTiming()
     watch.add(1.0, verdict(1, late=True))
     assert watch.verdicts(2.0, 0.05, deadlines=True).level == Level.ERROR
     assert watch.verdicts(62.0, 0.05, deadlines=True).level == Level.OK
 
 
 def test_items_without_a_mass_name_the_stage_that_is_missing():
-    watch = VerdictWatch()
+    watch = VerdictTiming()
     watch.add(0.0, verdict(1))
     assert watch.line(0.0, '').level == Level.OK
     assert watch.line(0.0, 'identifier').hint == 'identifier is not there: start it'

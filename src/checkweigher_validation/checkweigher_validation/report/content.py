@@ -11,7 +11,7 @@ import numpy as np
 
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
-from checkweigher_dsp.estimation.estimators.base import Look
+from checkweigher_dsp.estimation.estimators.base import PlotStyle
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
     Average,
@@ -34,17 +34,18 @@ NONE = '–'
 # of colour vision (after Okabe and Ito), each in a light and a dark variant.
 _LOOKS = {name: each.look for name, each in ESTIMATORS.items() if each.look}
 # Name of the estimator that `tune` has chosen, in machine_tables.
-_LOOKS['chosen'] = Look('Chosen by tune', '<', '#7a5230', '#c79a6f')
+_LOOKS['chosen'] = PlotStyle('Chosen by tune', '<', '#7a5230', '#c79a6f')
 
 # For estimators that have no look of their own.
 _OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 
-def looks_of(estimators: tuple[str, ...]) -> dict[str, Look]:
+def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
     """Return the looks of estimators by name; one that is not known here is called as it is."""
     others = cycle(_OTHERS)
     return {
-        name: _LOOKS[name] if name in _LOOKS else Look(name, *next(others)) for name in estimators
+        name: _LOOKS[name] if name in _LOOKS else PlotStyle(name, *next(others))
+        for name in estimators
     }
 
 

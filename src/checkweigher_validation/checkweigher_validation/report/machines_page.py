@@ -9,7 +9,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 import numpy as np
 
-from checkweigher_dsp.estimation.estimators.base import Look
+from checkweigher_dsp.estimation.estimators.base import PlotStyle
 from checkweigher_validation.accuracy.errors import Evaluation, average
 from checkweigher_validation.accuracy.machine_tables import (
     CHOSEN,
@@ -58,7 +58,7 @@ def render_machines(
     )
 
 
-def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, Look]) -> Iterator[str]:
+def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, PlotStyle]) -> Iterator[str]:
     for table in tables:
         rows = [row for row in table.rows if row.estimator != CHOSEN]
         mean, worst, label = min((*row.cells[-1], looks[row.estimator].label) for row in rows)
@@ -68,7 +68,7 @@ def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, Look]) -> Itera
         )
 
 
-def _by_speed(machine: Evaluation, looks: Mapping[str, Look]) -> list[tuple[str, list[float]]]:
+def _by_speed(machine: Evaluation, looks: Mapping[str, PlotStyle]) -> list[tuple[str, list[float]]]:
     """Return the attainable A in kg at each speed, then that of each estimator."""
     found = []
     for name in machine.estimators:
@@ -79,7 +79,7 @@ def _by_speed(machine: Evaluation, looks: Mapping[str, Look]) -> list[tuple[str,
 
 
 def _ratios_figure(
-    table: FamilyTable, machines: Sequence[Evaluation], looks: Mapping[str, Look]
+    table: FamilyTable, machines: Sequence[Evaluation], looks: Mapping[str, PlotStyle]
 ) -> Figure:
     figure, axes = new_figure(0.6 + 0.36 * len(table.rows))
     shared: Any = {'ls': '', 'ms': 5, 'mec': SURFACE, 'mew': 0.6, 'alpha': 0.7}

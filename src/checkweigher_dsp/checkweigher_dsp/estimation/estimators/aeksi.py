@@ -20,7 +20,7 @@ from checkweigher_dsp.estimation.estimators.aid import (
     Aid,
     prefilter_adaptively,
 )
-from checkweigher_dsp.estimation.estimators.base import Axis, Look
+from checkweigher_dsp.estimation.estimators.base import Axis, PlotStyle
 from checkweigher_dsp.signal.extended_kalman import Noise, identify
 from checkweigher_dsp.signal.platform_poles import is_stable
 
@@ -60,7 +60,7 @@ class Aeksi(Aid):
     """
 
     parameters: AeksiParameters = AeksiParameters()
-    look = Look('AEKSI', 'P', '#009e73', '#2fc79a')
+    look = PlotStyle('AEKSI', 'P', '#009e73', '#2fc79a')
     axes = (
         *Aid.axes,
         Axis('measurement_noise', 1e-2, 10.0, 1.0, logarithmic=True),

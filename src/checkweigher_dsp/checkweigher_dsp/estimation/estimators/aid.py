@@ -40,7 +40,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
-    Look,
+    PlotStyle,
     raw_samples,
 )
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
@@ -114,7 +114,7 @@ class Aid(Estimator):
     """
 
     parameters: AdaptiveParameters = AidParameters()
-    look = Look('AID', 'v', '#3aa0dc', '#6cc1f0')
+    look = PlotStyle('AID', 'v', '#3aa0dc', '#6cc1f0')
     axes: ClassVar[tuple[Axis, ...]] = (
         Axis('iterations', 1, 5, 2, whole=True),
         Axis('max_order', 0, 5, 2, whole=True),

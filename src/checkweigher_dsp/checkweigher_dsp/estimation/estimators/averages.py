@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
-from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters, Look
+from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters, PlotStyle
 from checkweigher_dsp.signal.averages import hann_mean
 
 
@@ -40,7 +40,7 @@ class Mean(Average):
     """
 
     parameters = MeanParameters()
-    look = Look('Window mean', 's', '#8b929c', '#8b929c')
+    look = PlotStyle('Window mean', 's', '#8b929c', '#8b929c')
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the mean."""
@@ -57,7 +57,7 @@ class Hann(Average):
     """
 
     parameters = HannParameters()
-    look = Look('Hann mean', 'D', '#4d5560', '#c4cad2')
+    look = PlotStyle('Hann mean', 'D', '#4d5560', '#c4cad2')
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the Hann-weighted mean."""

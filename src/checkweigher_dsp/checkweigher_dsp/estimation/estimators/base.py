@@ -119,7 +119,7 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class PlotStyle:
     """Name of an estimator for readers, marker of matplotlib, colours on light and dark ground."""
 
     label: str
@@ -137,7 +137,7 @@ class Estimator(ABC):
         Of the class, the default; IdentifierParameters has such a set under the estimator's name.
     needs_denoised : bool
         Whether it reads ``window.denoised``; the others weigh the raw signal.
-    look : Look, optional
+    look : PlotStyle, optional
         Name and colours in reports. Without it they are chosen.
     axes : tuple of Axis
         What `tune` searches: lists of its parameters, unless `learn` is overridden.
@@ -150,7 +150,7 @@ class Estimator(ABC):
 
     parameters: EstimatorParameters
     needs_denoised: ClassVar[bool] = False
-    look: ClassVar[Look | None] = None
+    look: ClassVar[PlotStyle | None] = None
     axes: ClassVar[tuple[Axis, ...]] = ()
     folds: ClassVar[int] = 0
     fewest: ClassVar[int] = 1

@@ -23,7 +23,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Average,
     Axis,
     EstimatorParameters,
-    Look,
+    PlotStyle,
     raw_samples,
 )
 
@@ -60,7 +60,7 @@ class FirModel(Average):
     """
 
     parameters = FirModelParameters()
-    look = Look('FIR model', 'h', '#b4569a', '#db8cc4')
+    look = PlotStyle('FIR model', 'h', '#b4569a', '#db8cc4')
     axes = (Axis('ridge', 1e-6, 10.0, 1e-3, logarithmic=True),)
     folds = 5
     fewest = 2

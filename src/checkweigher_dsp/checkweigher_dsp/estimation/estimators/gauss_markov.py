@@ -32,7 +32,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
-    Look,
+    PlotStyle,
     raw_samples,
 )
 from checkweigher_dsp.signal.averages import hann_mean
@@ -155,7 +155,7 @@ class GaussMarkov(Estimator):
     """
 
     parameters = GaussMarkovParameters()
-    look = Look('Gauss-Markov', 'X', '#0058a3', '#7d9bff')
+    look = PlotStyle('Gauss-Markov', 'X', '#0058a3', '#7d9bff')
     folds = 2
 
     def __init__(self, parameters: GaussMarkovParameters) -> None:

@@ -18,7 +18,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
-    Look,
+    PlotStyle,
     raw_samples,
 )
 from checkweigher_dsp.estimation.estimators.untrained import doubt
@@ -79,7 +79,7 @@ class IswdEksi(Estimator):
 
     parameters = IswdEksiParameters()
     needs_denoised = True
-    look = Look('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
+    look = PlotStyle('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
     # Those that matter, as measured in docs/method.md; all but the last are of denoise.
     axes = (
         Axis('gamma6', 0.0, 1.2, 0.1),

@@ -23,7 +23,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
-    Look,
+    PlotStyle,
     raw_samples,
 )
 from checkweigher_dsp.signal.averages import hann_mean
@@ -58,7 +58,7 @@ class IswdEksiPaper(Estimator):
     """
 
     parameters = IswdEksiPaperParameters()
-    look = Look('ISWD-EKSI, literal', 'd', '#e7a27c', '#b5653a')
+    look = PlotStyle('ISWD-EKSI, literal', 'd', '#e7a27c', '#b5653a')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the steady state of the identified platform, M = b1 / (1 + a1 + a2)."""

@@ -27,7 +27,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
-    Look,
+    PlotStyle,
     raw_samples,
     rough_variance,
 )
@@ -110,7 +110,7 @@ class Learned(Estimator):
     """
 
     parameters = LearnedParameters()
-    look = Look('Learned', '*', '#a3123a', '#ff6f91')
+    look = PlotStyle('Learned', '*', '#a3123a', '#ff6f91')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the weighted sum, the weights between those of the training speeds."""

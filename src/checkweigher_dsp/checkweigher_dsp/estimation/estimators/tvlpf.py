@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
-from checkweigher_dsp.estimation.estimators.base import Average, Axis, EstimatorParameters, Look
+from checkweigher_dsp.estimation.estimators.base import (
+    Average,
+    Axis,
+    EstimatorParameters,
+    PlotStyle,
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class Tvlpf(Average):
     """
 
     parameters = TvlpfParameters()
-    look = Look('TVLPF', '^', '#c98500', '#e8ac2f')
+    look = PlotStyle('TVLPF', '^', '#c98500', '#e8ac2f')
     axes = (
         Axis('sections', 2, 4, 2, whole=True),
         Axis('initial_cutoff', 2.0, 400.0, 50.0, logarithmic=True),

@@ -21,7 +21,7 @@ from checkweigher_dsp.estimation.learning.change import (
     is_comparable,
 )
 from checkweigher_dsp.estimation.learning.passage import (
-    Passage,
+    PassParts,
     passage_of,
     rise_parts_of,
 )
@@ -81,7 +81,7 @@ class ItemKind(Settings):
     length: float = parameter(text='length of the item', unit='m', minimum=0)
     rise: int = parameter(text='parts from t1 to t2', minimum=0, maximum=PARTS - 1)
     items: int = parameter(0, 'items that were seen', minimum=0)
-    passages: tuple[Passage, ...] = parameter((), 'passes that teach')
+    passages: tuple[PassParts, ...] = parameter((), 'passes that teach')
     fit: Fit | None = parameter(None, 'what they have taught')
     recent: tuple[NDArray[np.float64], ...] = parameter(
         (), 'residuals of the last items', unit='kg'
@@ -156,7 +156,7 @@ def _kind_of(known: LearnedKinds, window: WeighWindow) -> ItemKind | None:
 
 
 def _compared(
-    kind: ItemKind, passage: Passage, item_id: int, parameters: LearningParameters
+    kind: ItemKind, passage: PassParts, item_id: int, parameters: LearningParameters
 ) -> ItemKind:
     known = kind.fit
     if known is None or kind.change is not None:
@@ -172,7 +172,7 @@ def _compared(
     return replace(kind, recent=(), passages=(), change=change)
 
 
-def _taught(kind: ItemKind, passage: Passage, parameters: LearningParameters) -> ItemKind:
+def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) -> ItemKind:
     """Return a kind with one more item, and with a new fit every few items."""
     if kind.change is not None or kind.items >= parameters.most:
         return replace(kind, items=kind.items + 1)

@@ -26,7 +26,7 @@ MOST_LEAD = 48  # before t1
 
 
 @dataclass(frozen=True)
-class Passage(Settings):
+class PassParts(Settings):
     """The parts of a pass, with the load that the chosen estimator found in it.
 
     `parts`, in kg with shape (lead + PARTS,), are computed by `pass_features`. The first `lead`
@@ -64,7 +64,7 @@ def rise_parts_of(window: WeighWindow) -> int:
     return rise_parts(share) if 0 < share < 1 else 0
 
 
-def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | None:
+def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> PassParts | None:
     """Return the pass of a window, with `rise` parts from t1 to t2.
 
     Returns None if the item before was still on the belt, or the estimator found no load.
@@ -79,4 +79,4 @@ def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | 
     quiet = int(max(alone - SETTLE_TIME, 0.0) / duration)
     zero = window.zero_std_dev / window.counts_per_kg
     variance = load.variance if math.isfinite(load.variance) else 0.0
-    return Passage(parts, min(quiet, lead), duration, load.mass, variance, zero * zero)
+    return PassParts(parts, min(quiet, lead), duration, load.mass, variance, zero * zero)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
-from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, Passage
+from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, PassParts
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # a, b and c.
@@ -81,16 +81,16 @@ class Fit(Settings):
         """Number of parts before t1."""
         return len(self.weights) - PARTS
 
-    def residual(self, passage: Passage) -> NDArray[np.float64]:
+    def residual(self, passage: PassParts) -> NDArray[np.float64]:
         """Return the pass without its load, (k,), kg."""
         return np.asarray(passage.last(len(self.weights)) - self.mass(passage) * self.curve)
 
-    def mass(self, passage: Passage) -> float:
+    def mass(self, passage: PassParts) -> float:
         """Return the weighted sum of a pass, kg."""
         return float(np.add.reduce(self.weights * passage.last(len(self.weights))))
 
 
-def fit(passages: Sequence[Passage], rise: int) -> Fit | None:
+def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
     """Learn from items; None if too few of them share their mass with another item."""
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
@@ -213,7 +213,7 @@ def _clusters(loads: NDArray[np.float64], width: float) -> NDArray[np.int_]:
     return result
 
 
-def _empty_belt_covariance(passages: Sequence[Passage], count: int) -> NDArray[np.float64]:
+def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray[np.float64]:
     """Return the covariance of parts of the empty belt about zero, (count, count), kg^2.
 
     It includes the error of the zero. It is 0 at distances for which too little is seen.

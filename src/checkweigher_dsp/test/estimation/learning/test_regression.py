@@ -7,7 +7,7 @@ import pytest
 
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning import regression
-from checkweigher_dsp.estimation.learning.passage import Passage
+from checkweigher_dsp.estimation.learning.passage import PassParts
 
 LEAD, RISE, DURATION = 16, 24, 3e-3
 TIME = np.arange(LEAD + PARTS) - LEAD + 0.5
@@ -29,7 +29,7 @@ def _items(masses, seed=1, covariance=None):
     random = np.random.default_rng(seed)
     noise = random.multivariate_normal(np.zeros(len(TIME)), covariance, len(masses))
     parts = np.outer(masses, CURVE) + noise
-    return [Passage(row, LEAD, DURATION, float(row[LEVEL].mean()), 1e-8, 0.0) for row in parts]
+    return [PassParts(row, LEAD, DURATION, float(row[LEVEL].mean()), 1e-8, 0.0) for row in parts]
 
 
 def _std_dev(weights, covariance):
@@ -71,7 +71,8 @@ def test_items_of_all_kinds_of_masses_teach_nothing():
 def test_the_gain_is_that_of_the_estimator():
     items = _items(np.resize((0.0745, 0.1645, 0.2545), 60))
     heavier = [
-        Passage(each.parts, LEAD, DURATION, 1.01 * each.load, each.variance, 0.0) for each in items
+        PassParts(each.parts, LEAD, DURATION, 1.01 * each.load, each.variance, 0.0)
+        for each in items
     ]
     plain, scaled = (regression.fit(each, RISE) for each in (items, heavier))
     loads = [found.mass(items[0]) for found in (plain, scaled)]
