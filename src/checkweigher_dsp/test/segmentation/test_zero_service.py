@@ -4,61 +4,46 @@
 
 import time
 
+from node_process import Process, process  # noqa: F401
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from running import PATIENCE
 from std_srvs.srv import Trigger
 
-from checkweigher_core.ros.ports import ZERO_SETTING
+from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, ZERO, ZERO_SETTING
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
 
 
-@pytest.fixture
-def executor():
-    rclpy.init()
-    executor = SingleThreadedExecutor()
-    yield executor
-    for node in executor.get_nodes():
-        node.destroy_node()  # its place is for that of the next test
-    rclpy.shutdown()
+def _call(process: Process, client):  # noqa: F811
+    process.wait_for(client.service_is_ready)
+    return client.call_async(Trigger.Request())
 
 
-def _call(executor, node):
-    executor.add_node(node)
-    client = node.create_client(Trigger, 'zero')
-    deadline = time.monotonic() + 20
-    while not client.service_is_ready() and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.1)
-    future = client.call_async(Trigger.Request())
-    executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
-    return future
+def test_without_a_load_cell_the_service_says_so(process):  # noqa: F811
+    caller = process.node()
+    process.spinner.add(SegmenterNode(), caller)
+    answer = _call(process, caller.create_client(Trigger, ZERO))
+    process.wait_for(answer.done)
+    assert not answer.result().success
+    assert answer.result().message == 'no load_cell/info has come: not zeroed'
 
 
-def test_without_a_load_cell_the_service_says_so(executor):
-    future = _call(executor, SegmenterNode())
+def test_the_service_answers_when_the_belt_was_zeroed(process, make_line):  # noqa: F811
+    line, settings = make_line((0.1,), first_entry=8.0), []
+    driver = process.node()
+    info, samples = driver.output(LOAD_CELL_INFO), driver.output(LOAD_CELL_SAMPLES)
+    driver.subscribe(ZERO_SETTING, settings.append)
+    client = driver.create_client(Trigger, ZERO)
+    process.spinner.add(SegmenterNode(), driver)
+    info.send(line.load_cell, stamp=0)
 
-    assert not future.result().success
-    assert future.result().message == 'no load_cell/info has come: not zeroed'
+    answer = _call(process, client)
+    for block in line.blocks(size=96):  # the belt is empty for 8 s, which take 10 s here
+        samples.send(block)
+        time.sleep(0.1)
+        if answer.done():
+            break
+    process.wait_for(answer.done)
 
-
-def test_the_service_answers_when_the_belt_was_zeroed(executor, make_line):
-    line = make_line((0.1,), first_entry=8.0)
-    node = SegmenterNode()
-    node._start(line.load_cell)
-    settings = []
-    topic = ZERO_SETTING
-    node.create_subscription(topic.type, topic.name, settings.append, topic.qos)
-    blocks = iter(line.blocks(size=96))
-    # The signal goes on once the request is there.
-    node.create_timer(0.005, lambda: node._zero_requests and node._on_event(next(blocks)))
-
-    future = _call(executor, node)
-
-    assert future.result().success
-    assert future.result().message.startswith('zeroed at 0.000000 kg')
-    deadline = time.monotonic() + 20
-    while not settings and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.1)
-    (setting,) = settings
-    assert (setting.zero, setting.previous) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert answer.result().success
+    assert answer.result().message.startswith('zeroed at 0.000000 kg')
+    process.wait_for(lambda: settings)
+    assert (settings[-1].zero, settings[-1].previous) == pytest.approx((0.0, 0.0), abs=1e-6)

@@ -134,6 +134,30 @@ def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.median(spectra.real**2 + spectra.imag**2, axis=0))
 
 
+def held_out(
+    covariance: NDArray[np.float64],
+    curve: NDArray[np.float64],
+    within: NDArray[np.float64],
+    others: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the weights (k,), and the error of each item (n,) by weights without that item.
+
+    Row r of `within`, (n, k), is the deviation of an item from the mean of its cluster, and o r,
+    with o from `others`, (n,), its deviation from the mean of the other items. `covariance` C,
+    (k, k), contains R'R of all rows. Without the item R'R is less by o r r', and by the formula of
+    Sherman and Morrison C^-1 s is more by t (r' C^-1 s) C^-1 r with t = o / (1 - o r' C^-1 r). The
+    error is o r' w of the weights w that follow.
+    """
+    solved = np.linalg.solve(covariance, np.column_stack([curve, within.T]))
+    for_curve, for_items = solved[:, 0], solved[:, 1:]  # C^-1 s and C^-1 r
+    gain = curve @ for_curve  # s' C^-1 s
+    along = within @ for_curve  # r' C^-1 s
+    leverage = np.einsum('ij,ji->i', within, for_items)  # r' C^-1 r
+    times = others / np.maximum(1 - others * leverage, 1e-9)
+    errors = others * along * (1 + times * leverage) / (gain + times * along * along)
+    return for_curve / gain, errors
+
+
 class _Items:
     """Items in clusters of about one mass: parts (n, k), loads (n,), both in kg."""
 
@@ -173,31 +197,15 @@ class _Items:
 
     def learn(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the weights, (k,), and the held-out errors of the items, (n,) in kg."""
-        found = [self._learn(shares) for shares in _SHARES]
+        found = [
+            held_out(self._prior(each) + self._scatter, self.curve, self.within, self.others)
+            for each in _SHARES
+        ]
         weights, errors = (np.array(each) for each in zip(*found, strict=True))
         deviations = np.array([self.rms(row) for row in errors]) + _LEAST_VARIANCE
         likelihoods = (deviations.min() / deviations) ** self._freedom
         counts = likelihoods / likelihoods.sum()
         return counts @ weights, counts @ errors
-
-    def _learn(
-        self, shares: tuple[float, float, float]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return weights and held-out errors for a point of the grid.
-
-        An item deviates by r from its cluster with it, and by o r without it. So without it R'R is
-        less by o r r', by the formula of Sherman and Morrison C^-1 s more by t (r' C^-1 s) C^-1 r
-        with t = o / (1 - o r' C^-1 r), and the error is o r' w of the weights w that follow.
-        """
-        sides = np.column_stack([self.curve, self.within.T])
-        solved = np.linalg.solve(self._prior(shares) + self._scatter, sides)
-        for_curve, for_items = solved[:, 0], solved[:, 1:]  # C^-1 s and C^-1 r
-        gain = self.curve @ for_curve  # s' C^-1 s
-        along = self.within @ for_curve  # r' C^-1 s
-        leverage = np.einsum('ij,ji->i', self.within, for_items)  # r' C^-1 r
-        times = self.others / np.maximum(1 - self.others * leverage, 1e-9)
-        errors = self.others * along * (1 + times * leverage) / (gain + times * along * along)
-        return for_curve / gain, errors
 
     def _prior(self, shares: tuple[float, float, float]) -> NDArray[np.float64]:
         belt, white, ringing = shares

@@ -80,23 +80,19 @@ def test_the_gain_is_that_of_the_estimator():
 
 
 def test_each_held_out_item_is_weighed_as_if_it_had_never_been_there():
-    items = _items(np.resize((0.1, 0.2), 24))
-    parts = np.array([each.parts for each in items])
-    loads = np.array([each.load for each in items])
-    clusters = np.arange(24) % 2
-    prior = np.eye(len(TIME))
-    own = regression._Items(parts, loads, clusters, 22, prior, prior)
-    shares = (1e-9, 0.01, 0.0)
+    parts = np.array([each.parts for each in _items(np.resize((0.1, 0.2), 24))])
+    clusters, prior, item = np.arange(24) % 2, 0.01 * np.eye(len(TIME)), 5
 
-    _, errors = own._learn(shares)
+    def within(parts, clusters):
+        means = np.array([parts[clusters == each].mean(axis=0) for each in (0, 1)])
+        return parts - means[clusters]
 
-    item = 5
-    same = np.flatnonzero((clusters == clusters[item]) & (np.arange(24) != item))
-    within = np.delete(parts, item, axis=0)
-    kept = np.delete(clusters, item)
-    for each in (0, 1):
-        within[kept == each] -= within[kept == each].mean(axis=0)
-    weights = np.linalg.solve(within.T @ within + own._prior(shares), own.curve)
-    weights /= weights @ own.curve
-    expected = weights @ (parts[item] - parts[same].mean(axis=0))
-    assert errors[item] == pytest.approx(expected, rel=1e-6)
+    every = within(parts, clusters)
+    _, errors = regression.held_out(prior + every.T @ every, CURVE, every, np.full(24, 12 / 11))
+
+    others = np.delete(parts, item, axis=0), np.delete(clusters, item)
+    kept = within(*others)
+    weights = np.linalg.solve(kept.T @ kept + prior, CURVE)
+    weights /= weights @ CURVE
+    mean = others[0][others[1] == clusters[item]].mean(axis=0)
+    assert errors[item] == pytest.approx(weights @ (parts[item] - mean), rel=1e-6)
