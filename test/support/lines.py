@@ -22,6 +22,12 @@ def counts_of(recording: Recording) -> NDArray[np.int32]:
     return np.concatenate([block.counts for block in recording.blocks])
 
 
+def grams_of(recording: Recording) -> NDArray[np.float64]:
+    """Return the readings in g; the recording must have no gap."""
+    cell = recording.load_cell
+    return (counts_of(recording) - cell.zero_counts) / cell.counts_per_kg * 1000
+
+
 def reblocked(recording: Recording, sizes: list[int]) -> Recording:
     """Return the same samples in blocks of other sizes, taken in turn."""
     counts = counts_of(recording)

@@ -115,7 +115,6 @@ def _read_file(path: Path) -> bytes:
 
 
 def _read_head(path: Path) -> bytes:
-    """Return the content of `LOG.head`, empty if there is none."""
     with suppress(OSError):
         return head_path(path).read_bytes()
     return b''
@@ -201,7 +200,6 @@ def _may_be_torn(end: bytes, expected: int) -> bool:
 
 
 def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:
-    """Return number and hash of the last entry that `LOG.head` knows."""
     if not head:
         count = len(chain.entries)
         what = f'the log has {count} entries' if count else 'the log is empty'
@@ -271,7 +269,6 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             raise
 
     def _read(self) -> None:
-        """Lock the log and read its entries."""
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -388,7 +385,6 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             self._state = os.fstat(self._file)
 
     def _write_head(self, sequence: int, digest: str) -> None:
-        """Write number and hash of the last entry to `LOG.head`."""
         head = head_path(self.path)
         following = head.with_name(head.name + '.next')
         with following.open('wb') as file:

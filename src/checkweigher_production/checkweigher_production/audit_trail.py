@@ -1,21 +1,50 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of the audit log: each change with the previous value, across restarts.
+"""Entries of the audit log: each change with its author and the previous value, across restarts.
 
 The previous values are read from the log. A parameter file that was edited while the line was not
 running is therefore detected at the next start.
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 from checkweigher_core.changes import FOUND, PARAMETER, RECIPE, REFUSED, ZERO, plain
 from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_production.audit_log import AuditError, AuditLog
-from checkweigher_production.authors import Author
+
+
+class Author(NamedTuple):
+    """Author of a change, a person or ``graph:`` and a node, and the reason that was given."""
+
+    who: str = ''  # empty for the node that writes
+    why: str = ''
+
+
+class Authors:
+    """Persons who are about to call services of the lane.
+
+    The request of a service has no field for a name. The page therefore announces the person before
+    the call and ends the announcement after it; entries of the service in between are the person's.
+    An announcement ends after `patience` s at the latest. `now` is the time in s.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience
+        self._callers: dict[str, tuple[Author, float]] = {}  # by service
+
+    def announce(self, author: Author, services: Sequence[str], now: float) -> None:
+        """Register the services that a person is about to call, in place of the earlier ones."""
+        others = {n: known for n, known in self._callers.items() if known[0].who != author.who}
+        self._callers = others | dict.fromkeys(services, (author, now + self._patience))
+
+    def of(self, service: str, otherwise: str, now: float) -> Author:
+        """Return the person who calls a service, or the node `otherwise`."""
+        author, until = self._callers.get(service, (None, now))
+        return Author(f'graph:{otherwise}') if author is None or until < now else author
 
 
 class AuditTrail:

@@ -145,7 +145,6 @@ def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
 
 
 def _typed(hint: Any, value: Any, name: str) -> Any:
-    """Return a plain value in the type of a field."""
     if hint is Decision and value in Decision.__members__:
         return Decision[value]
     if hint == tuple[str, ...]:

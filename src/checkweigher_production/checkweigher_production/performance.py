@@ -15,13 +15,7 @@ import re
 from typing import Any, ClassVar
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
-from checkweigher_core.records import (
-    GRAMS,
-    NANOSECONDS,
-    PerformanceState,
-    PerformanceTest,
-    Verdict,
-)
+from checkweigher_core.records import GRAMS, NANOSECONDS, PerformanceState, PerformanceTest, Verdict
 from checkweigher_core.records.reasons import Reason
 
 _HOUR = 3600 * NANOSECONDS
@@ -69,16 +63,9 @@ class PerformancePlan(Parameters):
     def due(self, last: int | None, began: int, *, in_batch: bool, zone: tzinfo) -> int | None:
         """Return the due time of the next test in ns, None if only the next batch asks for one.
 
-        Parameters
-        ----------
-        last : int or None
-            Time of the last test that passed in ns, None if none has passed.
-        began : int
-            Begin of the product or of the batch in ns.
-        in_batch : bool
-            Whether a test has passed in this batch.
-        zone : tzinfo
-            Time zone of the shifts.
+        `last` is the time of the last test that passed (None if none has), `began` the begin of the
+        product or of the batch, both in ns. `in_batch` is whether a test has passed in this batch,
+        and `zone` the time zone of the shifts.
         """
         if last is None:
             return began
@@ -108,6 +95,9 @@ class LastTest:
     who: str
     passed: bool
     errors: tuple[float, ...] = ()
+
+
+_NEVER = LastTest(0, '', '', passed=True)  # before the first test
 
 
 class PerformanceTests:
@@ -189,13 +179,13 @@ class PerformanceTests:
 
     def _judge(self, plan: PerformancePlan, now: int) -> PerformanceTest:
         product, batch = self.state.product, self.state.batch
-        last, passed = self._known.get(product, (None, None))
+        last, passed = self._known.get(product, (_NEVER, None))
         passed_at = passed.time if passed else None
         in_batch = passed is not None and passed.batch == batch
         due = plan.due(passed_at, self._began, in_batch=in_batch, zone=self._zone)
         stop_at = None if due is None else due + round(plan.grace * NANOSECONDS)
         state, text = PerformanceState.IN_TIME, ''
-        if last is not None and not last.passed:
+        if not last.passed:
             state, text = PerformanceState.FAILED, _why_failed(plan, last)
         elif due is not None and now >= due:
             overdue = stop_at is not None and now >= stop_at
@@ -212,8 +202,8 @@ class PerformanceTests:
             last=passed_at,
             due=due,
             stop_at=stop_at,
-            who=last.who if last else '',
-            errors=last.errors if last else (),
+            who=last.who,
+            errors=last.errors,
             text=text,
         )
 

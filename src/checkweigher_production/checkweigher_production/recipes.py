@@ -99,7 +99,7 @@ class Product(Settings):
     test: PerformancePlan | None = parameter(None, 'performance test')
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'parameters', _parameters(self.parameters or {}))
+        object.__setattr__(self, 'parameters', _parameters(self.parameters))
         if self.nominal == 0:
             raise SettingsError('must be above 0', 'nominal')
         if math.isnan(self.tu1) and SMALLEST <= self.nominal <= LARGEST:
@@ -210,10 +210,10 @@ def _is_near(mass: float, nominal: float) -> bool:
     return abs(mass - nominal) <= nominal / 2
 
 
-def _parameters(given: Mapping[str, Any]) -> Changes:
+def _parameters(given: Mapping[str, Any] | None) -> Changes:
     """Return the checked parameters by node. The nodes check combinations of parameters."""
     made: Changes = {}
-    for node, section in given.items():
+    for node, section in (given or {}).items():
         if node not in NODES:
             raise SettingsError(
                 f'no recipe sets them; it may set {", ".join(NODES)}', 'parameters', node

@@ -101,23 +101,13 @@ def reference_test(
     seed: int = 1,
     plan: SamplingPlan = SamplingPlan.DOUBLE,
 ) -> ReferenceTest:
-    """Draw the samples of a batch at random and judge the batch by them.
+    """Draw the samples of a batch at random by a plan, and judge the batch by them.
 
-    Parameters
-    ----------
-    masses : sequence of float
-        Mass of the contents of every prepackage of the batch in kg.
-    nominal : float
-        Nominal quantity in kg.
-    seed : int
-        Seed of the draw.
-    plan : SamplingPlan
-        Sampling plan for a batch of at least 100.
+    `masses` are those of the contents of every prepackage, and `nominal` is the nominal quantity,
+    in kg. `seed` is that of the draw. A batch below 100 is tested whole.
 
-    Raises
-    ------
-    ValueError
-        If the batch is empty, a mass is not finite or the directive has no limits for `nominal`.
+    Raises `ValueError` if the batch is empty, a mass is not finite or the directive has no limits
+    for `nominal`.
     """
     batch = batch_of(masses, 'tested')
     its, size, slack = limits(nominal), len(batch), ROUNDING * nominal
@@ -154,7 +144,6 @@ def reference_test(
 
 
 def _samples(defective: np.ndarray, plan: SamplingPlan) -> tuple[SampleResult, ...]:
-    """Return the first sample, and the second if the first is undecided."""
     size = len(defective)
     if size < WHOLE_BELOW:
         accept = math.floor(MAX_SHARE_BELOW_TU1 * size * (1 + ROUNDING))

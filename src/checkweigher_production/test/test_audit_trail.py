@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The audit trail: each change once, with the value before it, across restarts."""
+"""The audit trail: each change once, with its author and the value before, across restarts."""
 
 from collections.abc import Mapping
 import errno
@@ -12,7 +12,7 @@ from full_disk import file_size_limit
 import pytest
 
 from checkweigher_production.audit_log import AuditError, AuditLog, read_log
-from checkweigher_production.audit_trail import AuditTrail
+from checkweigher_production.audit_trail import AuditTrail, Author, Authors
 
 TIME = '2026-01-01T00:00:00.000000+00:00'
 NODE = '/lane1/reject'
@@ -102,3 +102,24 @@ def test_what_happened_while_the_disk_was_full_is_written_later_with_its_own_tim
         ('at 2', 'refused', f'1 changes, for the log could not be written: {path}: {FULL}'),
         ('at 3', 'parameter', 0.2),
     ]
+
+
+def test_who_calls_a_service_is_its_author_until_the_call_has_ended():
+    authors, ann = Authors(patience=10.0), Author('ann', 'order 7')
+    assert authors.of('select_product', '/product', 0.0) == Author('graph:/product')
+
+    authors.announce(ann, ['select_product'], 1.0)
+    assert authors.of('select_product', '/product', 2.0) == ann
+    assert authors.of('new_batch', '/product', 2.0) == Author('graph:/product')
+
+    authors.announce(ann, [], 3.0)
+    assert authors.of('select_product', '/product', 3.0) == Author('graph:/product')
+
+
+def test_two_persons_at_once_keep_their_own_services_until_they_are_forgotten():
+    authors = Authors(patience=10.0)
+    authors.announce(Author('ann'), ['zero'], 1.0)
+    authors.announce(Author('bob'), ['new_batch'], 1.5)
+    assert authors.of('zero', '/segmenter', 2.0).who == 'ann'
+    assert authors.of('zero', '/segmenter', 11.5) == Author('graph:/segmenter')
+    assert authors.of('new_batch', '/product', 2.0).who == 'bob'

@@ -12,11 +12,7 @@ import yaml
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import ProductOnLine
 from checkweigher_core.settings_files import plain, settings_of
-from checkweigher_production.recipes import (
-    Product,
-    product_of,
-    read_recipes,
-)
+from checkweigher_production.recipes import Product, product_of, read_recipes
 
 EXACT = 1e-12  # relative
 GOOD = {

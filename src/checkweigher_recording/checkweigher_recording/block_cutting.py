@@ -167,5 +167,4 @@ def cut_for_pace(
 
 
 def _duration(samples: float, sample_rate: float) -> int:
-    """Return the duration of a number of samples in ns."""
     return round(samples * NANOSECONDS / sample_rate)

@@ -137,7 +137,6 @@ def _client(address: str) -> Iterator[Any]:
 def _refused(
     client: Any, question: Callable[[], Any], refusal: Callable[[Any], str]
 ) -> dict[str, str]:
-    """Return a line for each worker that is not used, by its address."""
     answers = client.run(question, on_error='return')
     refused = {}
     for name, answer in answers.items():

@@ -77,7 +77,6 @@ class LineBatches:
         return bool(self.doubt or self._forgotten)
 
     def _resume(self, writer: RecordWriter) -> None:
-        """Go on with the last batch and product."""
         try:
             self.selected = read_selection(self._folder, self._log.entries if self._log else ())
         except SettingsError as error:

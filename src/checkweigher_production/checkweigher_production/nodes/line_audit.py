@@ -19,8 +19,7 @@ from checkweigher_core.ros.change_record import TIME_TO_CHANGE
 from checkweigher_core.ros.line_parameters import LineParametersClient, RefusedError, Values
 from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
-from checkweigher_production.audit_trail import AuditTrail
-from checkweigher_production.authors import Author, Authors
+from checkweigher_production.audit_trail import AuditTrail, Author, Authors
 
 _LONGEST_NAME = 64  # characters, of a person
 _CALL_PATIENCE = 150.0  # s, longest time from the announcement of a person's call to its end
@@ -109,7 +108,6 @@ class LineAudit:
             self._write_asked(kind, subject, value)
 
     def _write_asked(self, kind: str, subject: str, value: Any) -> None:
-        """Write a change that a service of another node was asked for."""
         known, maker, service = self._asked.get(kind, (None, '', ''))
         if subject != known:
             raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')

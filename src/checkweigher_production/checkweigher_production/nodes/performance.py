@@ -9,14 +9,9 @@ import math
 from checkweigher_core import changes
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest, Verdict
-from checkweigher_production.audit_trail import AuditTrail
-from checkweigher_production.authors import Author
+from checkweigher_production.audit_trail import AuditTrail, Author
 from checkweigher_production.nodes.line_recipe import LineRecipe
-from checkweigher_production.performance import (
-    PerformanceTests,
-    as_entry,
-    from_entry,
-)
+from checkweigher_production.performance import PerformanceTests, as_entry, from_entry
 from checkweigher_production.recipes import Product
 
 _HINT = 'make it: ./checkweigher performance, or the page'

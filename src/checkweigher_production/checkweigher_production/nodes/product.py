@@ -27,22 +27,17 @@ from checkweigher_core.records import (
 )
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
-from checkweigher_core.ros.line_parameters import (
-    LineNodes,
-    LineParametersClient,
-    RefusedError,
-)
+from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_production.audit_log import AuditError, AuditLog
-from checkweigher_production.authors import Author
+from checkweigher_production.audit_trail import Author
 from checkweigher_production.batch_record import RecordError
-from checkweigher_production.nodes.batch_change import BatchChange
 from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.nodes.line_audit import LineAudit
 from checkweigher_production.nodes.line_recipe import LineRecipe
+from checkweigher_production.nodes.line_selection import LineSelection, find
 from checkweigher_production.nodes.performance import LineTest
-from checkweigher_production.nodes.product_selection import ProductSelection, find
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
@@ -98,11 +93,10 @@ class ProductNode(StageNode[ProductParameters]):
         self._recipe = LineRecipe(line, publish, self._stamp, tally)
         tests = self.output(ports.PERFORMANCE_TEST)
         self._test = LineTest(self._recipe, self._trail, tests.send, self._stamp)
-        self._selection = ProductSelection(
+        self._selection = LineSelection(
             known.recipes, known.product, self._recipe, self._batches, self._audit, self._test,
             self.warn,
         )  # fmt: skip
-        self._change = BatchChange(self._batches, self._recipe, self._trail, self._test)
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
@@ -180,11 +174,11 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _on_new_batch(self, request: Any, response: Any) -> Any:
         name = str(request.batch).strip()
-        work = self._change.begin(name, self._audit.author_of(ports.NEW_BATCH))
+        work = self._selection.begin_batch(name, self._audit.author_of(ports.NEW_BATCH))
         return await self._answer(response, work, 'no new batch')
 
     async def _on_reset(self, request: Any, response: Any) -> Any:
-        work = self._change.reset(self._audit.author_of(ports.RESET_STATISTICS))
+        work = self._selection.reset_counts(self._audit.author_of(ports.RESET_STATISTICS))
         return await self._answer(response, work, 'statistics')
 
     async def _on_begin_test(self, request: Any, response: Any) -> Any:
@@ -215,7 +209,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     def _advance_records(self) -> None:
         """Publish the records that are complete, and write what was not kept."""
-        for ended in self._change.ended():
+        for ended in self._selection.ended_batches():
             self._results.send(replace(ended, stamp=self._stamp()))
         if self._batches.not_kept:
             self._batches.keep(self._recipe.selected)
@@ -230,7 +224,6 @@ class ProductNode(StageNode[ProductParameters]):
             self._batches.write('stop', {'time': self._time(), **asdict(request)})
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
-        """Process the begin of a stream."""
         self._batches.production.begin_stream()
         self._audit.on_load_cell(load_cell)
 

@@ -74,7 +74,6 @@ def _register(message_type: str) -> None:
 
 
 def _parts(field: Any) -> Iterator[str]:
-    """Yield the types of the messages in a field."""
     kind, content = field
     if kind == Nodetype.NAME:
         yield content
@@ -141,7 +140,6 @@ def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
 
 
 def _lacks_newer(own: Typestore, port: Port) -> bool:
-    """Return whether definitions differ from those of a port only by the lack of newer fields."""
     assert port.record is not None
     there = list(own.fielddefs[port.message_type][1])
     here = list(typestore([port]).fielddefs[port.message_type][1])

@@ -74,7 +74,6 @@ def _check_mcap(file: BinaryIO, name: Path) -> None:
 
 
 def _check_sum(file: BinaryIO, begin: int, end: int) -> int:
-    """Return the CRC-32 of the bytes of a file from `begin` to `end`."""
     check_sum = 0
     for position in range(file.seek(begin), end, _PIECE):
         check_sum = zlib.crc32(file.read(min(_PIECE, end - position)), check_sum)
@@ -82,7 +81,6 @@ def _check_sum(file: BinaryIO, begin: int, end: int) -> int:
 
 
 def _check_sqlite(path: Path, name: Path) -> None:
-    """Check the pages and the indices of a database."""
     address = f'file:{quote(str(path.absolute()))}?mode=ro&immutable=1'
     with closing(sqlite3.connect(address, uri=True)) as connection:
         (problem,) = connection.execute('PRAGMA integrity_check(1)').fetchone()

@@ -51,10 +51,13 @@ def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | 
             f'{path}: not of a checkweigher: no topic {LOAD_CELL_SAMPLES.name}; its topics are: '
             f'{names}'
         )
-    prefix = next(iter(lanes)) if namespace is None else lane_prefix(namespace)
     listed = ', '.join(each or '/' for each in sorted(lanes))
-    if namespace is None and len(lanes) > 1:
+    if namespace is not None:
+        prefix = lane_prefix(namespace)
+    elif len(lanes) > 1:
         raise BagError(f'{path}: holds several lanes: {listed}; choose one by its namespace')
+    else:
+        (prefix,) = lanes
     if prefix not in lanes:
         raise BagError(f'{path}: has no lane {prefix or "/"}; it has {listed}')
     return lanes[prefix]

@@ -87,7 +87,7 @@ def read_stretches(
             if not whole and (stretch := messages.stretch()) is not None:
                 yield stretch
         if isinstance(bag, Reader):
-            _check_numbers(path, bag, {topic: messages.numbers[topic] for topic in ports})
+            _check_numbers(path, bag, ports, messages.numbers)
         yield replace(messages.rest(), warning=_warning(path, bag))
 
 
@@ -148,7 +148,6 @@ def _unfinished(path: Path, parts: Sequence[Path]) -> UnfinishedBag:
 
 
 def _files(path: Path) -> list[Path]:
-    """Return the uncompressed files of a bag."""
     if not path.exists():
         raise BagError(f'{path}: there is no such file or folder')
     if path.is_file() and path.suffix in ('.mcap', '.db3'):
@@ -161,7 +160,6 @@ def _files(path: Path) -> list[Path]:
 
 
 def _parts(reader: Reader) -> list[Any]:
-    """Return the readers of the files of a bag."""
     return getattr(reader.storage, 'storages', [reader.storage])
 
 
@@ -180,7 +178,9 @@ def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
     return ''
 
 
-def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int]) -> None:
+def _check_numbers(
+    path: Path, reader: Reader, topics: Iterable[str], read: Mapping[str, int]
+) -> None:
     """Check the numbers of messages that were read against those that the bag states.
 
     A folder states them in ``metadata.yaml`` and in its files. If the two disagree, or name a topic
@@ -194,10 +194,10 @@ def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int]) -> None:
                 f'{path}: damaged: metadata.yaml says {stated[name]} messages on {name}, the '
                 f'files say {stored[name]}; restore it or run "ros2 bag reindex"'
             )
-    for name, number in read.items():
-        if number != stored[name]:
+    for name in topics:
+        if read[name] != stored[name]:
             raise BagError(
-                f'{path}: damaged: {number} of {stored[name]} messages on {name} can be read; '
+                f'{path}: damaged: {read[name]} of {stored[name]} messages on {name} can be read; '
                 'restore it'
             )
 

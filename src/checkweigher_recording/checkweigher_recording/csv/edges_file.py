@@ -51,7 +51,6 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
 
 
 def _switches(where: str, entries: Any, rows: int) -> list[tuple[float, bool]]:
-    """Return row and state of each edge of one eye."""
     if not isinstance(entries, list) or not entries:
         raise CsvError(f'{where}: must be a list of [row, level]')
     for entry in entries:
@@ -63,7 +62,6 @@ def _switches(where: str, entries: Any, rows: int) -> list[tuple[float, bool]]:
 
 
 def _check_entry(where: str, entry: Any, rows: int) -> None:
-    """Raise `CsvError` unless an entry is ``[row, level]`` of a log of `rows` rows."""
     if not (isinstance(entry, list) and len(entry) == 2 and entry[1] in (0, 1)):
         raise CsvError(f'{where}: {entry!r} is not [row, level] with level 0 or 1')
     if not _is_number(entry[0]) or not 0 <= entry[0] < rows:

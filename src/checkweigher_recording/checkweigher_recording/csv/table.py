@@ -129,7 +129,6 @@ def _parse(
 
 
 def _problem(cells: list[str], places: list[int]) -> str:
-    """Return the fault of a row, empty if there is none."""
     for place in places:
         if place >= len(cells):
             return f'{len(cells)} columns, needs {place + 1}'

@@ -20,8 +20,6 @@ _Cause = TypeVar('_Cause')
 
 
 class _Draw:
-    """Draws from ranges."""
-
     def __init__(self, seed: np.random.SeedSequence) -> None:
         self._random = generator(seed)
 

@@ -200,7 +200,6 @@ class MachineSignal:
             force += white(noise.broadband * speed, self._step, len(force), self._broadband)
 
     def _add_floor(self, force: Array, time: Array) -> None:
-        """Add the vibration of the floor."""
         if floor := self._machine.floor:
             force += floor.noise * self._floor(len(force))
             for frequency, amplitude, phase, breath in self._lines:
@@ -208,7 +207,6 @@ class MachineSignal:
                 force += amplitude * (1 + breath(time) / 3) * np.sin(angle)
 
     def _numbers(self, entry: Pass) -> Array:
-        """Return the standard normal numbers of a pass, (12,)."""
         return np.random.default_rng((self._passes, entry.number)).standard_normal(12)
 
 

@@ -408,7 +408,9 @@ class _ProfileSignal:
         """Return the reading in the next steps, (n,) in kg, from their times and travels."""
         force = self._belt.load(time, travel)
         self._add_lines(force, travel)
-        self._add_noise(force)
+        density = self._profile.broadband * self._belt.speed
+        force += white(density, self._step, len(force), self._broadband)
+        force += self._profile.floor * self._floor(len(force))
         for entry in self._belt.passes:
             self._add_impact(force, time, entry)
         return self._platform.run(force, *self._belt.load_steps(time, travel))
@@ -420,22 +422,12 @@ class _ProfileSignal:
     def _add_lines(self, force: Array, travel: Array) -> None:
         """Add the vibration of the parts that turn with the belt: rollers and motor."""
         *roller, motor = self._phases
-        for order, (amplitude, phase) in enumerate(
-            zip(self._profile.roller, roller, strict=True), start=1
-        ):
+        lines = zip(self._profile.roller, roller, strict=True)
+        for order, (amplitude, phase) in enumerate(lines, start=1):
             angle = 2 * order / ROLLER_DIAMETER * travel + phase
             force += self._belt.speed * amplitude * np.sin(angle)
-        if self._profile.motor:
-            angle = 2 * math.pi * self._profile.motor_frequency * travel + motor
-            force += self._belt.speed * self._profile.motor * np.sin(angle)
-
-    def _add_noise(self, force: Array) -> None:
-        """Add broadband noise and the floor's vibration."""
-        if self._profile.broadband:
-            density = self._profile.broadband * self._belt.speed
-            force += white(density, self._step, len(force), self._broadband)
-        if self._profile.floor:
-            force += self._profile.floor * self._floor(len(force))
+        angle = 2 * math.pi * self._profile.motor_frequency * travel + motor
+        force += self._belt.speed * self._profile.motor * np.sin(angle)
 
     def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
         """Add the impact of a product on the belt, half a sine."""

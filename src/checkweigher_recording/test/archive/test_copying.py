@@ -9,6 +9,7 @@ from pathlib import Path
 import tempfile
 import threading
 
+from foreign_bags import same
 import fsspec
 import pytest
 
@@ -57,7 +58,7 @@ def urls(archive: Path, server: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize('protocol', ['file', 'http', 'memory'])
-def test_a_bag_is_found_copied_read_and_dropped(urls, archive, recording, same, protocol):
+def test_a_bag_is_found_copied_read_and_dropped(urls, archive, recording, protocol):
     (bag,) = find_bags([urls[protocol]])
 
     assert bag.startswith(f'{protocol}://')
@@ -69,7 +70,7 @@ def test_a_bag_is_found_copied_read_and_dropped(urls, archive, recording, same, 
 
 
 @pytest.mark.parametrize('protocol', ['file', 'http'])
-def test_a_single_file_is_a_bag(urls, recording, same, protocol):
+def test_a_single_file_is_a_bag(urls, recording, protocol):
     bag = f'{urls[protocol]}/may/shift1/line_0.mcap'
 
     assert list(find_bags([bag])) == [bag]

@@ -4,6 +4,7 @@
 
 import sqlite3
 
+from foreign_bags import write_foreign, write_mcap
 from mcap.writer import IndexType
 import pytest
 from rosbags.rosbag2 import StoragePlugin
@@ -29,7 +30,7 @@ def test_a_whole_file_passes(whole):
 
 
 @pytest.mark.parametrize('options', [{}, {'enable_crcs': False}, NO_SUMMARY])
-def test_a_file_with_fewer_check_sums_passes(tmp_path, messages, write_mcap, options):
+def test_a_file_with_fewer_check_sums_passes(tmp_path, messages, options):
     path = tmp_path / 'line.mcap'
     write_mcap(path, [(message, message.stamp) for message in messages], **options)
 
@@ -66,8 +67,10 @@ def test_bytes_behind_the_end_are_noticed(whole):
         check_file(whole)
 
 
-def test_an_index_of_sqlite_that_differs_from_its_table_is_refused(messages, write_foreign):
-    (file,) = write_foreign(messages, plugin=StoragePlugin.SQLITE3).glob('*.db3')
+def test_an_index_of_sqlite_that_differs_from_its_table_is_refused(tmp_path, messages):
+    (file,) = write_foreign(tmp_path / 'foreign', messages, plugin=StoragePlugin.SQLITE3).glob(
+        '*.db3'
+    )
     check_file(file)
     with sqlite3.connect(file) as connection:
         connection.execute('PRAGMA writable_schema = ON')

@@ -5,6 +5,7 @@
 from dataclasses import replace
 import random
 
+from foreign_bags import messages_of, same, write_mcap
 import pytest
 
 from checkweigher_core.recording import Recording
@@ -24,7 +25,7 @@ def long_recording():
 
 
 @pytest.fixture
-def timed(long_recording, messages_of):
+def timed(long_recording):
     """Messages with their log times."""
     return [(message, message.stamp) for message in messages_of(long_recording)]
 
@@ -37,7 +38,7 @@ def joined(parts):
     )
 
 
-def test_stretches_have_all_events_in_their_order(tmp_path, long_recording, same):
+def test_stretches_have_all_events_in_their_order(tmp_path, long_recording):
     write_bag(tmp_path / 'bag', long_recording.load_cell, long_recording)
 
     parts = list(read_stretches(tmp_path / 'bag'))
@@ -49,9 +50,7 @@ def test_stretches_have_all_events_in_their_order(tmp_path, long_recording, same
     assert stamps == sorted(stamps)
 
 
-def test_messages_that_were_logged_late_are_put_in_order(
-    tmp_path, long_recording, write_mcap, timed, same
-):
+def test_messages_that_were_logged_late_are_put_in_order(tmp_path, long_recording, timed):
     chance = random.Random(1)
     late = [(message, stamp + chance.randrange(50 * SECOND)) for message, stamp in timed]
     write_mcap(tmp_path / 'late.mcap', late)
@@ -60,7 +59,7 @@ def test_messages_that_were_logged_late_are_put_in_order(
 
 
 def test_messages_that_are_too_late_for_stretches_are_read_as_a_whole(
-    tmp_path, long_recording, write_mcap, timed, same
+    tmp_path, long_recording, timed
 ):
     late = next(n for n, (message, _) in enumerate(timed) if message.topic == '/photo_eyes')
     timed[late] = (timed[late][0], timed[-1][1])
@@ -72,7 +71,7 @@ def test_messages_that_are_too_late_for_stretches_are_read_as_a_whole(
 
 
 def test_a_load_cell_that_is_logged_last_is_that_of_the_first_stretch(
-    tmp_path, long_recording, write_mcap, timed, same
+    tmp_path, long_recording, timed
 ):
     (cell, _), *rest = timed
     write_mcap(tmp_path / 'line.mcap', [*rest, (cell, rest[-1][1])])
@@ -80,7 +79,7 @@ def test_a_load_cell_that_is_logged_last_is_that_of_the_first_stretch(
     assert same(joined(list(read_stretches(tmp_path / 'line.mcap'))), long_recording)
 
 
-def test_a_load_cell_that_changes_later_ends_the_stretches(tmp_path, write_mcap, timed):
+def test_a_load_cell_that_changes_later_ends_the_stretches(tmp_path, timed):
     other = replace(timed[0][0], content=timed[0][0].content | {'zero_counts': 1.0})
     write_mcap(tmp_path / 'line.mcap', [*timed, (other, timed[-1][1])])
 
@@ -91,7 +90,7 @@ def test_a_load_cell_that_changes_later_ends_the_stretches(tmp_path, write_mcap,
         list(stretches)
 
 
-def test_a_recording_that_broke_off_says_so_with_its_last_stretch(tmp_path, long_recording, same):
+def test_a_recording_that_broke_off_says_so_with_its_last_stretch(tmp_path, long_recording):
     write_bag(tmp_path / 'bag', long_recording.load_cell, long_recording)
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
     file = tmp_path / 'bag' / 'line_0.mcap'

@@ -5,6 +5,7 @@
 from dataclasses import replace
 import random
 
+from foreign_bags import refused, same, store_with, write_foreign, write_mcap
 from mcap.stream_reader import zstandard  # which comes with it
 from mcap.writer import CompressionType, IndexType
 import numpy as np
@@ -45,21 +46,21 @@ def _read_or_refused(path):
         (StoragePlugin.SQLITE3, CompressionMode.FILE),
     ],
 )
-def test_every_kind_of_storage_is_read(messages, recording, write_foreign, same, plugin, mode):
-    read = read_bag(write_foreign(messages, plugin=plugin, mode=mode))
+def test_every_kind_of_storage_is_read(tmp_path, messages, recording, plugin, mode):
+    read = read_bag(write_foreign(tmp_path / 'foreign', messages, plugin=plugin, mode=mode))
 
     assert same(read, recording)
     assert ('no check sums' in read.warning) == (plugin is StoragePlugin.SQLITE3)
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
-def test_the_order_of_the_messages_does_not_matter(messages, recording, write_foreign, same, seed):
+def test_the_order_of_the_messages_does_not_matter(tmp_path, messages, recording, seed):
     random.Random(seed).shuffle(messages)
 
-    assert same(read_bag(write_foreign(messages)), recording)
+    assert same(read_bag(write_foreign(tmp_path / 'foreign', messages)), recording)
 
 
-def test_other_topics_are_left_alone(messages, recording, write_foreign, same):
+def test_other_topics_are_left_alone(tmp_path, messages, recording):
     store = get_typestore(Stores.ROS2_JAZZY)
     for port in PLAYED:
         store.fielddefs[port.message_type] = typestore().fielddefs[port.message_type]
@@ -67,32 +68,34 @@ def test_other_topics_are_left_alone(messages, recording, write_foreign, same):
     note = replace(messages[0], topic='/note', message_type='std_msgs/msg/String')
     note.content = {'data': 'shift 2'}
 
-    assert same(read_bag(write_foreign([*messages, note], store=store)), recording)
+    assert same(
+        read_bag(write_foreign(tmp_path / 'foreign', [*messages, note], store=store)), recording
+    )
 
 
-def test_a_lane_is_found_by_its_namespace(messages, recording, write_foreign, same, refused):
+def test_a_lane_is_found_by_its_namespace(tmp_path, messages, recording):
     for message in messages:
         message.topic = f'/plant/lane1{message.topic}'
-    path = write_foreign(messages)
+    path = write_foreign(tmp_path / 'foreign', messages)
 
     for namespace in (None, '/plant/lane1', 'plant/lane1/'):
         assert same(read_bag(path, namespace), recording)
     refused(path, 'has no lane /lane2', '/plant/lane1', namespace='lane2')
 
 
-def test_of_several_lanes_one_must_be_chosen(messages, recording, write_foreign, same, refused):
+def test_of_several_lanes_one_must_be_chosen(tmp_path, messages, recording):
     other = [replace(message, topic=f'/lane2{message.topic}') for message in messages]
-    path = write_foreign([*other, *messages])
+    path = write_foreign(tmp_path / 'foreign', [*other, *messages])
 
     refused(path, 'several lanes: /, /lane2')
     assert same(read_bag(path, '/'), recording)
     assert same(read_bag(path, 'lane2'), recording)
 
 
-def test_a_latched_message_may_come_twice(messages, recording, write_foreign, same):
+def test_a_latched_message_may_come_twice(tmp_path, messages, recording):
     again = replace(messages[0], stamp=messages[0].stamp + 10**9)
 
-    assert same(read_bag(write_foreign([*messages, again])), recording)
+    assert same(read_bag(write_foreign(tmp_path / 'foreign', [*messages, again])), recording)
 
 
 CHUNK_SIZE = 2000  # bytes, some twenty messages
@@ -107,7 +110,7 @@ CHUNK_SIZE = 2000  # bytes, some twenty messages
         *({'chunk_size': CHUNK_SIZE, 'compression': each} for each in CompressionType),
     ],
 )
-def test_every_kind_of_mcap_is_read(messages, recording, tmp_path, write_mcap, same, options):
+def test_every_kind_of_mcap_is_read(messages, recording, tmp_path, options):
     chance, latest = random.Random(1), 10**9 if 'compression' in options else 1
     late = [(message, message.stamp + chance.randrange(latest)) for message in messages]
     path = tmp_path / 'line.mcap'
@@ -119,7 +122,7 @@ def test_every_kind_of_mcap_is_read(messages, recording, tmp_path, write_mcap, s
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_different_blocks_of_one_stamp_stay_in_the_order_of_their_log_times(
-    messages, tmp_path, write_mcap, seed
+    messages, tmp_path, seed
 ):
     chance = random.Random(seed)
     blocks = [message for message in messages if message.message_type == SAMPLES.message_type]
@@ -142,8 +145,8 @@ def test_different_blocks_of_one_stamp_stay_in_the_order_of_their_log_times(
     ]
 
 
-def test_a_bag_of_several_files_is_read(messages, recording, write_foreign, write_mcap, same):
-    folder = write_foreign(messages)
+def test_a_bag_of_several_files_is_read(tmp_path, messages, recording):
+    folder = write_foreign(tmp_path / 'foreign', messages)
     (whole,) = folder.glob('*.mcap')
     whole.unlink()
     names = [f'part_{number}.mcap' for number in range(3)]
@@ -160,7 +163,7 @@ def test_a_bag_of_several_files_is_read(messages, recording, write_foreign, writ
 # --- What is refused ---------------------------------------------------------------------------
 
 
-def test_what_is_not_a_bag(tmp_path, refused):
+def test_what_is_not_a_bag(tmp_path):
     refused(tmp_path / 'none', 'there is no such file')
     (tmp_path / 'folder').mkdir()
     refused(tmp_path / 'folder', 'not a bag', 'metadata.yaml')
@@ -176,36 +179,38 @@ def test_what_is_not_a_bag(tmp_path, refused):
     refused(tmp_path / 'text.db3', 'damaged')
 
 
-def test_a_folder_whose_file_is_gone(tmp_path, recording, refused):
+def test_a_folder_whose_file_is_gone(tmp_path, recording):
     write_bag(tmp_path / 'bag', recording.load_cell, recording)
     (tmp_path / 'bag' / 'line_0.mcap').unlink()
     refused(tmp_path / 'bag', 'line_0.mcap')
 
 
-def test_a_foreign_bag_is_refused_with_the_list_of_its_topics(messages, write_foreign, refused):
+def test_a_foreign_bag_is_refused_with_the_list_of_its_topics(tmp_path, messages):
     store = get_typestore(Stores.ROS2_JAZZY)
     note = replace(messages[0], topic='/scan', message_type='std_msgs/msg/String')
     note.content = {'data': ''}
-    refused(write_foreign([note], store=store), 'not of a checkweigher', '/scan')
+    refused(
+        write_foreign(tmp_path / 'foreign', [note], store=store), 'not of a checkweigher', '/scan'
+    )
 
 
-def test_a_known_topic_with_another_type(messages, write_foreign, refused):
+def test_a_known_topic_with_another_type(tmp_path, messages):
     store = get_typestore(Stores.ROS2_JAZZY)
     block = replace(messages[0], topic='/load_cell/samples', message_type='std_msgs/msg/String')
     block.content = {'data': ''}
     refused(
-        write_foreign([block], store=store),
+        write_foreign(tmp_path / 'foreign', [block], store=store),
         '/load_cell/samples holds std_msgs/msg/String, must hold ' + SAMPLES.message_type,
     )
 
 
-def test_another_definition_of_a_known_type(messages, write_foreign, store_with, refused):
+def test_another_definition_of_a_known_type(tmp_path, messages):
     text = 'std_msgs/Header header\nuint64 first_index\nfloat64[] counts\n'
     store = store_with(SAMPLES.message_type, text)
     block = next(message for message in messages if message.message_type == SAMPLES.message_type)
     block.content['counts'] = np.zeros(10)
     refused(
-        write_foreign([block], store=store),
+        write_foreign(tmp_path / 'foreign', [block], store=store),
         'another definition of ' + SAMPLES.message_type,
         store.hash_rihs01(SAMPLES.message_type),
         typestore().hash_rihs01(SAMPLES.message_type),
@@ -225,10 +230,8 @@ def _with_cell(messages, **content):
         (lambda all_: [m for m in all_ if m.message_type != SAMPLES.message_type], 'no samples'),
     ],
 )
-def test_a_recording_without_one_load_cell_or_samples(
-    messages, write_foreign, spoil, text, refused
-):
-    refused(write_foreign(spoil(messages)), text)
+def test_a_recording_without_one_load_cell_or_samples(tmp_path, messages, spoil, text):
+    refused(write_foreign(tmp_path / 'foreign', spoil(messages)), text)
 
 
 @pytest.mark.parametrize(
@@ -239,16 +242,16 @@ def test_a_recording_without_one_load_cell_or_samples(
         ('/reference_mass', {'mass': 1e308}),
     ],
 )
-def test_a_message_that_says_nothing_sensible(messages, write_foreign, topic, content, refused):
+def test_a_message_that_says_nothing_sensible(tmp_path, messages, topic, content):
     message = next(message for message in messages if message.topic == topic)
     message.content |= content
-    refused(write_foreign(messages), 'damaged')
+    refused(write_foreign(tmp_path / 'foreign', messages), 'damaged')
 
 
 # --- Damage ------------------------------------------------------------------------------------
 
 
-def test_no_damaged_byte_of_the_metadata_passes_unnoticed(tmp_path, recording, same):
+def test_no_damaged_byte_of_the_metadata_passes_unnoticed(tmp_path, recording):
     write_bag(tmp_path / 'bag', recording.load_cell, recording)
     path = tmp_path / 'bag' / 'metadata.yaml'
     whole = path.read_bytes()
@@ -260,7 +263,7 @@ def test_no_damaged_byte_of_the_metadata_passes_unnoticed(tmp_path, recording, s
         assert read is None or same(read, recording)
 
 
-def test_damage_within_a_file_that_is_compressed_as_a_whole(tmp_path, recording, refused):
+def test_damage_within_a_file_that_is_compressed_as_a_whole(tmp_path, recording):
     bag = tmp_path / 'bag'
     write_bag(bag, recording.load_cell, recording)
     data = bytearray((bag / 'line_0.mcap').read_bytes())
@@ -277,9 +280,7 @@ def test_damage_within_a_file_that_is_compressed_as_a_whole(tmp_path, recording,
     refused(bag, 'line_0.mcap: damaged: wrong check sum of the data')
 
 
-def test_a_message_outside_the_log_times_of_its_chunk_is_missed(
-    tmp_path, messages, write_mcap, refused
-):
+def test_a_message_outside_the_log_times_of_its_chunk_is_missed(tmp_path, messages):
     path = tmp_path / 'line.mcap'
     write_mcap(
         path,
@@ -299,8 +300,8 @@ def test_a_message_outside_the_log_times_of_its_chunk_is_missed(
 
 
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_damage_without_check_sums_ends_in_one_line_at_worst(messages, write_foreign, plugin):
-    path = next(write_foreign(messages, plugin=plugin).glob('foreign.*'))
+def test_damage_without_check_sums_ends_in_one_line_at_worst(tmp_path, messages, plugin):
+    path = next(write_foreign(tmp_path / 'foreign', messages, plugin=plugin).glob('foreign.*'))
     whole = path.read_bytes()
     chance = random.Random(5)
     for _ in range(150):

@@ -5,6 +5,7 @@
 from contextlib import suppress
 import shutil
 
+from foreign_bags import refused, store_with, write_foreign
 import pytest
 from rosbags.rosbag2 import Reader
 
@@ -87,7 +88,7 @@ def test_what_came_before_the_end_of_the_writer_is_read(taped, recording):
     assert '(100 messages)' in read.warning
 
 
-def test_a_cut_anywhere_leaves_all_whole_chunks(taped, recording, refused):
+def test_a_cut_anywhere_leaves_all_whole_chunks(taped, recording):
     path = taped()
     file = path / 'line_0.mcap'
     data = file.read_bytes()
@@ -115,7 +116,7 @@ def test_room_without_content_is_an_end_as_well(taped, recording):
         assert is_beginning(read, recording, 35)
 
 
-def test_a_hole_is_refused_and_recovered_up_to_it(taped, recording, tmp_path, refused):
+def test_a_hole_is_refused_and_recovered_up_to_it(taped, recording, tmp_path):
     path = taped()
     file = path / 'line_0.mcap'
     data = bytearray(file.read_bytes())
@@ -151,7 +152,7 @@ def test_no_damaged_byte_gives_anything_but_a_beginning(taped, recording):
     assert 0 < sum(outcomes) < len(outcomes)
 
 
-def test_parts_are_read_in_order_and_none_may_be_missing(taped, recording, tmp_path, refused):
+def test_parts_are_read_in_order_and_none_may_be_missing(taped, recording, tmp_path):
     parts = [taped(f'part{n}', 40 * n, 40 * (n + 1), killed=n == 2) for n in range(3)]
     path = tmp_path / 'parts'
     path.mkdir()
@@ -165,12 +166,10 @@ def test_parts_are_read_in_order_and_none_may_be_missing(taped, recording, tmp_p
     refused(path, 'line_10.mcap: cut off')
 
 
-def test_another_definition_is_refused_by_both(
-    messages, write_foreign, store_with, tmp_path, refused
-):
+def test_another_definition_is_refused_by_both(messages, tmp_path):
     store = store_with(REFERENCE_MASS.message_type, 'std_msgs/Header header\nfloat32 mass\n')
     reference = next(m for m in messages if m.message_type == REFERENCE_MASS.message_type)
-    path = write_foreign([reference], store=store)
+    path = write_foreign(tmp_path / 'foreign', [reference], store=store)
     (path / 'metadata.yaml').unlink()
 
     refused(path, 'another definition of ' + REFERENCE_MASS.message_type)

@@ -7,6 +7,7 @@ import math
 import os
 from pathlib import Path
 
+from lines import counts_of, grams_of
 import numpy as np
 import pytest
 
@@ -16,10 +17,6 @@ from checkweigher_recording.csv.log_import import ImportParameters, import_csv
 from checkweigher_recording.csv.table import CsvError
 
 START = 1_700_000_000_000_000_000
-
-
-def _counts(recording):
-    return np.concatenate([block.counts for block in recording.blocks])
 
 
 def _edges_file(tmp_path, **changes):
@@ -52,7 +49,7 @@ def test_a_single_column_and_an_edges_file(tmp_path):
     assert recording.load_cell.counts_per_kg == 1e5
     assert recording.load_cell.zero_counts == 20.0
     assert recording.load_cell.weigh_length == 0.35
-    assert _counts(recording).tolist() == [100 * row for row in range(12)]
+    assert counts_of(recording).tolist() == [100 * row for row in range(12)]
     assert [(block.first_index, block.stamp - START) for block in recording.blocks] == [
         (0, 0), (10, 10_000_000)
     ]  # fmt: skip
@@ -82,7 +79,7 @@ def test_columns_by_name_and_by_number(tmp_path):
         recording = import_csv(_log(tmp_path, text), parameters)
 
         assert recording.load_cell.sample_rate == pytest.approx(500.0, rel=1e-12)
-        assert _counts(recording).tolist() == [0, 1, 0, 1, 0, 1, 0, 1]
+        assert counts_of(recording).tolist() == [0, 1, 0, 1, 0, 1, 0, 1]
         assert [(e.stamp - START, e.eye, e.blocked) for e in recording.edges] == expected
         assert recording.references == ()
 
@@ -101,13 +98,13 @@ def test_eyes_that_are_blocked_below_the_threshold(tmp_path):
     ]
 
 
-def test_a_calibration_in_grams(tmp_path):
+def test_a_calibration_ingrams_of(tmp_path):
     # g = 5000 * (mV/V) - 1000: empty at 0.2 mV/V, 1 kg more is 0.2 mV/V more.
     text = '0.2\n0.3\n0.400001\n'
     parameters = ImportParameters(slope=5000.0, offset=-1000.0, scale=1e6, sample_rate=1000.0)
     recording = import_csv(_log(tmp_path, text), parameters, _no_edges(tmp_path))
 
-    assert _counts(recording).tolist() == [200_000, 300_000, 400_001]
+    assert counts_of(recording).tolist() == [200_000, 300_000, 400_001]
     assert recording.load_cell.zero_counts == pytest.approx(200_000)
     assert recording.load_cell.counts_per_kg == pytest.approx(200_000)
 
@@ -130,7 +127,7 @@ def test_logs_of_other_formats(tmp_path, text, values, counts):
     path.write_bytes(text.encode())
     recording = import_csv(path, ImportParameters(counts_per_kg=1.0, **values), _no_edges(tmp_path))
 
-    assert _counts(recording).tolist() == counts
+    assert counts_of(recording).tolist() == counts
 
 
 def test_a_hole_in_the_time_column_is_a_jump_of_the_index(tmp_path):
@@ -269,7 +266,7 @@ def test_parameters_that_do_not_fit_the_files(tmp_path):
 
 # Recordings of a real belt scale that are not part of the project.
 _REAL_PASSES = Path(
-    os.environ.get('CHECKWEIGHER_REAL_PASSES', Path(__file__).parents[4] / '../shared/real_passes')
+    os.environ.get('CHECKWEIGHER_REAL_PASSES', Path(__file__).parents[5] / 'shared/real_passes')
 )
 
 
@@ -281,7 +278,7 @@ def test_a_real_pass_has_its_mass(mass):
     parameters = ImportParameters(slope=5191.42051e-7, offset=-4874.38, weigh_length=0.73)
     recording = import_csv(log, parameters, edges)
     cell = recording.load_cell
-    grams = (_counts(recording) - cell.zero_counts) / cell.counts_per_kg * 1000
+    grams = grams_of(recording)
     _, t2, t3, t4 = (
         math.ceil((edge.stamp - START) / 1e9 * cell.sample_rate - 1e-3) for edge in recording.edges
     )

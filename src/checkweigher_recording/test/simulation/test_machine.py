@@ -4,17 +4,14 @@
 
 from dataclasses import asdict, fields, replace
 
+from lines import counts_of, grams_of
 import numpy as np
 import pytest
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import Eye
 from checkweigher_recording.simulation.machine import CAUSES, Machine, draw, machine_of
-from checkweigher_recording.simulation.simulator import (
-    SimulationParameters,
-    own_values,
-    simulate,
-)
+from checkweigher_recording.simulation.simulator import SimulationParameters, own_values, simulate
 
 START = 1_700_000_000_000_000_000
 
@@ -22,15 +19,6 @@ START = 1_700_000_000_000_000_000
 def _line(profile, **values):
     own = own_values(profile) | {'count': 10, 'masses': (0.1, 0.2)} | values
     return simulate(SimulationParameters.from_mapping({'profile': profile, **own}))
-
-
-def _counts(recording):
-    return np.concatenate([block.counts for block in recording.blocks])
-
-
-def _grams(recording):
-    cell = recording.load_cell
-    return (_counts(recording) - cell.zero_counts) / cell.counts_per_kg * 1000
 
 
 def _only(seed, *causes):
@@ -54,16 +42,16 @@ def _with(monkeypatch, machine):
 
 def test_equal_seeds_give_equal_machines_and_equal_bytes():
     first, again = (_line('machine:5') for _ in range(2))
-    np.testing.assert_array_equal(_counts(first), _counts(again))
+    np.testing.assert_array_equal(counts_of(first), counts_of(again))
     assert first.edges == again.edges
     assert draw(5) == draw(5) != draw(6)
-    assert not np.array_equal(_counts(first)[:900], _counts(_line('machine:5', seed=2))[:900])
+    assert not np.array_equal(counts_of(first)[:900], counts_of(_line('machine:5', seed=2))[:900])
 
 
 def test_the_first_products_do_not_depend_on_how_many_follow():
     short, long = (_line('machine:8', count=count) for count in (3, 9))
-    common = len(_counts(short)) - round(1.0 * short.load_cell.sample_rate) - 60
-    np.testing.assert_array_equal(_counts(short)[:common], _counts(long)[:common])
+    common = len(counts_of(short)) - round(1.0 * short.load_cell.sample_rate) - 60
+    np.testing.assert_array_equal(counts_of(short)[:common], counts_of(long)[:common])
     assert short.edges == long.edges[:12]
 
 
@@ -72,7 +60,7 @@ def test_each_cause_changes_the_line_and_nothing_else_does(seed):
     whole = _line(f'machine:{seed}')
     for cause in CAUSES:
         less = _line(f'machine:{seed}-{cause}')
-        same = np.array_equal(_counts(whole), _counts(less)) and whole.edges == less.edges
+        same = np.array_equal(counts_of(whole), counts_of(less)) and whole.edges == less.edges
         assert same == (getattr(draw(seed), cause) is None), cause
 
 
@@ -81,7 +69,7 @@ def test_with_no_cause_a_product_reads_its_mass():
     bare = _line(_only(3), count=1, masses=(0.2,), weigh_length=10.0, spacing=21.0)
     t2, t3 = _edges(bare, Eye.INFEED, False)[0], _edges(bare, Eye.OUTFEED, True)[0]
     rate = bare.load_cell.sample_rate
-    plateau = _grams(bare)[round((t2 + 6) * rate) : round(t3 * rate) - 1]
+    plateau = grams_of(bare)[round((t2 + 6) * rate) : round(t3 * rate) - 1]
     np.testing.assert_allclose(plateau, 200.0, rtol=0, atol=1000 / bare.load_cell.counts_per_kg)
 
 
@@ -90,7 +78,9 @@ def test_counts_are_in_proportion_to_the_sensitivity(gain):
     own = own_values('machine:4')['counts_per_kg']
     plain = _line('machine:4', zero_counts=0.0)
     scaled = _line('machine:4', zero_counts=0.0, counts_per_kg=gain * own)
-    np.testing.assert_allclose(_counts(scaled), gain * _counts(plain), rtol=0, atol=1 + abs(gain))
+    np.testing.assert_allclose(
+        counts_of(scaled), gain * counts_of(plain), rtol=0, atol=1 + abs(gain)
+    )
 
 
 def test_disturbances_grow_with_the_mass_and_differ_from_pass_to_pass():
@@ -98,7 +88,7 @@ def test_disturbances_grow_with_the_mass_and_differ_from_pass_to_pass():
     for cause in ('transfer', 'bounce'):
         quiet, shaken = (_line(_only(2, *own), masses=(0.1, 0.1, 0.4, 0.4), count=40)
                          for own in ((), (cause,)))  # fmt: skip
-        added = _grams(shaken) - _grams(quiet)
+        added = grams_of(shaken) - grams_of(quiet)
         rate = quiet.load_cell.sample_rate
         t1, t3 = _edges(quiet, Eye.INFEED, True), _edges(quiet, Eye.OUTFEED, True)
         passes = [added[round(a * rate) : round(b * rate)] for a, b in zip(t1, t3, strict=True)]
@@ -121,7 +111,7 @@ def test_the_corner_error_is_that_of_the_place(monkeypatch):
     half = 1 - 0.01 / line_length(machine)
     for place, time in ((-half, t2), (0.0, (t2 + t3) / 2), (half, t3)):
         middle = round(time * rate) + (20 if time == t2 else -20 if time == t3 else 0)
-        read = _grams(line)[middle - 15 : middle + 15].mean()
+        read = grams_of(line)[middle - 15 : middle + 15].mean()
         expected = 200 * (1 + machine.corner.linear * place + machine.corner.square * place**2)
         assert read == pytest.approx(expected, abs=0.03)
 
@@ -136,7 +126,7 @@ def test_rocking_reads_a_part_of_the_moment(monkeypatch):
                  product_length=0.01, spacing=5.0)  # fmt: skip
     rate = line.load_cell.sample_rate
     t2, t3 = _edges(line, Eye.INFEED, False)[0], _edges(line, Eye.OUTFEED, True)[0]
-    grams = _grams(line)
+    grams = grams_of(line)
     first, last = (grams[round((t2 + 2) * rate) :][:60].mean(),
                    grams[round((t3 - 2) * rate) - 60 :][:60].mean())  # fmt: skip
     # The product moves 2 (t3 - t2 - 4 s) / T of the half length in that time.
@@ -155,7 +145,7 @@ def test_rollers_make_lines_that_grow_with_the_load_and_wander(monkeypatch):
             speed=0.5,
         )  # fmt: skip
         rate = recording.load_cell.sample_rate
-        return _grams(recording), rate, _edges(recording, Eye.INFEED, False)[0]
+        return grams_of(recording), rate, _edges(recording, Eye.INFEED, False)[0]
 
     def amplitude(grams, rate, begin, end):
         piece = grams[round(begin * rate) : round(end * rate)]
@@ -176,7 +166,10 @@ def test_rollers_make_lines_that_grow_with_the_load_and_wander(monkeypatch):
 def test_the_joint_comes_once_in_a_turn_of_the_belt(monkeypatch):
     machine = draw(7).without(*(cause for cause in CAUSES if cause != 'joint'))
     line = _line(_with(monkeypatch, machine), count=1, masses=(0.0,), lead_in=30.0, speed=0.5)
-    grams, rate = _grams(line)[: round(29 * line.load_cell.sample_rate)], line.load_cell.sample_rate
+    grams, rate = (
+        grams_of(line)[: round(29 * line.load_cell.sample_rate)],
+        line.load_cell.sample_rate,
+    )
     assert grams.std() > 0.01
     turn = machine.joint.belt_length / 0.5 * rate
     lag = np.arange(round(0.3 * turn), round(1.4 * turn))
@@ -188,7 +181,7 @@ def test_the_amplifier_takes_out_what_is_above_its_cutoff(monkeypatch):
     machine = draw(9).without('joint')
     slow = replace(draw(1).amplifier, order=2, cutoff=15.0)
     with_, without = (
-        _grams(_line(_with(monkeypatch, replace(machine, amplifier=own, noise=None))))
+        grams_of(_line(_with(monkeypatch, replace(machine, amplifier=own, noise=None))))
         for own in (slow, None)
     )
     rate = machine.setup.sample_rate
@@ -212,7 +205,7 @@ def test_eyes_stand_off_their_places_and_jitter():
             late = _edges(seen, eye, blocked) - _edges(exact, eye, blocked)
             assert late.mean() == pytest.approx(place / 1.0, abs=machine.eyes.jitter / 3)
             assert late.std() == pytest.approx(machine.eyes.jitter, rel=0.25)
-    np.testing.assert_array_equal(_counts(exact), _counts(seen))
+    np.testing.assert_array_equal(counts_of(exact), counts_of(seen))
     stamps = [e.stamp for e in seen.edges if e.eye is Eye.INFEED and e.blocked]
     assert [each.stamp for each in seen.references] == stamps
 
@@ -240,14 +233,14 @@ def test_the_zero_drifts_and_the_cell_creeps(monkeypatch):
     drifting = replace(draw(12).drift, rate=2e-5, wander=0.0)
     line = _line(_with(monkeypatch, replace(bare, drift=drifting)), count=1, masses=(0.0,),
                  lead_in=60.0)  # fmt: skip
-    grams, rate = _grams(line), line.load_cell.sample_rate
+    grams, rate = grams_of(line), line.load_cell.sample_rate
     slope = np.polyfit(np.arange(len(grams)) / rate, grams, 1)[0]
     assert slope == pytest.approx(0.02, rel=0.01)
 
     creep = replace(draw(12).creep, share=1e-2, time=3.0)
     line = _line(_with(monkeypatch, replace(bare, creep=creep)), count=1, masses=(0.2,),
                  weigh_length=10.0, speed=0.5, spacing=50.0, run_out=5.0)  # fmt: skip
-    grams = _grams(line)
+    grams = grams_of(line)
     t2, t3 = _edges(line, Eye.INFEED, False)[0], _edges(line, Eye.OUTFEED, True)[0]
     assert grams[round((t3 - 0.5) * rate)] - grams[round((t2 + 3.0) * rate)] == pytest.approx(
         200 * 1e-2 * np.exp(-1.0), rel=0.1
@@ -263,7 +256,7 @@ def test_the_floor_has_lines_that_drift(monkeypatch):
     def line_at_9_hz(floor):
         line = _line(_with(monkeypatch, replace(bare, floor=floor)), count=1, masses=(0.0,),
                      lead_in=120.0)  # fmt: skip
-        grams, rate = _grams(line), line.load_cell.sample_rate
+        grams, rate = grams_of(line), line.load_cell.sample_rate
         wave = np.exp(-2j * np.pi * 9.0 * np.arange(len(grams)) / rate)
         return 2 * abs(np.mean(grams * wave)), grams.std()
 
@@ -279,7 +272,7 @@ def test_the_noise_is_as_drawn(monkeypatch):
     noise = replace(draw(14).noise, broadband=0.0, electronic=1e-5)
     line = _line(_with(monkeypatch, replace(bare, noise=noise)), count=1, masses=(0.0,),
                  counts_per_kg=1e6, lead_in=20.0)  # fmt: skip
-    assert _grams(line).std() == pytest.approx(0.01, rel=0.03)
+    assert grams_of(line).std() == pytest.approx(0.01, rel=0.03)
 
 
 def test_the_family_is_broad():

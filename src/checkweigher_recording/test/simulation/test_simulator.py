@@ -7,6 +7,7 @@ from itertools import dropwhile, islice, takewhile
 import math
 import tracemalloc
 
+from lines import counts_of, grams_of
 import numpy as np
 import pytest
 
@@ -30,15 +31,6 @@ def _line(**values):
     return simulate(SimulationParameters(**values))
 
 
-def _counts(recording):
-    return np.concatenate([block.counts for block in recording.blocks])
-
-
-def _grams(recording):
-    cell = recording.load_cell
-    return (_counts(recording) - cell.zero_counts) / cell.counts_per_kg * 1000
-
-
 def _seconds(recording):
     return np.array([edge.stamp - START for edge in recording.edges]) / 1e9
 
@@ -49,7 +41,7 @@ def test_a_product_at_rest_reads_its_mass(mass):
     recording = _line(profile='quiet', masses=(mass,), count=1, weigh_length=10.0, spacing=20.0)
     _, t2, t3, _ = _seconds(recording) * RATE
     # After 5 s of ring-down, e^(-xi w t) < 1e-8 even under 7 kg.
-    plateau = _grams(recording)[math.ceil(t2) + 4800 : math.ceil(t3)]
+    plateau = grams_of(recording)[math.ceil(t2) + 4800 : math.ceil(t3)]
 
     # Electronic noise of 0.05 g and steps of 0.002 g remain.
     assert plateau.mean() == pytest.approx(
@@ -80,7 +72,7 @@ def test_samples_and_edges_have_the_same_clock():
     recording = _line(profile='quiet', speed=0.5, masses=(0.2,), count=1)
     t1, _, _, t4 = _seconds(recording) * RATE
     begin, end = math.floor(t1) - 100, math.ceil(t4) + 400
-    grams = _grams(recording)[begin:end]
+    grams = grams_of(recording)[begin:end]
     index = np.arange(begin, end)
 
     noise = 5 * 0.05 * math.sqrt(len(grams)) / RATE
@@ -95,7 +87,7 @@ def test_samples_are_evenly_stamped_and_numbered():
     recording = _line(count=2, samples_per_block=7)
 
     assert all(len(block.counts) == 7 for block in recording.blocks[:-1])
-    assert _counts(recording).dtype == np.int32
+    assert counts_of(recording).dtype == np.int32
     for number, block in enumerate(recording.blocks):
         assert block.first_index == 7 * number
         assert block.stamp == START + round(block.first_index * 1e9 / RATE)
@@ -104,15 +96,15 @@ def test_samples_are_evenly_stamped_and_numbered():
 def test_samples_reach_from_lead_in_to_run_out():
     recording = _line(profile='quiet', count=1, lead_in=0.5, run_out=0.25)
     # t4 = 0.5 s + 0.3 m / 1 m/s
-    assert len(_counts(recording)) == math.ceil((0.5 + 0.3 + 0.25) * RATE) + 1
+    assert len(counts_of(recording)) == math.ceil((0.5 + 0.3 + 0.25) * RATE) + 1
 
 
 def test_equal_parameters_give_equal_counts_and_other_seeds_others():
     first, again, other = (_line(count=3, seed=seed) for seed in (5, 5, 6))
 
-    np.testing.assert_array_equal(_counts(first), _counts(again))
+    np.testing.assert_array_equal(counts_of(first), counts_of(again))
     assert first.edges == again.edges
-    assert not np.array_equal(_counts(first)[:900], _counts(other)[:900])
+    assert not np.array_equal(counts_of(first)[:900], counts_of(other)[:900])
     assert first.edges != other.edges
 
 
@@ -126,7 +118,7 @@ def test_first_products_do_not_depend_on_how_many_follow():
     assert short.edges == long.edges[:8]
     edges = [event for event in endless if isinstance(event, EyeEdge)]
     assert edges == [edge for edge in long.edges if edge.stamp <= endless[-1].stamp]
-    np.testing.assert_array_equal(_counts(short)[:common], _counts(long)[:common])
+    np.testing.assert_array_equal(counts_of(short)[:common], counts_of(long)[:common])
 
 
 @pytest.mark.parametrize('spacing', [0.11, 0.25, 0.3, 0.66])
@@ -143,14 +135,14 @@ def test_two_products_on_the_belt_add_up():
     # Every 0.2 m a product on a belt of 1.1 m between the eyes: always 5.5 of them, on average
     # over a spacing.
     recording = _line(profile='quiet', masses=(0.1,), count=60, spacing=0.2, weigh_length=1.1)
-    middle = _grams(recording)[round(6 * RATE) : round(10 * RATE)]
+    middle = grams_of(recording)[round(6 * RATE) : round(10 * RATE)]
 
     assert middle.mean() == pytest.approx(550.0, abs=0.1)
 
 
 def test_the_zero_drifts_as_told():
     recording = _line(profile='quiet', masses=(0.0,), count=1, lead_in=9.0, zero_drift=0.001)
-    grams = _grams(recording)
+    grams = grams_of(recording)
     slope, intercept = np.polyfit(np.arange(len(grams)) / RATE, grams, 1)
 
     assert slope == pytest.approx(1.0, abs=1e-3)
@@ -160,7 +152,7 @@ def test_the_zero_drifts_as_told():
 @pytest.mark.parametrize('speed', [0.5, 1.0])
 def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
     recording = _line(profile='roller', speed=speed, masses=(0.0,), count=1, lead_in=40.0)
-    grams = _grams(recording)[round(2 * RATE) : round(40 * RATE)]
+    grams = grams_of(recording)[round(2 * RATE) : round(40 * RATE)]
     time = np.arange(len(grams)) / RATE
     turning = speed / (math.pi * 0.032)
     for order, level in enumerate(PROFILES['roller'].roller, start=1):
@@ -176,7 +168,7 @@ def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
 
 def test_the_floor_shakes_between_4_and_12_hz():
     recording = _line(profile='floor', speed=0.01, masses=(0.0,), count=1, lead_in=60.0)
-    grams = _grams(recording)[960 : 60 * 960]
+    grams = grams_of(recording)[960 : 60 * 960]
     power = abs(np.fft.rfft(grams) / len(grams)) ** 2 * 2
     frequency = np.fft.rfftfreq(len(grams), 1 / RATE)
     inside = power[(frequency > 3) & (frequency < 14)].sum()
@@ -188,13 +180,13 @@ def test_the_floor_shakes_between_4_and_12_hz():
 
 def test_readings_stop_at_the_converters_limits():
     recording = _line(count=1, masses=(3.0,), counts_per_kg=1e6, zero_counts=6e6)
-    assert _counts(recording).max() == MAX_COUNTS == recording.load_cell.max_counts == 2**23 - 1
+    assert counts_of(recording).max() == MAX_COUNTS == recording.load_cell.max_counts == 2**23 - 1
 
 
 def test_an_inverted_cell_counts_downwards():
     recording = _line(profile='quiet', count=1, masses=(0.2,), counts_per_kg=-5e5)
-    assert _counts(recording).min() < 1_250_000 - 99_000
-    assert _grams(recording).max() == pytest.approx(200, rel=0.2)
+    assert counts_of(recording).min() < 1_250_000 - 99_000
+    assert grams_of(recording).max() == pytest.approx(200, rel=0.2)
 
 
 def test_a_long_line_needs_no_more_memory_than_a_short_one():

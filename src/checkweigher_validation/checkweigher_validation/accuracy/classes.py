@@ -152,12 +152,8 @@ class AccuracyClass:
 def smallest_interval(name: str, maximum: float) -> float:
     """Return the smallest verification scale interval e that a class allows for a Max, both in kg.
 
-    e is 1, 2 or 5 times 10^k kg.
-
-    Raises
-    ------
-    ValueError
-        If there is no such class, or it has no e for this Max.
+    e is 1, 2 or 5 times 10^k kg. Raises `ValueError` if there is no such class, or it has no e for
+    this Max.
 
     References
     ----------
@@ -246,17 +242,8 @@ class Suitability:
 def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
     """Compare a class with a fifth of the tolerable negative error of prepackages.
 
-    Parameters
-    ----------
-    accuracy_class : AccuracyClass
-        Class whose limits in service are used, also if it is given at initial verification.
-    nominal : float
-        Nominal quantity in kg.
-
-    Raises
-    ------
-    ValueError
-        If 76/211/EEC has no limits for `nominal`.
+    The limits are those in service, also if the class is given at initial verification. `nominal`
+    is the nominal quantity in kg; `ValueError` if 76/211/EEC has no limits for it.
 
     References
     ----------
@@ -316,7 +303,6 @@ def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgemen
 
 
 def _is_round(value: float) -> bool:
-    """Return whether a positive number is 1, 2 or 5 times a power of ten."""
     return f'{value:.9e}'.split('e')[0].rstrip('0').rstrip('.') in ('1', '2', '5')
 
 

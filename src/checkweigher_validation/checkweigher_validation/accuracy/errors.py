@@ -156,18 +156,9 @@ def average(conditions: Iterable[ConditionResult]) -> Average:
 def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
     """Return the fraction of the stated intervals that contain the error, over all passes.
 
-    Parameters
-    ----------
-    conditions : iterable of ConditionResult
-        Conditions whose passes are taken together.
-    level : float
-        Probability of the interval for a normal distribution, in 0..1 without its ends.
-
-    Returns
-    -------
-    float
-        In 0..1; NaN if no pass states a standard deviation. Close to `level` if the stated
-        standard deviations are right and there is no bias.
+    `level` is the probability of the interval for a normal distribution, in 0..1 without its ends.
+    The fraction is close to it if the stated standard deviations are right and there is no bias,
+    and NaN if no pass states one.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [

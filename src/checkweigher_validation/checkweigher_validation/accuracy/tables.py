@@ -142,7 +142,6 @@ def _csv_row(values: dict[str, Any]) -> dict[str, Any]:
 def _text_block(
     evaluation: Evaluation, accuracy_class: AccuracyClass, part: str, speed: float | None
 ) -> Iterator[str]:
-    """Yield the rows of a speed, or of all speeds together."""
     label = 'all' if speed is None else f'{METRES_PER_MINUTE * speed:.4g}'
     bound = average(evaluation.select(speed=speed, part=part)).bound
     yield f'{label:>6}  {"bound":<14}{cell(GRAMS * bound, 3):>9}'

@@ -115,7 +115,6 @@ def weigh_bags(
 
 
 def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
-    """Return the summary of a bag, and its Parquet file."""
     with scratch_folder() as folder:
         path = folder / 'results.parquet'
 

@@ -61,16 +61,9 @@ class PassModel:
 def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
     """Return the Gauss-Markov bound of the standard deviation of a mass on a simulated line, kg.
 
-    The zero is assumed to be known exactly.
-
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        Machine, belt speed and lengths; the products in it are not used.
-    mass : float
-        Mass of the product in kg, above 0.
-    before : float
-        Time in s before t1 from which an estimate may use the signal. It ends at t3.
+    The zero is assumed to be known exactly. `parameters` have machine, belt speed and lengths;
+    their products are not used. `mass` is in kg, above 0. An estimate may use the signal from
+    `before` s ahead of t1 up to t3.
     """
     return bound_of(pass_model(parameters, mass, before))
 

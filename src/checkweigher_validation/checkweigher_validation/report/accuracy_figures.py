@@ -100,7 +100,6 @@ def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
 
 
 def _lines(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
-    """Return the style of the curve of each estimator, for matplotlib."""
     shared = {'ms': 5.5, 'mec': SURFACE, 'mew': 0.6, 'lw': 1.2}
     return {
         name: {'color': stand_in(number), 'marker': look.marker, 'label': look.label, **shared}

@@ -48,16 +48,10 @@ def label_rows(axes: Axes, labels: Sequence[str]) -> None:
 
 
 def to_inline_svg(figure: Figure, name: str, description: str) -> str:
-    """Return a figure as an SVG element for an HTML page; call it within `STYLE`.
+    """Return a figure, drawn within `STYLE`, as an SVG element for an HTML page; call it there.
 
-    Parameters
-    ----------
-    figure : Figure
-        Drawn within `STYLE`.
-    name : str
-        Prefix of all ids within the figure, which have to be unique on the page.
-    description : str
-        Text for readers who cannot see the figure.
+    `name` is the prefix of all ids within the figure, which have to be unique on the page, and
+    `description` a text for readers who cannot see the figure.
     """
     file = io.StringIO()
     # Without metadata, which would have the names of programs and a date.

@@ -26,20 +26,9 @@ def render(
 ) -> str:
     """Return the report of an evaluation as one HTML page that needs no other file.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-        At least one condition. The report is of part 'test' if there is one.
-    accuracy_class : AccuracyClass
-        Class whose limits are applied to the conditions.
-    nominal : float, optional
-        Nominal quantity of prepackages in kg. Their limits are shown, and whether a scale of the
-        class may check them.
-
-    Raises
-    ------
-    ValueError
-        If the prepackages have no limits.
+    It is of part 'test' of the conditions if there is one, by the limits of the class; at least one
+    condition is needed. With a `nominal` quantity of prepackages in kg their limits are shown, and
+    whether a scale of the class may check them; `ValueError` if they have no limits.
     """
     shown = content.Content(evaluation, accuracy_class)
     return fill(

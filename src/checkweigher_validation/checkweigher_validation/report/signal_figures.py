@@ -147,6 +147,5 @@ def _draw_window(axes: Axes, example: Example) -> None:
 
 
 def _time(example: Example) -> NDArray[np.float64]:
-    """Return the time of each sample in ms from t1."""
     index = np.arange(len(example.signal))
     return np.asarray(MILLISECONDS * (index / example.sample_rate - example.t1), np.float64)

@@ -99,14 +99,12 @@ def accuracy_lines(text: str) -> list[str]:
 
 
 def _plain(values: Mapping[str, object]) -> dict[str, object]:
-    """Return parameter values in types that YAML can represent."""
     return {
         name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
     }
 
 
 def _changed(parameters: Parameters) -> dict[str, object]:
-    """Return the parameters of a set that are not at their default."""
     defaults = type(parameters)().as_mapping()
     values = parameters.as_mapping()
     return _plain({name: value for name, value in values.items() if value != defaults[name]})

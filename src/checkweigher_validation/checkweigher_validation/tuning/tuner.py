@@ -118,7 +118,11 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
-    tasks = _tasks(groups, lines)
+    tasks = [
+        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
+        for name, line in lines.items()
+        for group in groups
+    ]
     found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
     for (task, _), error in broken.items():
         failed.setdefault(task.name, error)
@@ -140,14 +144,6 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
             )
     if not groups:
         raise TuningError('no whole pass of known mass')
-
-
-def _tasks(groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters]) -> list[Tunable]:
-    return [
-        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
-        for name, line in lines.items()
-        for group in groups
-    ]
 
 
 def _jobs(
@@ -247,7 +243,6 @@ def _tune_speed(tunable: Tunable, budget: int) -> TunedSpeed:
 
 
 def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:
-    """Return the parameters of the line with the values of all speeds."""
     own = f'identifier.{estimator}'
     lists: dict[str, tuple[float, ...]] = {}
     for each in speeds:

@@ -192,7 +192,6 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
 
 
 def _excesses(result: Result, judgement: Judgement, in_y: bool) -> Iterator[str]:
-    """Yield the limits that the passes of an attempt exceed."""
     kind = result.attempt.step.kind
     if kind != StepKind.REPEATABILITY:
         if not judgement.error_passed:

@@ -170,7 +170,6 @@ def item_pass(verdict: Verdict, speed: float) -> ItemPass:
 
 
 def _faults_between(passes: Sequence[ItemPass], attempts: Sequence[Attempt]) -> Iterator[ItemPass]:
-    """Yield the items without a mass that are passes of no attempt."""
     spans = [(each.begin, each.end) for each in attempts if not each.skipped and each.step.count]
     for item in passes:
         if not item.weighed and not any(begin <= item.stamp <= end for begin, end in spans):

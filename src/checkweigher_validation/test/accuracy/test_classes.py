@@ -7,6 +7,7 @@ import re
 
 from hypothesis import given
 from hypothesis import strategies as st
+from made_evaluations import errors_with, make_condition
 import pytest
 
 from checkweigher_validation.accuracy.classes import (
@@ -115,7 +116,7 @@ def test_weighings_required_are_those_of_the_rule():
         (0.099e-3, 0.4e-3, (True, False)),
     ],
 )
-def test_a_condition_passes_within_both_limits(make_condition, errors_with, mean, std_dev, kept):
+def test_a_condition_passes_within_both_limits(mean, std_dev, kept):
     verdict = judge(make_condition(errors_with(mean, std_dev)), AccuracyClass())
 
     assert (verdict.error_passed, verdict.std_dev_passed) == kept
@@ -125,7 +126,7 @@ def test_a_condition_passes_within_both_limits(make_condition, errors_with, mean
     assert verdict.max_std_dev == pytest.approx(0.3948e-3)
 
 
-def test_the_nameplate_decides_which_limits_hold(make_condition, errors_with):
+def test_the_nameplate_decides_which_limits_hold():
     one = make_condition(errors_with(0.15e-3, 0.45e-3))
 
     assert not judge(one, AccuracyClass()).passed
@@ -138,9 +139,7 @@ def test_the_nameplate_decides_which_limits_hold(make_condition, errors_with):
     assert judge(one, AccuracyClass(interval=0.2e-3)).error_passed
 
 
-def test_too_few_weighings_none_at_all_and_a_load_above_the_class_do_not_pass(
-    make_condition, errors_with
-):
+def test_too_few_weighings_none_at_all_and_a_load_above_the_class_do_not_pass():
     few = judge(make_condition(errors_with(0, 1e-6, count=58), faults=2), AccuracyClass())
     assert (few.enough_weighings, few.passed) == (False, False)
     none = judge(make_condition([], faults=60), AccuracyClass())
@@ -177,7 +176,7 @@ def test_there_are_four_classes_of_each_category():
     assert AccuracyClass('XIV') == AccuracyClass('XIIII')
 
 
-def test_one_weighing_beyond_the_limit_of_category_y_fails(make_condition, errors_with):
+def test_one_weighing_beyond_the_limit_of_category_y_fails():
     # 1645 e: 1.5 e = 0.15 g. The mean is right, and of category X the spread as well.
     errors = errors_with(0, 0.01e-3)
     assert AccuracyClass('Y(a)').max_std_dev(0.1) == math.inf

@@ -7,6 +7,7 @@ import statistics
 
 from hypothesis import given
 from hypothesis import strategies as st
+from made_evaluations import make_condition
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ from checkweigher_validation.accuracy.errors import Evaluation, Example, average
 EXACT = 1e-12  # relative
 
 
-def test_statistics_of_four_errors_are_those_worked_by_hand(make_condition):
+def test_statistics_of_four_errors_are_those_worked_by_hand():
     # Mean 1.5 mg; deviations -2.5, -0.5, 0.5, 2.5 mg, squares 13, over 3.
     one = make_condition([-1e-6, 1e-6, 2e-6, 4e-6], bound=1e-6)
 
@@ -28,7 +29,7 @@ def test_statistics_of_four_errors_are_those_worked_by_hand(make_condition):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=2, max_size=30))
-def test_mean_and_standard_deviation_agree_with_the_statistics_module(make_condition, errors):
+def test_mean_and_standard_deviation_agree_with_the_statistics_module(errors):
     one = make_condition(errors)
 
     assert one.mean_error == pytest.approx(statistics.fmean(errors), abs=1e-12)
@@ -36,7 +37,7 @@ def test_mean_and_standard_deviation_agree_with_the_statistics_module(make_condi
 
 
 @pytest.mark.parametrize('errors', [[], [1e-3]])
-def test_fewer_than_two_weighed_passes_have_no_standard_deviation(make_condition, errors):
+def test_fewer_than_two_weighed_passes_have_no_standard_deviation(errors):
     one = make_condition(errors, bound=1e-3, faults=3)
 
     assert math.isnan(one.std_dev)
@@ -48,7 +49,7 @@ def test_fewer_than_two_weighed_passes_have_no_standard_deviation(make_condition
     assert math.isnan(make_condition([0.0, 1.0], bound=0.0).ratio)
 
 
-def test_coverage_counts_the_errors_within_the_stated_interval(make_condition):
+def test_coverage_counts_the_errors_within_the_stated_interval():
     # 95 % is +-1.96 standard deviations of 0.1 g each: 0.1, 0.19 are in, 0.2 and 0.3 g are out.
     one = make_condition([1e-4, -1.9e-4, 2e-4, -3e-4])
 
@@ -66,7 +67,7 @@ def test_coverage_counts_the_errors_within_the_stated_interval(make_condition):
 
 
 @pytest.fixture
-def evaluation(make_condition):
+def evaluation():
     return Evaluation(
         'two estimators',
         tuple(
@@ -95,7 +96,7 @@ def test_select_takes_what_agrees_with_all_that_is_given(evaluation):
     assert evaluation.select(speed=1.0) == ()
 
 
-def test_averages_weigh_each_condition_alike(evaluation, make_condition):
+def test_averages_weigh_each_condition_alike(evaluation):
     # Errors 0 and 2k g: mean k g, standard deviation k sqrt(2) g, for k = 1 and 2.
     both = average(evaluation.select(speed=0.5, mass=0.0745, part='test'))
     assert both.mean_error == pytest.approx(1.5e-3, rel=EXACT)
@@ -110,7 +111,7 @@ def test_averages_weigh_each_condition_alike(evaluation, make_condition):
     assert average(pair).faults == 2
 
 
-def test_a_condition_without_a_value_leaves_the_average_without_one(make_condition):
+def test_a_condition_without_a_value_leaves_the_average_without_one():
     there, lacking = make_condition([0.0, 1.0]), make_condition([], mass=0.1, faults=60)
 
     assert math.isnan(average([there, lacking]).index)

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 
+from made_evaluations import make_evaluation
 import pytest
 
 from checkweigher_validation.accuracy.machine_tables import (
@@ -22,7 +23,7 @@ SPEEDS = (0.5, 1.5)
 
 
 @pytest.fixture(name='machines')
-def _machines(make_evaluation):
+def _machines():
     # The n-th estimator has n times the sigma and mu of the first.
     def result(machine, *estimators):
         names = (ATTAINABLE, *estimators)

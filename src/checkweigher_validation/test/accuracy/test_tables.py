@@ -9,6 +9,7 @@ import math
 import os
 import stat
 
+from made_evaluations import make_condition, make_evaluation
 import pytest
 
 from checkweigher_core.whole_file import OutputError, write_whole
@@ -20,7 +21,7 @@ def rows_of(evaluation):
     return list(csv.DictReader(io.StringIO(csv_text(evaluation))))
 
 
-def test_the_csv_has_one_row_for_each_condition_in_grams(make_evaluation):
+def test_the_csv_has_one_row_for_each_condition_in_grams():
     rows = rows_of(make_evaluation())
     assert ','.join(rows[0]) == (
         'part,estimator,belt_speed_m_per_s,mass_g,count,faults,mean_error_g,std_dev_g,index_g,'
@@ -41,7 +42,7 @@ def test_the_csv_has_one_row_for_each_condition_in_grams(make_evaluation):
     assert row['within_class'] == '1'
 
 
-def test_what_is_not_known_is_empty_in_csv_and_null_in_json(make_condition):
+def test_what_is_not_known_is_empty_in_csv_and_null_in_json():
     evaluation = Evaluation('one', (make_condition([1e-3], faults=59, std_devs=[math.nan]),), ())
     (row,) = rows_of(evaluation)
     (entry,) = json.loads(json_text(evaluation))['conditions']
@@ -56,7 +57,7 @@ def test_what_is_not_known_is_empty_in_csv_and_null_in_json(make_condition):
     assert row['within_class'] == '0'
 
 
-def test_the_json_is_in_si_units_with_all_digits(make_evaluation):
+def test_the_json_is_in_si_units_with_all_digits():
     evaluation = make_evaluation()
     content = json.loads(json_text(evaluation))
 
@@ -75,7 +76,7 @@ def test_the_json_is_in_si_units_with_all_digits(make_evaluation):
         assert entry['index_kg'] == one.index
 
 
-def test_the_text_table_says_means_and_the_papers_index(make_evaluation):
+def test_the_text_table_says_means_and_the_papers_index():
     lines = text_table(make_evaluation()).splitlines()
     assert not any('train' in line for line in lines)
     cells = [line.split() for line in lines]
@@ -94,7 +95,7 @@ def test_the_text_table_says_means_and_the_papers_index(make_evaluation):
     assert cells[-3] == ['all', 'bound', '0.020']
 
 
-def test_other_masses_are_not_held_against_the_papers(make_evaluation):
+def test_other_masses_are_not_held_against_the_papers():
     assert 'paper' not in text_table(make_evaluation(masses=(0.0745, 0.1345), title='line'))
     assert 'train passes' in text_table(make_evaluation(parts=('train',)))
     # At other speeds there is nothing to hold against, nor over all of them.
@@ -103,7 +104,7 @@ def test_other_masses_are_not_held_against_the_papers(make_evaluation):
     assert len(table[7].split()) == len(table[10].split()) == 9
 
 
-def test_unknown_values_are_dashes_in_the_text_table(make_condition):
+def test_unknown_values_are_dashes_in_the_text_table():
     table = text_table(Evaluation('one', (make_condition([], faults=3),), ()))
 
     assert table.splitlines()[-1].split() == ['mean', *'-' * 6, '3', '0/1']

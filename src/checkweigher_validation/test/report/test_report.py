@@ -7,6 +7,7 @@ import math
 import re
 import xml.etree.ElementTree as ET
 
+from made_evaluations import errors_with, make_condition, make_evaluation, make_example
 import numpy as np
 import pytest
 
@@ -68,7 +69,7 @@ def figures_of(text):
 
 
 @pytest.fixture(scope='module')
-def text(make_evaluation, make_example):
+def text():
     examples = (make_example(), make_example(speed=0.5))
     return render(make_evaluation(examples=examples), nominal=0.15)
 
@@ -79,7 +80,7 @@ def page(text):
 
 
 @pytest.fixture(scope='module')
-def machines(make_evaluation):
+def machines():
     names = (ATTAINABLE, 'mean', 'gauss_markov')
     tuned = make_evaluation(estimators=names)
     untrained = make_evaluation(estimators=names, parts=('test',))
@@ -203,7 +204,7 @@ def test_all_conditions_stand_beside_table_3_of_the_paper(page):
     assert train[3][1] == '0.025 / −0.010'
 
 
-def test_the_limits_of_prepackages_are_there_if_asked_for(page, text, make_evaluation):
+def test_the_limits_of_prepackages_are_there_if_asked_for(page, text):
     assert ['6.75 g', '143.25 g', '136.50 g'] in table_with(page, 'TU1')
     assert '<strong>suitable</strong>' in text
     of_one_gram = AccuracyClass('XIII', interval=1e-3)  # errs by 1 g in service, a fifth is 0.9 g
@@ -213,7 +214,7 @@ def test_the_limits_of_prepackages_are_there_if_asked_for(page, text, make_evalu
         render(make_evaluation(), nominal=20.0)
 
 
-def test_a_condition_that_fails_says_by_what(make_condition, errors_with):
+def test_a_condition_that_fails_says_by_what():
     cases = {'biased': (0.2e-3, 0.1e-3, 60), 'noisy': (0.0, 0.5e-3, 60)}
     cases |= {'both': (0.2e-3, 0.5e-3, 60), 'few': (0.0, 0.1e-3, 30), 'good': (0.0, 0.1e-3, 60)}
     conditions = tuple(
@@ -229,7 +230,7 @@ def test_a_condition_that_fails_says_by_what(make_condition, errors_with):
     assert 'Passes that got no mass: few 30.' in text
 
 
-def test_the_class_is_the_one_that_is_asked_for(page, make_evaluation):
+def test_the_class_is_the_one_that_is_asked_for(page):
     limits = [row[1:] for row in table_with(page, 'largest σ, g')[1:]]
     assert limits[1::3] == [['0.100', '0.3228', '60'], ['0.150', '0.4800', '60']]  # Table 2
     own = AccuracyClass('XIIII', factor=2, interval=1e-3, in_service=True)
@@ -252,7 +253,7 @@ def test_coverages_and_faults_are_there_for_each_part(page):
     assert table[3][1:3] == ['50.0 %', '100.0 %']
 
 
-def test_an_evaluation_at_other_masses_has_nothing_of_the_paper(make_evaluation):
+def test_an_evaluation_at_other_masses_has_nothing_of_the_paper():
     values = {'speeds': (0.4,), 'masses': (0.1, 0.2), 'parts': ('test',), 'bound': math.nan}
     text = render(make_evaluation(**values))
     tables = Page(text).tables
@@ -261,7 +262,7 @@ def test_an_evaluation_at_other_masses_has_nothing_of_the_paper(make_evaluation)
     assert len(figures_of(text)) == 2
 
 
-def test_an_evaluation_without_any_weighing_is_reported_all_the_same(make_condition):
+def test_an_evaluation_without_any_weighing_is_reported_all_the_same():
     conditions = (make_condition([], faults=60), make_condition([], 'other', faults=60))
     text = render(Evaluation('nothing', conditions, ()))
 
@@ -269,7 +270,7 @@ def test_an_evaluation_without_any_weighing_is_reported_all_the_same(make_condit
     assert len(figures_of(text)) == 2
 
 
-def test_a_pass_without_an_ideal_is_shown_without_it(make_evaluation, make_example):
+def test_a_pass_without_an_ideal_is_shown_without_it():
     evaluation = make_evaluation(speeds=(1.0,), examples=(make_example(with_ideal=False),))
     text = render(evaluation)
     assert text == render(evaluation)  # to the byte

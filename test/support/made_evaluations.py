@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conditions and evaluations whose statistics are known by construction."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import itertools
 import math
 
 import numpy as np
-import pytest
 
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation
 from checkweigher_validation.accuracy.examples import Example
@@ -35,16 +33,6 @@ def errors_with(mean, std_dev, count=60):
     # The deviations are all of one size d: sigma^2 = n d^2 / (n - 1).
     size = std_dev * math.sqrt((count - 1) / count)
     return mean + size * np.where(np.arange(count) % 2, 1.0, -1.0)
-
-
-@pytest.fixture(scope='session', name='make_condition')
-def _make_condition() -> Callable[..., ConditionResult]:
-    return make_condition
-
-
-@pytest.fixture(scope='session', name='errors_with')
-def _errors_with() -> Callable[..., np.ndarray]:
-    return errors_with
 
 
 PAPER_SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s
@@ -89,13 +77,3 @@ def make_example(speed=1.5, mass=0.2545, with_ideal=True):
     names = ('a7', 'd7', 'd6', 'd5', 'd4', 'd3', 'd2', 'd1')
     bands = tuple((name, signal / (2 + number)) for number, name in enumerate(names))
     return replace(example, denoised=kinds, bands=bands)
-
-
-@pytest.fixture(scope='session', name='make_evaluation')
-def _make_evaluation() -> Callable[..., Evaluation]:
-    return make_evaluation
-
-
-@pytest.fixture(scope='session', name='make_example')
-def _make_example() -> Callable[..., Example]:
-    return make_example

@@ -1,0 +1,219 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The selection of product and batch: by an operator, at the start, and after a restart."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from checkweigher_core import changes
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.parameters import SettingsError
+from checkweigher_core.records import BatchResult, ProductOnLine, Statistics
+from checkweigher_core.ros.line_parameters import RefusedError
+from checkweigher_core.settings_files import plain
+from checkweigher_dsp.rejection.parameters import limits_of
+from checkweigher_production.audit_log import AuditError
+from checkweigher_production.audit_trail import Author
+from checkweigher_production.batch_record import RecordError
+from checkweigher_production.nodes.batch_recorder import LineBatches
+from checkweigher_production.nodes.line_audit import LineAudit
+from checkweigher_production.nodes.line_recipe import LineRecipe
+from checkweigher_production.nodes.performance import LineTest
+from checkweigher_production.recipes import NODES, Product, read_recipes
+
+# Statistics in the entries of the audit log.
+_COUNTED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
+
+
+def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
+    """Return all products of a recipe file, and one of them; `SettingsError` if it is not there."""
+    if not file:
+        raise SettingsError('the parameter recipes of the node product names no file')
+    products = read_recipes(Path(file))
+    if name not in products:
+        raise SettingsError(f'{file}: has no product {name!r}; it has {", ".join(products)}')
+    return products, products[name]
+
+
+@dataclass(eq=False)
+class LineSelection:
+    """Selection of a product of a recipe file and of a batch, for nodes, counts and records.
+
+    A change is in the audit log before it is made.
+
+    `file` is the recipe file, empty for none, and `first` the product at the first start, empty for
+    none. `warn` logs a warning.
+    """
+
+    file: str
+    first: str
+    recipe: LineRecipe
+    batches: LineBatches
+    audit: LineAudit
+    test: LineTest
+    warn: Callable[[str], object]
+
+    def __post_init__(self) -> None:
+        # Product and limits that go on after a restart of the line, until all nodes have them.
+        selected = self.batches.selected
+        self._resumed = (selected.product, selected.on_line) if selected else (None, None)
+        self._begun = not self.file  # whether the product at the start is on the line
+
+    async def select(self, name: str, by: Author) -> None:
+        """Select a product, or raise an error and leave all as it is."""
+        products, product = find(self.file, name)
+        if self.batches.doubt:
+            raise SettingsError(self.batches.doubt)
+        trail, production = self.audit.trail, self.batches.production
+        trail.recipes(plain(products), by)
+        # Written before it is made: a change that cannot be written is not made.
+        before, wanted = production.product, product.on_line(production.batch)
+        trail.note(changes.SELECTION, 'product', _audited(self.recipe.in_use), _audited(wanted), by)
+        # Items that are judged by the new recipe while it is being set belong to it already.
+        self.batches.use(product)
+        try:
+            await self.recipe.set(product, wanted, partial(self.audit.announce, by=by))
+        except RefusedError as error:
+            self.batches.use(before if self.recipe.on_line.product else None)
+            trail.saw(changes.REFUSED, 'product', name, str(error), by)
+            raise
+        finally:
+            self.batches.keep(self.recipe.selected, anew=True)
+        self._resumed = None, None
+        self._select_in_counts(product)
+
+    def _select_in_counts(self, product: Product) -> None:
+        self.batches.control_filler(product)
+        self.test.select(product, self.batches.production.batch)
+
+    def taken(self, product: ProductOnLine) -> None:
+        """Process the product by which the reject node judges from now on."""
+        if self.batches.doubt:  # nothing is accepted that no batch counts
+            product = replace(product, product='')
+        recipe, limits = self._resumed
+        if recipe is not None and self.recipe.in_use is None:
+            self._select_in_counts(recipe)
+        # With parameters of its own a product waits until the nodes have them.
+        self.recipe.taken(product, limits, waits=recipe is not None and bool(recipe.parameters))
+        if product.product:
+            self.batches.keep(self.recipe.selected)
+
+    async def select_at_start(self) -> bool:
+        """Select the product of before or the first one; return whether that was done just now."""
+        if self._begun or self.batches.doubt:
+            return False
+        resumed, _ = self._resumed
+        first = '' if self.batches.in_doubt else self.first
+        name = first if resumed is None else resumed.name
+        if not self.recipe.ready:
+            if name:
+                self.warn(f'product {name!r} waits for the nodes of the line')
+            return False
+        if self.audit.awaits(set(NODES)):
+            return False
+        # If only this node was started again, the product on the line stays.
+        name = self.recipe.on_line.product or name
+        try:
+            await self._begin(name)
+        except (AuditError, SettingsError, RefusedError) as error:
+            self.warn(f'product {name!r} was not selected: {error}')
+            return False
+        self._begun, self._resumed = True, (None, None)
+        return bool(name)
+
+    async def _begin(self, name: str) -> None:
+        """Set the product of before with its limits, or select another one; '' for none."""
+        resumed, limits = self._resumed
+        if resumed is not None and limits is not None and resumed.name == name:
+            on_line = self.recipe.on_line
+            # A batch may have begun meanwhile.
+            batch = self.batches.production.batch
+            limits = replace(on_line if on_line.product else limits, batch=batch)
+            await self.recipe.set(resumed, limits, partial(self.audit.announce, by=Author()))
+        elif name and self.batches.production.product is None:
+            await self.select(name, Author())  # otherwise the limits of the line hold
+
+    async def restore(self) -> None:
+        """Set the parameters of the product in nodes of the line that were started again."""
+        lost = self.recipe.lost
+        if not lost or self.audit.awaits(lost):
+            return
+        try:
+            product = await self.recipe.restore()
+            for node in sorted(lost):
+                self.warn(f'{node} was started again: it has the parameters of {product!r} again')
+                self.audit.trail.saw(changes.RESTORED, node, None, product)
+        except RefusedError as error:
+            self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
+
+    async def begin_batch(self, name: str, by: Author) -> Statistics:
+        """Let the reject node count for another batch, then end the record of this one.
+
+        Returns the statistics of the batch that ends; raises an error if none of that is done.
+        """
+        if not name or not self.batches.may_begin(name):
+            raise RecordError(f'batch {name!r}: a name that was not used before is needed')
+        production = self.batches.production
+        finished = self._end_count(changes.BATCH, name, by)
+        before, production.batch = production.batch, name
+        try:
+            await self.recipe.change(batch=name)
+            self.batches.begin()
+        except (AuditError, RecordError, RefusedError) as error:
+            production.batch = before
+            self.audit.trail.saw(changes.REFUSED, 'batch', name, str(error), by)
+            raise
+        finally:
+            self.batches.keep(self.recipe.selected, anew=True)
+        if production.product is not None:
+            self.test.select(production.product, name)
+        return finished
+
+    async def reset_counts(self, by: Author) -> Statistics:
+        """Count the product in this batch from 0, and return what was counted."""
+        finished = self._end_count(changes.RESET, None, by)
+        self.batches.reset()
+        return finished
+
+    def _end_count(self, kind: str, batch: str | None, by: Author) -> Statistics:
+        finished = self.batches.production.summary()
+        audited = {name: getattr(finished, name) for name in _COUNTED}
+        self.audit.trail.note(kind, 'statistics', audited, batch, by)
+        return finished
+
+    def ended_batches(self) -> Iterator[BatchResult]:
+        """Yield the batches whose record is complete, once its hash is in the audit log."""
+        for ended in self.batches.ended():
+            if self.audit.trail.last(changes.RECORD, ended.batch) != ended.sha256:
+                self.audit.trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
+                yield ended
+
+    def finding(self) -> Finding:
+        """Return the aspect Recipe of the diagnostics."""
+        production = self.batches.production
+        product = production.product
+        values: dict[str, float | str] = {
+            'product': product.name if product else 'none',
+            'batch': production.batch,
+            'recipes': self.file,
+            'items': production.summary().items,
+        }
+        found = []
+        if self.first and product is None:
+            hint = 'check that denoise, identifier and reject run, and the warnings of this node'
+            found.append(Concern(Level.ERROR, f'product {self.first!r} is not selected yet', hint))
+        elif self.file and product is None:
+            hint = 'select one on the page, or by the service select_product'
+            text = 'no product is selected, so nothing is accepted'
+            found.append(Concern(Level.ERROR, text, hint))
+        well = f'product {product.name!r}' if product else 'no product is selected'
+        return conclude('Recipe', well, found, values)
+
+
+def _audited(product: ProductOnLine | None) -> dict[str, object] | None:
+    """Return the product and its limits as in the entries of the audit log."""
+    if product is None:
+        return None
+    return {'product': product.product, 'batch': product.batch, **limits_of(product)}
