@@ -103,8 +103,7 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
         head = _read_head(path)
         data = _read_file(path)
         if _read_head(path) == head:
-            digest = hashlib.sha256(data).hexdigest()
-            return replace(verify(data, head, known_hash), sha256=digest)
+            return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
 
 
 def _read_file(path: Path) -> bytes:

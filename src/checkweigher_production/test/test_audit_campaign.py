@@ -98,13 +98,6 @@ def test_each_tampering_is_told(tmp_path: Path, step: int):
             escaped.append((name, text, knows))
     print(f'tampered {tried} times, told {tried - len(escaped)}, escaped {len(escaped)}')
     assert [name for name, _, _ in escaped] == []
-    # Both files rewritten: only a hash that was noted elsewhere tells.
-    entries = list(verify(data, head).entries)
-    forged = tmp_path / 'forged.log'
-    with AuditLog(forged) as log:
-        append(log, 99)
-    assert read_log(forged).whole
-    assert read_log(forged, entries[0].hash).problem == 'cut'
 
 
 @pytest.mark.parametrize('kills', [5, pytest.param(300, marks=soak)])

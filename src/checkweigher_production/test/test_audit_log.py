@@ -37,6 +37,19 @@ def write(path: Path, count: int) -> None:
             log.append(TIME, '/product', 'parameter', f'/reject.limit{number}', number, -math.inf)
 
 
+def write_behind_the_head(path: Path) -> int:
+    """Write an entry that the head does not know; return the size of the log before it."""
+    head, size = head_path(path).read_bytes(), path.stat().st_size
+    write(path, 1)
+    head_path(path).write_bytes(head)
+    return size
+
+
+@pytest.fixture(name='path')
+def _path(tmp_path: Path) -> Path:
+    return tmp_path / 'audit.log'
+
+
 @pytest.fixture(scope='module', name='log')
 def _log(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
     """Return a log of five entries and its head."""
@@ -45,16 +58,16 @@ def _log(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
     return path.read_bytes(), head_path(path).read_bytes()
 
 
-def test_what_was_written_is_read_back(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_what_was_written_is_read_back(path: Path):
     with AuditLog(path) as log:
         log.append(TIME, '/product', 'parameter', '/reject.upper_limit', math.inf, 0.16)
-        log.append(TIME, '/product', 'recipe', 'crisps', None, {'length': (0.1, 0.2)})
+        new = {'length': (0.1, 0.2)}
+        log.append(TIME, '/product', 'recipe', 'crisps', None, new, 'ann', 'order 7')
     found = read_log(path)
     assert found.whole
-    assert [(e.sequence, e.kind, e.old, e.new) for e in found.entries] == [
-        (1, 'parameter', 'inf', 0.16),
-        (2, 'recipe', None, {'length': [0.1, 0.2]}),
+    assert [(e.sequence, e.kind, e.old, e.new, e.who, e.why) for e in found.entries] == [
+        (1, 'parameter', 'inf', 0.16, 'graph:/product', ''),
+        (2, 'recipe', None, {'length': [0.1, 0.2]}, 'ann', 'order 7'),
     ]
 
 
@@ -65,17 +78,7 @@ def test_the_hash_is_the_sha256_of_the_previous_hash_and_the_entry(log: tuple[by
     assert json.loads(second)['previous'] == json.loads(first)['hash']
 
 
-def test_every_entry_has_who_and_why(tmp_path: Path):
-    path = tmp_path / 'audit.log'
-    with AuditLog(path) as log:
-        log.append(TIME, '/product', 'selection', 'product', None, 'nuts', 'ann', 'order 7')
-        log.append(TIME, '/product', 'parameter', '/reject.upper_limit', 0.1, 0.2)
-    found = read_log(path)
-    assert [(e.who, e.why) for e in found.entries] == [('ann', 'order 7'), ('graph:/product', '')]
-
-
-def test_a_log_of_a_version_that_knew_no_author_is_whole_and_goes_on(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_a_log_of_a_version_that_knew_no_author_is_whole_and_goes_on(path: Path):
     older = Entry(1, TIME, '/product', 'parameter', '/reject.limit0', 0, 'inf', FIRST_PREVIOUS)
     older = replace(older, hash=older.digest())
     assert b'who' not in older.line()
@@ -127,16 +130,17 @@ def test_a_line_that_was_inserted_is_found(log: tuple[bytes, bytes], copied: int
     assert found.problem == ('removed' if place < copied else 'inserted')
 
 
-def test_entries_written_behind_the_back_of_the_head_are_found(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_entries_written_behind_the_back_of_the_head_are_found(path: Path):
     write(path, 3)
     head = head_path(path).read_bytes()
     write(path, 2)
     assert verify(path.read_bytes(), head).problem == 'inserted'
 
 
-def test_a_log_rewritten_from_the_start_is_found_by_a_hash_noted_elsewhere(tmp_path: Path):
-    path, forged = tmp_path / 'audit.log', tmp_path / 'forged.log'
+def test_a_log_rewritten_from_the_start_is_found_by_a_hash_noted_elsewhere(
+    path: Path, tmp_path: Path
+):
+    forged = tmp_path / 'forged.log'
     write(path, 3)
     noted = read_log(path).entries[1].hash
     write(forged, 1)
@@ -152,10 +156,8 @@ def test_an_entry_torn_by_power_loss_is_no_tampering(
 ):
     path = tmp_path_factory.mktemp('torn') / 'audit.log'
     write(path, 2)
-    before, head = path.read_bytes(), head_path(path).read_bytes()
-    write(path, 1)
-    path.write_bytes(path.read_bytes()[: len(before) + kept])
-    head_path(path).write_bytes(head)
+    size = write_behind_the_head(path)
+    os.truncate(path, size + kept)
     found = read_log(path)
     assert found.whole
     assert len(found.torn) == kept
@@ -163,26 +165,18 @@ def test_an_entry_torn_by_power_loss_is_no_tampering(
     write(path, 1)
     found = read_log(path)
     assert found.whole
-    assert [entry.kind for entry in found.entries] == [
-        'parameter',
-        'parameter',
-        'torn',
-        'parameter',
-    ]
+    assert ' '.join(entry.kind for entry in found.entries) == 'parameter parameter torn parameter'
     data, head = path.read_bytes(), head_path(path).read_bytes()
-    changed = data[: len(before)] + b'X' + data[len(before) + 1 :]
+    changed = data[:size] + b'X' + data[size + 1 :]
     assert verify(changed, head).bad_line == 3
-    removed = data[: len(before)] + data[len(before) + kept + 1 :]
+    removed = data[:size] + data[size + kept + 1 :]
     assert verify(removed, head).problem == 'removed'
 
 
-def test_an_entry_that_lacks_its_end_of_line_alone_is_kept_and_marked(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_an_entry_that_lacks_its_end_of_line_alone_is_kept_and_marked(path: Path):
     write(path, 1)
-    head = head_path(path).read_bytes()
-    write(path, 1)
+    write_behind_the_head(path)
     path.write_bytes(path.read_bytes()[:-1])
-    head_path(path).write_bytes(head)
     found = read_log(path)
     assert (found.whole, found.unended, len(found.entries)) == (True, True, 2)
     for _ in range(2):  # it goes on, and is read again
@@ -201,19 +195,15 @@ def test_what_the_head_knows_was_not_torn_by_power_loss(log: tuple[bytes, bytes]
     assert verify(log[0] + bytes(100), log[1]).whole  # zeros, as some file systems leave them
 
 
-def test_power_lost_between_an_entry_and_its_head_does_no_harm(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_power_lost_between_an_entry_and_its_head_does_no_harm(path: Path):
     write(path, 1)
-    head = head_path(path).read_bytes()
-    write(path, 1)
-    head_path(path).write_bytes(head)
+    write_behind_the_head(path)
     assert read_log(path).whole
     write(path, 1)
     assert len(read_log(path).entries) == 3
 
 
-def test_a_broken_log_is_not_continued(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_a_broken_log_is_not_continued(path: Path):
     write(path, 3)
     path.write_bytes(path.read_bytes().replace(b'limit1', b'limit7'))
     with pytest.raises(AuditError, match=r'audit\.log: line 2: changed'):
@@ -229,8 +219,7 @@ def test_two_cannot_write_to_one_log(tmp_path: Path):
 
 
 @pytest.mark.parametrize('kept', [0, 1])
-def test_a_log_whose_head_is_gone_is_not_whole(tmp_path: Path, kept: int):
-    path = tmp_path / 'audit.log'
+def test_a_log_whose_head_is_gone_is_not_whole(path: Path, kept: int):
     write(path, 3)
     path.write_bytes(b''.join(path.read_bytes().splitlines(keepends=True)[:kept]))
     head_path(path).unlink()
@@ -240,8 +229,7 @@ def test_a_log_whose_head_is_gone_is_not_whole(tmp_path: Path, kept: int):
         AuditLog(path)
 
 
-def test_a_log_that_was_deleted_is_not_begun_again(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_a_log_that_was_deleted_is_not_begun_again(path: Path):
     write(path, 2)
     path.unlink()
     with pytest.raises(AuditError, match='went on to entry 2'):
@@ -249,16 +237,15 @@ def test_a_log_that_was_deleted_is_not_begun_again(tmp_path: Path):
 
 
 def test_a_log_without_an_entry_is_whole(tmp_path: Path):
-    write(tmp_path / 'audit.log', 0)
-    assert read_log(tmp_path / 'audit.log').whole
-    write(tmp_path / 'audit.log', 0)
+    for _ in range(2):
+        write(tmp_path / 'audit.log', 0)
+        assert read_log(tmp_path / 'audit.log').whole
 
 
 @pytest.mark.parametrize(
     'head', [b'[' * 100_000, b'{"sequence":' + b'9' * 6000 + b',"hash":""}\n', b'\xff' * 10**6]
 )
-def test_a_hostile_head_is_a_changed_one(tmp_path: Path, head: bytes):
-    path = tmp_path / 'audit.log'
+def test_a_hostile_head_is_a_changed_one(path: Path, head: bytes):
     write(path, 1)
     head_path(path).write_bytes(head)
     assert read_log(path).problem == 'changed'
@@ -305,9 +292,8 @@ def _alter(path: Path) -> None:
     ],
 )
 def test_a_log_that_was_tampered_with_while_it_is_open_is_not_written_to(
-    tmp_path: Path, tamper: Callable[[Path], object]
+    path: Path, tmp_path: Path, tamper: Callable[[Path], object]
 ):
-    path = tmp_path / 'audit.log'
     with AuditLog(path) as log:
         append = partial(log.append, TIME, '/product', 'parameter', '/reject.limit0', 1)
         append(2)
@@ -320,8 +306,7 @@ def test_a_log_that_was_tampered_with_while_it_is_open_is_not_written_to(
         assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == left
 
 
-def test_a_log_that_was_moved_and_put_back_is_written_to(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_a_log_that_was_moved_and_put_back_is_written_to(path: Path, tmp_path: Path):
     with AuditLog(path) as log:
         path.rename(tmp_path / 'elsewhere')
         assert log.trouble()
@@ -332,8 +317,7 @@ def test_a_log_that_was_moved_and_put_back_is_written_to(tmp_path: Path):
     assert len(read_log(path).entries) == 1
 
 
-def test_a_log_is_read_while_another_process_writes_to_it(tmp_path: Path):
-    path = tmp_path / 'audit.log'
+def test_a_log_is_read_while_another_process_writes_to_it(path: Path):
     with AuditLog(path) as log:
         ended = threading.Event()
 

@@ -37,11 +37,11 @@ def made_pass(mass: float, *others: str) -> Verdict:
     return Verdict(1, NOW, Decision.FAULT, ('PerformanceTest', *others), mass=mass)
 
 
-def passed_by(tests: PerformanceTests, now: int, *masses: float) -> LastTest | None:
+def passed_by(tests: PerformanceTests, now: int, *masses: float) -> LastTest:
     tests.begin('ann', now)
-    ended = None
-    for mass in masses:
-        ended = tests.take(made_pass(mass), now)
+    *none, ended = [tests.take(made_pass(mass), now) for mass in masses]
+    assert not any(none)
+    assert ended is not None
     return ended
 
 
@@ -58,7 +58,6 @@ def test_a_test_that_passed_counts_for_its_hours():
     tests = made()
     ended = passed_by(tests, NOW + MINUTE, 0.2004, 0.1996, 0.2)
 
-    assert ended is not None
     assert ended.passed
     assert ended.errors == pytest.approx((4e-4, -4e-4, 0.0))
     assert (tests.state.state, tests.state.who, tests.wanted) == (IN_TIME, 'ann', False)
@@ -70,9 +69,7 @@ def test_a_test_that_passed_counts_for_its_hours():
 @pytest.mark.parametrize('masses', [(0.2, 0.2006, 0.2), (0.2, math.nan, 0.2), (0.1994, 0.2, 0.2)])
 def test_one_bad_pass_fails_the_test_until_one_passes(masses: tuple[float, ...]):
     tests = made()
-    ended = passed_by(tests, NOW, *masses)
-    assert ended is not None
-    assert not ended.passed
+    assert not passed_by(tests, NOW, *masses).passed
     assert tests.state.state is FAILED
     assert tests.state.text.startswith('1 of 3 passes of ann beyond 0.5 g')
     tests.advance(NOW + HOUR)
@@ -153,7 +150,6 @@ def test_another_product_does_not_have_the_test_of_this_one():
 def test_after_a_restart_the_entry_of_the_log_counts():
     tests = made()
     ended = passed_by(tests, NOW, 0.2, 0.2001, 0.2)
-    assert ended is not None
     entry = json.loads(json.dumps(plain(as_entry(PLAN, ended, 'shift'))))
 
     after = PerformanceTests(UTC)

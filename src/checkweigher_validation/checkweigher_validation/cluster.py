@@ -74,26 +74,14 @@ def on_scheduler(
 ) -> Iterator[list[str]]:
     """Run the jobs of `checkweigher_validation.jobs` on a scheduler.
 
-    Parameters
-    ----------
-    address : str
-        'local' for processes of this machine, or the address of a Dask scheduler, for example
-        'tcp://HOST:8786'.
-    question : callable
-        Called by each worker of the cluster. Returns a value that can be pickled.
-    refusal : callable
-        Returns the reason, in one line, why a worker with this answer is not used; empty if it is
-        used.
+    `address` is 'local' for processes of this machine, or the address of a Dask scheduler, for
+    example 'tcp://HOST:8786'. Each worker of a cluster calls `question`, whose answer is pickled.
+    `refusal` returns why a worker with an answer is not used, in one line, empty if it is used.
 
-    Yields
-    ------
-    list of str
-        A line for each worker that is refused. The others do the jobs.
+    Yields a line for each worker that is refused. The others do the jobs.
 
-    Raises
-    ------
-    SchedulerError
-        If dask.distributed is not installed, the cluster does not answer, or no worker is left.
+    Raises `SchedulerError` if dask.distributed is not installed, the cluster does not answer, or no
+    worker is left.
     """
     if address == LOCAL:
         yield []

@@ -29,29 +29,13 @@ def keep_item(
     """Cut an item out, with as many items before it as its verdict depends on.
 
     Zero, belt speed and lag of the eyes are learned from earlier items. Their number is doubled
-    until the item in the small recording has the same verdict.
+    until the item in the small recording has the same verdict. The parameters are those with which
+    the item got its estimate and verdict.
 
-    Parameters
-    ----------
-    recording : Recording
-        Recording with the item.
-    parameters : LineParameters
-        Parameters with which the item was weighed.
-    estimate, verdict : MassEstimate, Verdict
-        Estimate and verdict of the item.
+    Returns the small recording and the item in it. Its decision and reasons are the same, and its
+    mass differs by at most a tenth of its standard deviation. Its number counts from 1.
 
-    Returns
-    -------
-    Recording
-        The small recording.
-    ItemResult
-        The item in the small recording. Its decision and reasons are the same, and its mass differs
-        by at most a tenth of its standard deviation. Its number counts from 1 in the recording.
-
-    Raises
-    ------
-    KeepError
-        If the item has another result even in the whole recording.
+    Raises `KeepError` if the item has another result even in the whole recording.
     """
     stamps = [s for s in (estimate.t1, estimate.t2, estimate.t3) if s is not None]
     begins, first = _empty_moments(recording.edges, min(stamps)), recording.blocks[0].stamp

@@ -118,23 +118,12 @@ def run_jobs(
 ) -> list[Any]:
     """Run independent jobs, and return their results in the same order.
 
-    A bar is shown on a terminal if they take more than a second.
+    The jobs have their arguments, as by `functools.partial`; jobs and results are pickled. `n_jobs`
+    is the number of processes of this machine, by default one for each core; 1 is this process
+    alone. A bar with the label `doing` is shown on a terminal if they take more than a second.
 
-    Parameters
-    ----------
-    jobs : sequence of callable
-        Jobs with their arguments, as by `functools.partial`. Jobs and results are pickled.
-    n_jobs : int, optional
-        Processes of this machine, by default one for each core; 1 for this process alone.
-    doing, unit : str
-        Label of the bar, and the unit of its counts.
-
-    Raises
-    ------
-    WorkerLostError
-        If a job killed its worker, also when it was tried alone.
-    ClusterLostError
-        If the jobs were done by a cluster, and it was lost.
+    Raises `WorkerLostError` if a job killed its worker, also when it was tried alone, and
+    `ClusterLostError` if the jobs were done by a cluster, and it was lost.
     """
     with closing(jobs_as_done(jobs, n_jobs)) as results:
         found = dict(with_progress(results, doing, len(jobs), unit=unit))

@@ -150,8 +150,7 @@ class LineAudit:
     def on_load_cell(self, load_cell: LoadCell) -> None:
         """Write a calibration that differs from the last known one."""
         by = Author(f'graph:{self._namespace}/driver')
-        name = ports.LOAD_CELL_INFO.name
-        self.trail.saw_state(changes.CALIBRATION, name, asdict(load_cell), by)
+        self.trail.saw_state(changes.CALIBRATION, ports.LOAD_CELL_INFO.name, asdict(load_cell), by)
 
     def on_zero_setting(self, change: ZeroChange) -> None:
         """Write the zero that was set."""

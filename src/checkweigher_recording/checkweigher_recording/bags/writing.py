@@ -90,8 +90,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         check_new(path)
         self._path = path
         self._in_place = in_place
-        partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
-        self._folder = path if in_place else partial
+        self._folder = path if in_place else path.with_name(f'.{path.name}.{os.getpid()}.partial')
         self._mcap: Writer | None = None
         self._ports = ports
         self._prefix = lane_prefix(namespace)

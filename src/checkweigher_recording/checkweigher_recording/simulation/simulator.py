@@ -285,8 +285,7 @@ class Simulation:
     def _stamp(self, time: float) -> int:
         # Whole seconds are added as integers, because a float resolves a stamp only to 200 ns.
         whole = math.floor(time)
-        nanoseconds = round((time - whole) * NANOSECONDS)
-        return self.start + whole * NANOSECONDS + nanoseconds
+        return self.start + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
 
 
 def simulate(parameters: SimulationParameters) -> Recording:
@@ -396,8 +395,7 @@ class _ProfileSignal:
         self._profile, self._belt, self._step = profile, belt, step
         phases, self._broadband, floor, self._electronic = map(generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
-        mode = Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
-        self._platform = Platform(mode, step)
+        self._platform = Platform(Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS), step)
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:

@@ -62,8 +62,7 @@ def simulated_examples(
 ) -> tuple[Example, ...]:
     """Return one pass of a product of a mass in kg at each speed in m/s of a simulated machine."""
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
-    built = PROFILES[profile]
-    platform = Platform(built.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+    platform = Platform(PROFILES[profile].natural_frequency, DAMPING_RATIO, MOVING_MASS)
     line = SimulationParameters(profile=profile, masses=(mass,), count=_PRODUCTS, seed=seed)
     examples = []
     for speed in speeds:

@@ -178,8 +178,7 @@ class ErrorSum(RunningMoments):
 
 def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:
     """Return one line with the number of items of each decision, and the errors in g."""
-    count = sum(decisions.values())
-    parts = [counted(count, 'item')]
+    parts = [counted(sum(decisions.values()), 'item')]
     parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]
     if errors.count:
         parts.append(f'mean error {errors.mean:+.3f} g')

@@ -83,8 +83,7 @@ def finish(writer: pq.ParquetWriter, origin: Origin, summary: BagSummary) -> Non
 def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
     """Return origin and summary of a file of results, None if the file is not complete."""
     with suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
-        metadata = pq.read_metadata(path).metadata
-        found = json.loads(metadata[_KEY.encode()])
+        found = json.loads(pq.read_metadata(path).metadata[_KEY.encode()])
         summary = found['summary'] | {'notes': tuple(found['summary']['notes'])}
         return Origin(**found['origin']), BagSummary(**summary)
     return None

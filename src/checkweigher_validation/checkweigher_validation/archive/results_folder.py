@@ -18,21 +18,11 @@ _SECONDS_PER_HOUR = 3600
 
 
 class ResultsFolder:
-    """Results of jobs as they are done.
+    """Results of jobs as they are done, in the folder `path`, which is made if necessary.
 
-    Parameters
-    ----------
-    path : Path
-        Folder, which is made if necessary. Results of the same bags, parameters and program that
-        are in it are kept.
-    jobs : mapping of WeighJob
-        All jobs, by the names of their results. The attribute `jobs` has them with the digests of
-        the bags whose results are in the folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be made or written to.
+    Results of the same bags, parameters and program that are in it are kept. All jobs are given by
+    the names of their results; the attribute `jobs` has them with the digests of the bags whose
+    results are in the folder. Raises `OutputError` if the folder cannot be made or written to.
     """
 
     def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:

@@ -125,8 +125,7 @@ def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
             finish(writer, origin_of(job, digest), tally.summary())
             return tally.summary()
 
-        summary = over_stretches(work, bag, job.lane)
-        return summary, path.read_bytes()
+        return over_stretches(work, bag, job.lane), path.read_bytes()
 
 
 @dataclass

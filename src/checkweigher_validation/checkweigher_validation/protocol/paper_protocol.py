@@ -98,5 +98,4 @@ def evaluate_protocol(
         bound_of = {mass: next(bounds) for mass in MASSES}
         for part, passes in (('train', run.train), ('test', run.test)):
             sets.append(PassSet(run.speed, part, passes, bound_of))
-    lines = [tuned[name].parameters for name in estimators]
-    return evaluate_sets(sets, lines, n_jobs), tuned
+    return evaluate_sets(sets, [tuned[name].parameters for name in estimators], n_jobs), tuned

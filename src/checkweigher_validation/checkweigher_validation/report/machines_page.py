@@ -85,8 +85,7 @@ def _ratios_figure(
     shared: Any = {'ls': '', 'ms': 5, 'mec': SURFACE, 'mew': 0.6, 'alpha': 0.7}
     for place, row in enumerate(table.rows):
         found, marker = ratios(machines, row.estimator), looks[row.estimator].marker
-        places = np.full(len(found), place)
-        axes.plot(found, places, marker=marker, color=stand_in(place), **shared)
+        axes.plot(found, [place] * len(found), marker=marker, color=stand_in(place), **shared)
         axes.plot([np.mean(found)] * 2, [place - 0.3, place + 0.3], color=INK, lw=1.4)
     label_rows(axes, [looks[row.estimator].label for row in table.rows])
     axes.set_xscale('log')

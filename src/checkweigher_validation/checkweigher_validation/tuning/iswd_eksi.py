@@ -51,8 +51,7 @@ class TunedIswdEksi(Tunable):
         """Return the steady state of every denoised pass; NaN for an unstable platform."""
         windows = Denoiser(self._denoise(values)).denoise_all(self.windows)
         own = {'rise_noise': (values['rise_noise'],), 'doubt': False}
-        estimator = self.estimator(self.known.for_speed(self.group.speed, own))
-        loads = estimator.estimate_all(windows)
+        loads = self.estimator(self.known.for_speed(self.group.speed, own)).estimate_all(windows)
         # The identifier refuses an unstable platform.
         return np.array([each.mass if is_stable(each.a1, each.a2) else math.nan for each in loads])
 

@@ -177,8 +177,7 @@ class TunedLearned(Tunable):
         """Return the fit of the parts from t2 on, and that of all parts."""
         layout = self.known.layout
         prior = self._prior(layout)
-        window = Layout(0, 0, layout.window)
-        alone = fit(_evidence(self.group, window), prior.last(layout.window))
+        alone = fit(_evidence(self.group, Layout(0, 0, layout.window)), prior.last(layout.window))
         if np.count_nonzero(self._led) < _FEWEST:
             return alone, None
         return alone, fit(_evidence(self.group, layout).select(self._led), prior)
@@ -213,8 +212,7 @@ def empty_belt_covariances(
         part = transit(window) / (layout.rise + layout.window)
         lead = int((seconds_alone(window) - settle_time) / part)
         if lead >= 1:
-            features = pass_features(window, Layout(lead, layout.rise, layout.window))
-            segments.append(features[:lead])
+            segments.append(pass_features(window, Layout(lead, layout.rise, layout.window))[:lead])
     return pooled_autocovariance(segments, layout.count)
 
 

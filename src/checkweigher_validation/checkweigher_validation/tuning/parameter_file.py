@@ -26,19 +26,9 @@ def parameter_file(
     """Return the text of a parameter file with everything that was tuned.
 
     It has all parameters of the tuned estimators, and those others that are not at their default.
-
-    Parameters
-    ----------
-    tuned : dict of str to Tuned
-        By estimator; the file selects the first one.
-    source : sequence of str
-        Training passes, a line each.
-    made : datetime, optional
-        Time of tuning; by default now.
-    compared : dict of str to Tuned, optional
-        The rows of the table at the head; by default `tuned`.
-    reason : str
-        Reason for selecting the first one, a line.
+    It selects the first one of `tuned`, for the `reason` (a line). `source` has a line for each set
+    of training passes, and `made` is the time of tuning, by default now. `compared` has the rows of
+    the table at the head, by default those of `tuned`.
     """
     made = made or datetime.now(UTC)
     lines = [

@@ -123,5 +123,4 @@ def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluatio
             'xatol': 1e-3,
             'fatol': 1e-9,
         }
-        bounds = [(0, 1)] * len(origin)
-        minimize(at, origin, method='Nelder-Mead', bounds=bounds, options=options)
+        minimize(at, origin, method='Nelder-Mead', bounds=[(0, 1)] * len(origin), options=options)

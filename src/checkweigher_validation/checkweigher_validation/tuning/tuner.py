@@ -179,8 +179,7 @@ def _attempt(job: Callable[[], Any]) -> Any:
 
 def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any]) -> TunedSpeed:
     """Return the result of a task with the errors of the passes that were held out."""
-    checks = [found[task, fold] for fold in _folds(task.group)]
-    errors, masses = np.concatenate(checks, axis=1)
+    errors, masses = np.concatenate([found[task, fold] for fold in _folds(task.group)], axis=1)
     learned: TunedSpeed = replace(
         found[task, None],
         held_out_index=index(errors, masses),

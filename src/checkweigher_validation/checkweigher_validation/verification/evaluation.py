@@ -121,8 +121,7 @@ def outcome_of(procedure: Procedure) -> Outcome:
             zeros.append((step.kind, reading))
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
     missing = tuple(step.name for step in steps_of(procedure.plan) if step.name not in done)
-    departures = tuple(_departures(procedure, results, missing))
-    return Outcome(tuple(results), missing, departures)
+    return Outcome(tuple(results), missing, tuple(_departures(procedure, results, missing)))
 
 
 def _zero_for(

@@ -83,8 +83,7 @@ def _steps(plan: Plan) -> Iterator[Step]:
     for number, section in enumerate(plan.outside, start=1):
         yield Step(f'outside_{number}', StepKind.OUTSIDE, *plan.passes_of(section, default=3))
     for passes in plan.passes_in_motion:
-        name = f'passes_{MINUTE * passes.speed:g}_{passes.load.name}'
-        yield Step(name, StepKind.PASSES, *passes)
+        yield Step(f'passes_{MINUTE * passes.speed:g}_{passes.load.name}', StepKind.PASSES, *passes)
     if aside := plan.eccentricity:
         passes = plan.passes_of(aside)
         for position in aside.positions:

@@ -5,19 +5,13 @@
 from dataclasses import replace
 import math
 
+from known_groups import groups_of
 import numpy as np
 import pytest
 
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
-from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.simulation.simulator import (
-    DAMPING_RATIO,
-    IMPACT_DURATION,
-    PROFILES,
-    Simulation,
-    SimulationParameters,
-)
-from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes
+from checkweigher_recording.simulation.simulator import DAMPING_RATIO, IMPACT_DURATION, PROFILES
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.gauss_markov import fit_noise, fit_platform
 from checkweigher_validation.tuning.tunables import TuningError
 
@@ -27,15 +21,8 @@ RATE = 960.0
 KNOWN = GaussMarkovParameters(sample_rate=RATE)
 
 
-def groups_of(profile, *speeds, count=40, **others):
-    """Simulate a line at some speeds."""
-    passes = []
-    for speed in speeds:
-        line = Simulation(
-            SimulationParameters(profile=profile, speed=speed, count=count, seed=5, **others)
-        )
-        passes += known_passes(line.load_cell, line, SegmenterParameters())
-    return group_by_speed(passes)
+def simulated(profile, *speeds, count=40, **others):
+    return groups_of(*speeds, profile=profile, count=count, seed=5, **others)
 
 
 def check_platform(found, profile):
@@ -49,7 +36,7 @@ def check_platform(found, profile):
     ('profile', 'speeds'), [('quiet', (1.0,)), ('paper', (0.5, 1.5)), ('soft', (1.0,))]
 )
 def test_the_platform_is_found(profile, speeds):
-    found = fit_platform(groups_of(profile, *speeds), KNOWN)
+    found = fit_platform(simulated(profile, *speeds), KNOWN)
     check_platform(found, profile)
     # The simulated load comes on evenly from eye to eye.
     assert abs(found.entry_begin) < 1e-3
@@ -57,13 +44,13 @@ def test_the_platform_is_found(profile, speeds):
 
 
 def test_the_platform_is_found_where_the_belt_is_empty_for_ten_samples_only():
-    groups = groups_of('paper', 1.0, spacing=0.31)
+    groups = simulated('paper', 1.0, spacing=0.31)
     check_platform(fit_platform(groups, KNOWN), 'paper')
 
 
 @pytest.mark.filterwarnings('error')
 def test_a_belt_that_is_never_empty_has_a_model_too():
-    groups = groups_of('paper', 1.0, spacing=0.301, count=20, lead_in=0.0)
+    groups = simulated('paper', 1.0, spacing=0.301, count=20, lead_in=0.0)
     found = fit_platform(groups, KNOWN)
     reflections, std_dev, _ = fit_noise(groups[0], found, 20)
     assert found.natural_frequency > 0
@@ -72,7 +59,7 @@ def test_a_belt_that_is_never_empty_has_a_model_too():
 
 
 def test_what_a_quiet_machine_leaves_is_the_noise_of_its_electronics():
-    groups = groups_of('quiet', 1.0)
+    groups = simulated('quiet', 1.0)
     model = fit_platform(groups, KNOWN)
     _, std_dev, impact = fit_noise(groups[0], model, 20)
     assert std_dev == pytest.approx(PROFILES['quiet'].electronic, rel=0.1)
@@ -90,26 +77,26 @@ def test_the_impact_at_entry_is_that_of_the_machine(monkeypatch):
     response = omega * 2 * IMPACT_DURATION / math.pi * math.cos(half)
     amplitude = struck.impact * response / (1 - (2 * half / math.pi) ** 2)
 
-    (group,) = groups_of('quiet', 1.0, spacing=3.0)
+    (group,) = simulated('quiet', 1.0, spacing=3.0)
     model = replace(KNOWN, natural_frequency=38.0, damping_ratio=DAMPING_RATIO)
     # 40 draws know a standard deviation to 11 %.
     assert fit_noise(group, model, 20)[2] == pytest.approx(amplitude / math.sqrt(2), rel=0.25)
 
 
 def test_among_other_disturbances_the_impact_is_of_the_right_order():
-    (group,) = groups_of('paper', 1.0)
+    (group,) = simulated('paper', 1.0)
     impact = fit_noise(group, fit_platform([group], KNOWN), 40)[2]
     assert 0.011 / 4 < impact < 0.011 * 4
 
 
 def test_windows_that_are_too_short_are_refused():
-    groups = groups_of('paper', 0.3, count=6, sample_rate=100.0, spacing=0.31, lead_in=0.1)
+    groups = simulated('paper', 0.3, count=6, sample_rate=100.0, spacing=0.31, lead_in=0.1)
     with pytest.raises(TuningError, match=r'18\.0 m/min: no segment of noise is longer than 40'):
         fit_platform(groups, replace(KNOWN, sample_rate=100.0))
 
 
 def test_signals_without_noise_are_refused():
-    (group,) = groups_of('quiet', 1.0, count=6)
+    (group,) = simulated('quiet', 1.0, count=6)
 
     def silent(each):
         return replace(each, window=replace(each.window, counts=0 * each.window.counts))

@@ -4,15 +4,13 @@
 
 from dataclasses import replace
 
-from lines import simulated
+from known_groups import group_of
 import numpy as np
 import pytest
 
 from checkweigher_dsp.estimation.estimators.learned import Layout
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
-from checkweigher_validation.accuracy.passes import group_by_speed, known_passes
 from checkweigher_validation.tuning.calibration import index
 from checkweigher_validation.tuning.learned import (
     Evidence,
@@ -25,12 +23,6 @@ from checkweigher_validation.tuning.learned import (
 from checkweigher_validation.tuning.tuner import tune
 
 PARTS = 6
-
-
-def group_of(**parameters):
-    line = simulated(**parameters)
-    (group,) = group_by_speed(known_passes(line.load_cell, line, SegmenterParameters()))
-    return group
 
 
 def evidence(count, covariance, curve, seed=3):

@@ -5,12 +5,10 @@
 from datetime import UTC, datetime
 import re
 
+from known_groups import groups_of
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
-from checkweigher_validation.accuracy.passes import group_by_speed, known_passes
 from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
@@ -19,11 +17,7 @@ NEW_YEAR = datetime(2026, 1, 1, tzinfo=UTC)
 
 @pytest.fixture(scope='module')
 def groups():
-    passes = []
-    for speed in (0.75, 1.5):
-        line = Simulation(SimulationParameters(speed=speed, count=8, seed=2))
-        passes += known_passes(line.load_cell, line, SegmenterParameters())
-    return group_by_speed(passes)
+    return groups_of(0.75, 1.5, count=8, seed=2)
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 
+from known_groups import group_of
 import numpy as np
 import pytest
 
@@ -12,10 +13,8 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.estimation.estimators.fir_model import fit_fir
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
-from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds
 from checkweigher_validation.tuning.tunables import estimates_of
 from checkweigher_validation.tuning.tuner import TUNABLES, tune
@@ -30,9 +29,7 @@ LINES = {
 
 @pytest.fixture(scope='module', params=LINES)
 def group(request):
-    line = Simulation(SimulationParameters(**LINES[request.param], count=15, seed=7))
-    (found,) = group_by_speed(known_passes(line.load_cell, line, SegmenterParameters()))
-    return found
+    return group_of(**LINES[request.param], count=15, seed=7)
 
 
 def tunable_of(name, group, base=BASE):

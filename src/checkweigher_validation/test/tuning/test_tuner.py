@@ -5,14 +5,13 @@
 from dataclasses import replace
 import math
 
+from known_groups import group_of
 import numpy as np
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
-from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import index, uncertainty
 from checkweigher_validation.tuning.tuner import FEWEST_PASSES, TuningError, tune
 
@@ -20,9 +19,7 @@ BASE = LineParameters()
 
 
 def simulated(speed=1.0, count=24, **others):
-    line = Simulation(SimulationParameters(speed=speed, count=count, seed=11, **others))
-    (group,) = group_by_speed(known_passes(line.load_cell, line, SegmenterParameters()))
-    return group
+    return group_of(speed, count=count, seed=11, **others)
 
 
 @pytest.fixture(scope='module')
