@@ -28,6 +28,7 @@ from typing import Any
 
 from checkweigher_core.changes import plain
 from checkweigher_core.input_files import read_input
+from checkweigher_core.state_files import sync_folder
 
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
@@ -237,6 +238,9 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     Before each entry, the log and `LOG.head` are compared with their last known state. A log that
     was replaced, cut or changed is not written to.
 
+    Raises `AuditError` if the log cannot be opened, another process has it open, or its chain is
+    broken.
+
     Attributes
     ----------
     entries : tuple of Entry
@@ -245,11 +249,6 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         Hash of the last entry.
     size : int
         Size of the log in bytes, at most `MAX_LOG`.
-
-    Raises
-    ------
-    AuditError
-        If the log cannot be opened, another process has it open, or its chain is broken.
     """
 
     def __init__(self, path: Path) -> None:
@@ -394,11 +393,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         self._head = text
         # If this fails, a power loss may leave the head one entry behind, which does no harm.
         with suppress(OSError):
-            folder = os.open(self.path.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            sync_folder(self.path.parent)
 
 
 def _parse(line: bytes) -> Entry | None:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import BatchResult, FillerFeedback, ProductOnLine, Verdict
 from checkweigher_core.settings_files import plain
@@ -107,12 +107,9 @@ class LineBatches:
         """Go on with a batch, and end the one before if it was not; `RecordError` if in doubt."""
         self.production.batch, path = batch, record_path(self._folder, batch)
         interrupted = before != batch and before in self._open
-        if batch in self._open:
-            try:
-                self._restore(path)
-            except RecordError:
-                del self._open[batch]
-                raise
+        goes_on = self._open.pop(batch, None) is not None
+        if goes_on:
+            self._restore(path)
         elif self.selected is not None and (path.exists() or not interrupted):
             raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
         if interrupted:
@@ -122,10 +119,9 @@ class LineBatches:
             with suppress(RecordError):
                 if ended := ended_record(record_path(self._folder, before)):
                     writer.ended.put(ended)  # its hash may not be in the audit log yet
-        if batch in self._open:
+        if goes_on:
             writer.end(self._clock())
             writer.resume(batch)
-            del self._open[batch]
         else:
             self._write_begin(writer)
         self._batch, self._before = batch, before
@@ -251,15 +247,14 @@ class LineBatches:
         """Return the aspect Batch record of the diagnostics."""
         if self._writer is None:
             return conclude('Batch record', 'none: batches are not recorded', ())
-        found = []
-        for trouble in filter(None, (self._writer.trouble, self.not_kept)):
-            hint = 'make room, or see to the disk: verdicts wait in memory'
-            found.append(Concern(Level.ERROR, trouble, hint))
-        if self.doubt:
-            found.append(Concern(Level.ERROR, self.doubt, 'nothing is accepted until then'))
-        others = [f'{path}: has begun and not ended' for path in self._open.values()]
-        for left_out in filter(None, (*others, *self._left_out, self._forgotten)):
-            hint = 'it was left out; put it right, or move it to another folder'
-            found.append(Concern(Level.WARN, left_out, hint))
+        full = 'make room, or see to the disk: verdicts wait in memory'
+        aside = 'it was left out; put it right, or move it to another folder'
+        begun = [f'{path}: has begun and not ended' for path in self._open.values()]
+        others = (*begun, *self._left_out, self._forgotten)
+        concerns = (
+            *(error_if(bool(text), text, full) for text in (self._writer.trouble, self.not_kept)),
+            error_if(bool(self.doubt), self.doubt, 'nothing is accepted until then'),
+            *(warn_if(bool(text), text, aside) for text in others),
+        )
         folder = str(self._folder)
-        return conclude('Batch record', f'written to {folder}', found, {'folder': folder})
+        return conclude('Batch record', f'written to {folder}', concerns, {'folder': folder})

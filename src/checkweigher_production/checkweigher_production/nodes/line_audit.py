@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from checkweigher_core import changes
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import LoadCell, ZeroChange
 from checkweigher_core.ros import ports
@@ -166,14 +166,12 @@ class LineAudit:
             'last_hash': self._log.last_hash,
             'nodes_to_be_read': len(self._unread),
         }
-        found = []
-        if trouble := self._log.trouble():
-            hint = 'changes are refused: restore log and LOG.head, and start product again'
-            found.append(Concern(Level.ERROR, trouble, hint))
-        elif self.trail.trouble:
-            hint = 'changes are refused: make room, or see to the disk'
-            found.append(Concern(Level.ERROR, self.trail.trouble, hint))
-        if self._log.size > 0.9 * MAX_LOG:
-            text = f'{self._log.path} has {self._log.size} bytes of {MAX_LOG} at most'
-            found.append(Concern(Level.WARN, text, 'name another file in audit_log'))
-        return conclude('Audit log', f'written to {self._log.path}', found, values)
+        altered, trouble = self._log.trouble(), self.trail.trouble
+        restore = 'changes are refused: restore log and LOG.head, and start product again'
+        large = f'{self._log.path} has {self._log.size} bytes of {MAX_LOG} at most'
+        concerns = (
+            error_if(bool(altered), altered, restore),
+            error_if(bool(trouble), trouble, 'changes are refused: make room, or see to the disk'),
+            warn_if(self._log.size > 0.9 * MAX_LOG, large, 'name another file in audit_log'),
+        )
+        return conclude('Audit log', f'written to {self._log.path}', concerns, values)

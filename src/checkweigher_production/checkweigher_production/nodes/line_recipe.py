@@ -3,7 +3,7 @@
 """The product on the line: its limits for the reject node, its parameters in the other nodes."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.task import Future
@@ -20,6 +20,7 @@ from checkweigher_dsp.rejection.batch_rules import BatchTally
 from checkweigher_production.recipes import NODES, Product
 
 
+@dataclass(eq=False)
 class LineRecipe:
     """Limits and parameters of the selected product, in all nodes of the line or in none.
 
@@ -40,17 +41,12 @@ class LineRecipe:
         Product by which the reject node judges, None until that is known.
     """
 
-    def __init__(
-        self,
-        line: LineParametersClient,
-        publish: Callable[[ProductOnLine], object],
-        clock: Callable[[], int],
-        tally: Callable[[str, str], BatchTally],
-    ) -> None:
-        self._line = line
-        self._publish = publish
-        self._clock = clock
-        self._tally = tally
+    line: LineParametersClient
+    publish: Callable[[ProductOnLine], object]
+    clock: Callable[[], int]
+    tally: Callable[[str, str], BatchTally]
+
+    def __post_init__(self) -> None:
         self.selected: ProductOnLine | None = None
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
@@ -63,7 +59,7 @@ class LineRecipe:
     @property
     def ready(self) -> bool:
         """Whether all nodes of a recipe are there."""
-        return self.in_use is not None and all(self._line.ready(node) for node in NODES)
+        return self.in_use is not None and all(self.line.ready(node) for node in NODES)
 
     @property
     def lost(self) -> set[str]:
@@ -95,7 +91,7 @@ class LineRecipe:
     def update(self) -> None:
         """Publish the present counts, with which a reject node goes on after a restart."""
         if self.on_line.product:
-            self._publish(self._counted(self.on_line))
+            self.publish(self._counted(self.on_line))
 
     async def set(
         self,
@@ -116,7 +112,7 @@ class LineRecipe:
         changes = {
             node: new
             for node, new in whole.items()
-            if plain(new) != plain(await self._line.get(node, list(new)))
+            if plain(new) != plain(await self.line.get(node, list(new)))
         }
         announce(changes)  # of all nodes, before the first one is changed
         before = self.selected if self.on_line.product else None
@@ -131,7 +127,7 @@ class LineRecipe:
 
     async def _check_speed(self, product: Product) -> None:
         """Raise `RefusedError` if the segmenter does not weigh products of this speed."""
-        slowest: Any = await self._line.get('segmenter', ['min_belt_speed'])
+        slowest: Any = await self.line.get('segmenter', ['min_belt_speed'])
         if product.speed[1] < slowest['min_belt_speed']:
             raise RefusedError(
                 f'{product.name}.speed: {product.speed[1]:g} m/s is below min_belt_speed of '
@@ -142,10 +138,10 @@ class LineRecipe:
         """Return the values without a recipe of all parameters of present and past products."""
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
-            if not self._line.ready(node):
+            if not self.line.ready(node):
                 raise RefusedError(f'{node}: is not there')
             own = base.setdefault(node, {})
-            own.update(await self._line.get(node, [name for name in values if name not in own]))
+            own.update(await self.line.get(node, [name for name in values if name not in own]))
         return {node: base[node] for node in NODES if node in base}
 
     async def change(self, **values: Any) -> None:
@@ -176,7 +172,7 @@ class LineRecipe:
         try:
             if values:
                 await self._put_and_wait(None)
-                await self._line.set(values)
+                await self.line.set(values)
                 otherwise = None
             await self._put_and_wait(product)
         except RefusedError as error:
@@ -187,13 +183,13 @@ class LineRecipe:
         """Publish the product on the line, and wait until the reject node uses it."""
         self._taken = Future()
         self.put(product)
-        await self._line.answer('reject', self._taken)
+        await self.line.answer('reject', self._taken)
 
     def put(self, product: ProductOnLine | None) -> None:
         """Publish the product on the line, None for no product."""
         none = ProductOnLine(0, needed=True)
-        self.on_line = self._counted(replace(product or none, stamp=self._clock()))
-        self._publish(self.on_line)
+        self.on_line = self._counted(replace(product or none, stamp=self.clock()))
+        self.publish(self.on_line)
 
     def _counted(self, product: ProductOnLine) -> ProductOnLine:
-        return replace(product, **self._tally(product.product, product.batch).counts)
+        return replace(product, **self.tally(product.product, product.batch).counts)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from checkweigher_core import changes
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import BatchResult, ProductOnLine, Statistics
 from checkweigher_core.ros.line_parameters import RefusedError
@@ -200,16 +200,20 @@ class LineSelection:
             'recipes': self.file,
             'items': production.summary().items,
         }
-        found = []
-        if self.first and product is None:
-            hint = 'check that denoise, identifier and reject run, and the warnings of this node'
-            found.append(Concern(Level.ERROR, f'product {self.first!r} is not selected yet', hint))
-        elif self.file and product is None:
-            hint = 'select one on the page, or by the service select_product'
-            text = 'no product is selected, so nothing is accepted'
-            found.append(Concern(Level.ERROR, text, hint))
+        concerns = (
+            error_if(
+                bool(self.first) and product is None,
+                f'product {self.first!r} is not selected yet',
+                'check that denoise, identifier and reject run, and the warnings of this node',
+            ),
+            error_if(
+                bool(self.file) and product is None,
+                'no product is selected, so nothing is accepted',
+                'select one on the page, or by the service select_product',
+            ),
+        )
         well = f'product {product.name!r}' if product else 'no product is selected'
-        return conclude('Recipe', well, found, values)
+        return conclude('Recipe', well, concerns, values)
 
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:

@@ -3,6 +3,7 @@
 """The performance test of the product on the line, in the audit log and at the reject node."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 import math
 
@@ -23,6 +24,7 @@ _LEVELS = {
 }
 
 
+@dataclass(eq=False)
 class LineTest:
     """Performance test of the product on the line, which rejects all items during a test.
 
@@ -30,27 +32,22 @@ class LineTest:
     publishes a new state, and `clock` returns the time of the system clock in ns.
     """
 
-    def __init__(
-        self,
-        recipe: LineRecipe,
-        trail: AuditTrail,
-        publish: Callable[[PerformanceTest], object],
-        clock: Callable[[], int],
-    ) -> None:
-        self._recipe = recipe
-        self._trail = trail
-        self._publish = publish
-        self._clock = clock
+    recipe: LineRecipe
+    trail: AuditTrail
+    publish: Callable[[PerformanceTest], object]
+    clock: Callable[[], int]
+
+    def __post_init__(self) -> None:
         self._tests = PerformanceTests(datetime.now(UTC).astimezone().tzinfo or UTC)
         self._reason = ''
         self._rejecting = False  # whether the reject node was told that a test goes on
 
     def select(self, product: Product, batch: str) -> None:
         """Use the product and the batch on the line."""
-        if (entry := self._trail.last(changes.TEST, product.name)) is not None:
+        if (entry := self.trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
-        self._tests.select(product.name, batch, product.test, self._clock())
-        self._publish(self._tests.state)
+        self._tests.select(product.name, batch, product.test, self.clock())
+        self.publish(self._tests.state)
 
     async def begin(self, by: Author) -> str:
         """Begin a test, and return the instruction for the person who makes it.
@@ -62,39 +59,39 @@ class LineTest:
             raise ValueError('who makes the performance test has to be named')
         plan = self._tests.plan_to_begin()
         product = self._tests.state.product
-        self._trail.note(changes.TEST_BEGUN, product, None, True, by._replace(who=who))
-        await self._recipe.change(performance_test=True)
+        self.trail.note(changes.TEST_BEGUN, product, None, True, by._replace(who=who))
+        await self.recipe.change(performance_test=True)
         self._rejecting, self._reason = True, by.why
-        self._tests.begin(who, self._clock())
-        self._publish(self._tests.state)
+        self._tests.begin(who, self.clock())
+        self.publish(self._tests.state)
         return f'let the test product of {GRAMS * plan.mass:g} g pass {plan.passes} times'
 
     async def cancel(self, by: Author) -> str:
         """Break off the present test, and return a message for the person."""
         if not self._tests.wanted:
             return 'no performance test was under way'
-        self._trail.note(changes.TEST_BEGUN, self._tests.state.product, True, False, by)
-        self._tests.cancel(self._clock())
-        self._publish(self._tests.state)
+        self.trail.note(changes.TEST_BEGUN, self._tests.state.product, True, False, by)
+        self._tests.cancel(self.clock())
+        self.publish(self._tests.state)
         return 'the performance test was broken off'
 
     def take(self, verdict: Verdict) -> None:
         """Process a verdict, which may be a pass of the test."""
         before, plan = self._tests.state, self._tests.plan
-        ended = self._tests.take(verdict, self._clock())
+        ended = self._tests.take(verdict, self.clock())
         if ended is not None and plan is not None:
             entry = as_entry(plan, ended, self._reason)
             author = Author(ended.who, self._reason)
-            self._trail.saw(changes.TEST, before.product, None, entry, author)
+            self.trail.saw(changes.TEST, before.product, None, entry, author)
         if self._tests.state is not before:
-            self._publish(self._tests.state)
+            self.publish(self._tests.state)
 
     async def advance(self) -> None:
         """Publish what is due now, and let the reject node accept items again after a test."""
-        if self._tests.advance(self._clock()):
-            self._publish(self._tests.state)
+        if self._tests.advance(self.clock()):
+            self.publish(self._tests.state)
         if self._rejecting and not self._tests.wanted:
-            await self._recipe.change(performance_test=False)
+            await self.recipe.change(performance_test=False)
             self._rejecting = False
 
     def finding(self) -> Finding:
@@ -104,14 +101,13 @@ class LineTest:
             PerformanceState.NOT_ASKED: 'the recipe asks for none',
             PerformanceState.IN_TIME: 'in time',
         }
-        found = []
-        if level := _LEVELS.get(state.state):
-            text = state.text or f'{state.who} makes it: {len(state.errors)} of {state.passes}'
-            found.append(Concern(level, f'{state.state.name}: {text}', _HINT))
+        text = state.text or f'{state.who} makes it: {len(state.errors)} of {state.passes}'
+        level = _LEVELS.get(state.state)
+        concern = Concern(level, f'{state.state.name}: {text}', _HINT) if level else None
         worst = max((abs(each) for each in state.errors), default=math.nan)
         values: dict[str, float | str] = {
             'who': state.who,
             'passes': len(state.errors),
             'largest_error_g': GRAMS * worst,
         }
-        return conclude('Performance test', well.get(state.state, ''), found, values)
+        return conclude('Performance test', well.get(state.state, ''), [concern], values)

@@ -168,8 +168,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _on_select(self, request: Any, response: Any) -> Any:
         self._add_started()
-        by = self._audit.author_of(ports.SELECT_PRODUCT)
-        work = self._selection.select(request.product, by)
+        work = self._selection.select(request.product, self._audit.author_of(ports.SELECT_PRODUCT))
         return await self._answer(response, work, f'product {request.product!r} was not selected')
 
     async def _on_new_batch(self, request: Any, response: Any) -> Any:

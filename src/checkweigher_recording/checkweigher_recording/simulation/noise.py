@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FLOOR_BAND = (4.0, 12.0)  # Hz
+# Noise bandwidth of a Butterworth filter of order 2: pi/4 / sin(pi/4) times its width.
+FLOOR_BANDWIDTH = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
 
 _WAVES = 12
 
@@ -30,9 +32,7 @@ class FloorNoise:
         self._random = random
         self._band = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
         self._state = np.zeros((len(self._band), 2))
-        # Noise bandwidth of a Butterworth filter of order 2: pi/4 / sin(pi/4) times its width.
-        width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
-        self._share = math.sqrt(width / (rate / 2))
+        self._share = math.sqrt(FLOOR_BANDWIDTH / (rate / 2))
 
     def __call__(self, steps: int) -> Array:
         """Return the next steps, (steps,)."""

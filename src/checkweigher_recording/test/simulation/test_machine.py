@@ -100,15 +100,14 @@ def test_disturbances_grow_with_the_mass_and_differ_from_pass_to_pass():
         assert light.std() > 0.02 * light.mean(), cause
 
 
-def test_the_corner_error_is_that_of_the_place(monkeypatch):
-    machine = draw(1).without(*(cause for cause in CAUSES if cause != 'corner'))
-    assert machine.corner
-    profile = _with(monkeypatch, machine)
+def test_the_corner_error_is_that_of_the_place():
+    machine = draw(1)
     # Slow, so that the platform follows; short, so that the product is at one place.
-    line = _line(profile, count=1, masses=(0.2,), speed=0.02, product_length=0.01, spacing=5.0)
+    slow = {'speed': 0.02, 'product_length': 0.01, 'spacing': 5.0}
+    line = _line(_only(1, 'corner'), count=1, masses=(0.2,), **slow)
     rate = line.load_cell.sample_rate
     t2, t3 = _edges(line, Eye.INFEED, False)[0], _edges(line, Eye.OUTFEED, True)[0]
-    half = 1 - 0.01 / line_length(machine)
+    half = 1 - 0.01 / machine.setup.weigh_length
     for place, time in ((-half, t2), (0.0, (t2 + t3) / 2), (half, t3)):
         middle = round(time * rate) + (20 if time == t2 else -20 if time == t3 else 0)
         read = grams_of(line)[middle - 15 : middle + 15].mean()
@@ -116,26 +115,22 @@ def test_the_corner_error_is_that_of_the_place(monkeypatch):
         assert read == pytest.approx(expected, abs=0.03)
 
 
-def line_length(machine):
-    return machine.setup.weigh_length
-
-
-def test_rocking_reads_a_part_of_the_moment(monkeypatch):
-    machine = draw(2).without(*(cause for cause in CAUSES if cause != 'rocking'))
-    line = _line(_with(monkeypatch, machine), count=1, masses=(0.2,), speed=0.01,
-                 product_length=0.01, spacing=5.0)  # fmt: skip
+def test_rocking_reads_a_part_of_the_moment():
+    machine = draw(2)
+    slow = {'speed': 0.01, 'product_length': 0.01, 'spacing': 5.0}
+    line = _line(_only(2, 'rocking'), count=1, masses=(0.2,), **slow)
     rate = line.load_cell.sample_rate
     t2, t3 = _edges(line, Eye.INFEED, False)[0], _edges(line, Eye.OUTFEED, True)[0]
     grams = grams_of(line)
     first, last = (grams[round((t2 + 2) * rate) :][:60].mean(),
                    grams[round((t3 - 2) * rate) - 60 :][:60].mean())  # fmt: skip
     # The product moves 2 (t3 - t2 - 4 s) / T of the half length in that time.
-    way = 0.01 * (t3 - t2 - 4 - 60 / rate) / (line_length(machine) / 2)
+    way = 0.01 * (t3 - t2 - 4 - 60 / rate) / (machine.setup.weigh_length / 2)
     assert last - first == pytest.approx(200 * machine.rocking.coupling * way, rel=0.05)
 
 
 def test_rollers_make_lines_that_grow_with_the_load_and_wander(monkeypatch):
-    machine = draw(6).without(*(cause for cause in CAUSES if cause != 'rollers'))
+    machine = machine_of(_only(6, 'rollers'))
     roller = replace(machine.rollers[0], amplitudes=(1e-3,), wander=0.0, growth=2.0)
 
     def line_of(**changes):
@@ -163,15 +158,14 @@ def test_rollers_make_lines_that_grow_with_the_load_and_wander(monkeypatch):
     assert amplitude(*line_of(wander=3.0)[:2], 1, 9) < 0.6 * empty
 
 
-def test_the_joint_comes_once_in_a_turn_of_the_belt(monkeypatch):
-    machine = draw(7).without(*(cause for cause in CAUSES if cause != 'joint'))
-    line = _line(_with(monkeypatch, machine), count=1, masses=(0.0,), lead_in=30.0, speed=0.5)
+def test_the_joint_comes_once_in_a_turn_of_the_belt():
+    line = _line(_only(7, 'joint'), count=1, masses=(0.0,), lead_in=30.0, speed=0.5)
     grams, rate = (
         grams_of(line)[: round(29 * line.load_cell.sample_rate)],
         line.load_cell.sample_rate,
     )
     assert grams.std() > 0.01
-    turn = machine.joint.belt_length / 0.5 * rate
+    turn = draw(7).joint.belt_length / 0.5 * rate
     lag = np.arange(round(0.3 * turn), round(1.4 * turn))
     alike = [np.corrcoef(grams[:-k], grams[k:])[0, 1] for k in lag]
     assert lag[np.argmax(alike)] == pytest.approx(turn, abs=2)

@@ -30,7 +30,7 @@ from scipy.signal import StateSpace, butter, tf2ss
 
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
 from checkweigher_recording.simulation.machine import Mode
-from checkweigher_recording.simulation.noise import FLOOR_BAND
+from checkweigher_recording.simulation.noise import FLOOR_BAND, FLOOR_BANDWIDTH
 from checkweigher_recording.simulation.platform_dynamics import Platform
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
@@ -171,9 +171,8 @@ class _SimulatedPass:
     def _floor(self) -> StateSpace:
         """Return the band-pass filter of the floor as a system that white noise goes through."""
         rate = 1 / self._step
-        width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
         sections = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
-        size = self._profile.floor / math.sqrt(width / (rate / 2))
+        size = self._profile.floor / math.sqrt(FLOOR_BANDWIDTH / (rate / 2))
         return reduce(mul, (StateSpace(*tf2ss(one[:3], one[3:]), dt=1) for one in sections)) * size
 
     def _shaken(self, force: StateSpace) -> NDArray[np.float64]:

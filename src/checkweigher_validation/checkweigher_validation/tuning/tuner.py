@@ -118,11 +118,7 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
-    tasks = [
-        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
-        for name, line in lines.items()
-        for group in groups
-    ]
+    tasks = _tasks(groups, lines)
     found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
     for (task, _), error in broken.items():
         failed.setdefault(task.name, error)
@@ -144,6 +140,14 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
             )
     if not groups:
         raise TuningError('no whole pass of known mass')
+
+
+def _tasks(groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters]) -> list[Tunable]:
+    return [
+        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
+        for name, line in lines.items()
+        for group in groups
+    ]
 
 
 def _jobs(
@@ -213,8 +217,7 @@ def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
     # With half the evaluations on half the passes all checks together cost as much as the tuning.
     budget = max(budget // 2, 1) if count < len(group.passes) else budget
     learned = _tune_speed(type(task)(task.name, learn, task.base, task.others), budget)
-    parameters = _assemble(task.name, [learned], task.base).parameters
-    estimates = estimates_of(check, parameters)
+    estimates = estimates_of(check, _assemble(task.name, [learned], task.base).parameters)
     return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
 
 

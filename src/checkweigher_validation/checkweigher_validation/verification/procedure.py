@@ -184,8 +184,7 @@ def _attempt(
         return Attempt(step, end, end, skipped=made.text or 'skipped')
     if step.at_rest:
         return Attempt(step, begin, end, reading=_reading(recording, begin, end))
-    own = tuple(each for each in passes if begin <= each.stamp <= end)
-    return Attempt(step, begin, end, own)
+    return Attempt(step, begin, end, tuple(each for each in passes if begin <= each.stamp <= end))
 
 
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:
