@@ -104,7 +104,7 @@ class LineBatches:
         return next(iter(self._open), first)
 
     def _continue(self, writer: RecordWriter, batch: str, before: str) -> None:
-        """Go on with a batch, and end the one before if it was not; `RecordError` if in doubt."""
+        """Continue a batch, and end the previous one if it is open; `RecordError` if in doubt."""
         self.production.batch, path = batch, record_path(self._folder, batch)
         interrupted = before != batch and before in self._open
         goes_on = self._open.pop(batch, None) is not None
@@ -228,7 +228,7 @@ class LineBatches:
         return self._writer is not None and record_path(self._folder, batch).exists()
 
     def may_begin(self, batch: str) -> bool:
-        """Return whether a name is that of a new batch, or of one to continue if in doubt."""
+        """Return whether a name is unused or, while in doubt, names an open batch."""
         if self.doubt and batch in self._open:
             return True
         return not (self.production.has_batch(batch) or self.has_record(batch))

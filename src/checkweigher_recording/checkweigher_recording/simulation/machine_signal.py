@@ -63,7 +63,7 @@ def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Ar
 def roller_force(
     roller: Roller, phases: Array, wander: Wander, travel: Array, load: Array, speed: float
 ) -> Array:
-    """Return the force of a roller, (n,) in kg; `phases`, (orders,), are those of its lines."""
+    """Return the force of a roller, (n,) in kg; `phases`, (orders,), has a phase per order."""
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
     lines = zip(roller.amplitudes, phases, strict=True)

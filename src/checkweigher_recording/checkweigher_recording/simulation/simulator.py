@@ -215,7 +215,7 @@ class OperationParameters(Parameters):
 
 
 def own_values(profile: str) -> dict[str, float]:
-    """Return sample rate, sensitivity and lengths of a drawn machine, none of another profile.
+    """Return sample rate, sensitivity and lengths of a drawn machine; empty for other profiles.
 
     `SimulationParameters` do not take them from the profile; the caller must add them.
     """

@@ -191,7 +191,7 @@ def _grams(value: float) -> float | None:
 
 
 def _number(value: float, digits: int) -> float | None:
-    # Adding zero makes minus zero a plain one.
+    # Adding zero removes the sign of minus zero.
     return round(value, digits) + 0.0 if math.isfinite(value) else None
 
 
