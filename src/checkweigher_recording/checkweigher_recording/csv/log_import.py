@@ -24,7 +24,7 @@ from checkweigher_core.records import (
     SampleBlock,
 )
 from checkweigher_recording.csv.edges_file import EdgesFile, read_edges_file
-from checkweigher_recording.csv.table import CsvError, Table, read_table
+from checkweigher_recording.csv.table import Columns, CsvError, read_table
 
 _INT32 = np.iinfo(np.int32)
 
@@ -158,7 +158,7 @@ class _Clock:
         )
 
 
-def _clock(table: Table, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
+def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
     """Assign the rows to an even grid; a gap in the time column becomes a gap in the grid."""
     rate, rows = _given_rate(parameters, content), len(table.columns['signal'])
     begin = parameters.start_time * NANOSECONDS
@@ -196,7 +196,7 @@ def _given_rate(parameters: ImportParameters, content: EdgesFile | None) -> floa
     return given or of_file or 0.0
 
 
-def _blocks(table: Table, clock: _Clock, parameters: ImportParameters) -> Iterator[SampleBlock]:
+def _blocks(table: Columns, clock: _Clock, parameters: ImportParameters) -> Iterator[SampleBlock]:
     counts = np.rint(table.columns['signal'] * parameters.scale)
     beyond = np.flatnonzero((counts < _INT32.min) | (counts > _INT32.max))
     if len(beyond):
@@ -214,7 +214,7 @@ def _blocks(table: Table, clock: _Clock, parameters: ImportParameters) -> Iterat
 
 
 def _edges_of_column(
-    table: Table, clock: _Clock, eye: Eye, parameters: ImportParameters
+    table: Columns, clock: _Clock, eye: Eye, parameters: ImportParameters
 ) -> Iterator[EyeEdge]:
     level = table.columns[eye.name.lower()]
     below, above = level < parameters.threshold, level > parameters.threshold

@@ -19,7 +19,7 @@ class CsvError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class Columns:
     """Columns of a CSV file by their use, (n,) each, with finite values."""
 
     path: Path
@@ -33,7 +33,7 @@ class Table:
 
 def read_table(
     path: Path, columns: Mapping[str, str], delimiter: str | None, decimal: str
-) -> Table:
+) -> Columns:
     """Read columns of a CSV file. The first row is the header unless it has numbers only.
 
     `columns` has name or number from 0 of the column for each use, empty for the only column. The
@@ -52,7 +52,7 @@ def read_table(
         del numbers[0]
     places = [_column(path, use, name, header, len(cells)) for use, name in columns.items()]
     values = _parse(path, lines, numbers, places, delimiter, decimal)
-    table = Table(path, dict(zip(columns, values.T, strict=True)), numbers)
+    table = Columns(path, dict(zip(columns, values.T, strict=True)), numbers)
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(broken):
         raise CsvError(f'{table.place(int(broken[0]))}: a value is not finite')

@@ -162,7 +162,7 @@ class Creep:
 
 
 @dataclass(frozen=True, slots=True)
-class Eyes:
+class EyeErrors:
     """Offset of the photo-eyes from their places, and jitter of their edges."""
 
     infeed: float = _even(-0.003, 0.003)  # m, along the belt
@@ -180,7 +180,7 @@ class Variation:
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class NoiseLevels:
     """Noise of belt and electronics."""
 
     # kg s/m / sqrt(Hz), square root of the one-sided density per belt speed.
@@ -215,9 +215,9 @@ class Machine:
     amplifier: Amplifier | None
     drift: Drift | None
     creep: Creep | None
-    eyes: Eyes | None
+    eyes: EyeErrors | None
     variation: Variation | None
-    noise: Noise | None
+    noise: NoiseLevels | None
 
     def without(self, *causes: str) -> Self:
         """Return the same machine without some causes, by the names of their fields."""
@@ -266,9 +266,9 @@ def draw(seed: int) -> Machine:
         amplifier=_amplifier(streams['amplifier']),
         drift=streams['drift'].all_of(Drift),
         creep=streams['creep'].all_of(Creep),
-        eyes=streams['eyes'].all_of(Eyes),
+        eyes=streams['eyes'].all_of(EyeErrors),
         variation=streams['variation'].all_of(Variation),
-        noise=streams['noise'].all_of(Noise),
+        noise=streams['noise'].all_of(NoiseLevels),
     )
 
 

@@ -17,7 +17,7 @@ from checkweigher_recording.simulation.machine import (
     generator,
 )
 from checkweigher_recording.simulation.noise import Array, FloorNoise, Wander, white
-from checkweigher_recording.simulation.platform_dynamics import Platform
+from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
 _TYPICAL_MASS = 0.165  # kg, reference mass of the disturbance parameters
 
@@ -118,8 +118,8 @@ class MachineSignal:
         ]
         self._zero = Wander(random, 1 / 600, 1 / 30)
         self._floor = FloorNoise(1 / step, generator(floor))
-        self._platform = Platform(machine.platform, step)
-        self._rocking = Platform(machine.rocking.mode, step) if machine.rocking else None
+        self._platform = PlatformDynamics(machine.platform, step)
+        self._rocking = PlatformDynamics(machine.rocking.mode, step) if machine.rocking else None
         self._low_pass, self._low_pass_state = _low_pass(machine, step)
         self._crept = np.zeros(1)
 

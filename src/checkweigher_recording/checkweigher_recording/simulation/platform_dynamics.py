@@ -13,7 +13,7 @@ from checkweigher_recording.simulation.noise import Array
 
 
 @dataclass
-class Platform:
+class PlatformDynamics:
     """A second-order platform whose mass changes with the products on it.
 
     Readings and forces are in kg, that is, divided by the stiffness over g and by g. For a

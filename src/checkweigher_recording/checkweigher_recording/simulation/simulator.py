@@ -38,7 +38,7 @@ from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import Array, FloorNoise, white
-from checkweigher_recording.simulation.platform_dynamics import Platform
+from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
 OVERSAMPLING = 8  # steps of the integration in one sample
 ROLLER_DIAMETER = 0.032  # m
@@ -395,7 +395,9 @@ class _ProfileSignal:
         self._profile, self._belt, self._step = profile, belt, step
         phases, self._broadband, floor, self._electronic = map(generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
-        self._platform = Platform(Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS), step)
+        self._platform = PlatformDynamics(
+            Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS), step
+        )
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:

@@ -61,7 +61,7 @@ class ConditionResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Average:
+class MeanErrors:
     """Means over conditions, each with the same weight.
 
     A mean is NaN if one of the conditions has no value: a condition that could not be weighed must
@@ -129,7 +129,7 @@ class Evaluation:
             and (part is None or one.part == part)
         )
 
-    def ranked(self, part: str) -> dict[str, Average]:
+    def ranked(self, part: str) -> dict[str, MeanErrors]:
         """Return the means of each estimator over its conditions of a part, the smallest A first.
 
         Estimators without a value of A are the last.
@@ -139,10 +139,10 @@ class Evaluation:
         return dict(ordered)
 
 
-def average(conditions: Iterable[ConditionResult]) -> Average:
+def average(conditions: Iterable[ConditionResult]) -> MeanErrors:
     """Return the means over conditions; without conditions NaN, and 0 for the numbers of passes."""
     there = tuple(conditions)
-    return Average(
+    return MeanErrors(
         mean_error=_mean([abs(one.mean_error) for one in there]),
         std_dev=_mean([one.std_dev for one in there]),
         index=_mean([one.index for one in there]),

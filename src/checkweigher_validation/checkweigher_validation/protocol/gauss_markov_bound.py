@@ -31,7 +31,7 @@ from scipy.signal import StateSpace, butter, tf2ss
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
 from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.noise import FLOOR_BAND, FLOOR_BANDWIDTH
-from checkweigher_recording.simulation.platform_dynamics import Platform
+from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
     IMPACT_DURATION,
@@ -192,9 +192,9 @@ class _SimulatedPass:
         loads = np.repeat(self._loads, np.diff(self._bounds)).reshape(-1, OVERSAMPLING)
         return _covariance_of_readings(step, loads[self._first :])
 
-    def _platform(self) -> Platform:
+    def _platform(self) -> PlatformDynamics:
         mode = Mode(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
-        return Platform(mode, self._step)
+        return PlatformDynamics(mode, self._step)
 
 
 def _covariance_of_readings(

@@ -14,9 +14,9 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import PlotStyle
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
-    Average,
     ConditionResult,
     Evaluation,
+    MeanErrors,
     average,
     coverage,
 )
@@ -116,7 +116,7 @@ class Content:
         found = (self.conditions(mass=mass, **chosen) for mass in self._evaluation.masses)
         return [there[0] if there else None for there in found]
 
-    def mean(self, **chosen: Any) -> Average:
+    def mean(self, **chosen: Any) -> MeanErrors:
         """Return the means over chosen conditions."""
         return average(self.conditions(**chosen))
 

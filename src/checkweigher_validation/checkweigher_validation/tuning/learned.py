@@ -106,14 +106,14 @@ def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class CrossValidatedFit:
     """Weights (k,), and estimates (n,), kg, of each pass by weights from other passes."""
 
     weights: NDArray[np.float64]
     held_out: NDArray[np.float64]
 
 
-def fit(known: Evidence, prior: Prior) -> Fit:
+def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
     """Learn weights, averaged over the grid by the likelihood of passes that were held out."""
     fold = folds(known.masses, _FOLDS)
     found = np.empty((len(_SHARES), len(known.masses)))
@@ -125,7 +125,7 @@ def fit(known: Evidence, prior: Prior) -> Fit:
     deviations = np.sqrt(np.mean(np.square(errors), axis=1) + _LEAST_VARIANCE)
     likelihoods = (deviations.min() / deviations) ** len(known.masses)
     shares = likelihoods / likelihoods.sum()
-    return Fit(shares @ weights_by_share(known, prior), shares @ found)
+    return CrossValidatedFit(shares @ weights_by_share(known, prior), shares @ found)
 
 
 class TunedLearned(Tunable):
@@ -173,7 +173,7 @@ class TunedLearned(Tunable):
         return _is_led(self.group, self.known)
 
     @cached_property
-    def _fits(self) -> tuple[Fit, Fit | None]:
+    def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
         """Return the fit of the parts from t2 on, and that of all parts."""
         layout = self.known.layout
         prior = self._prior(layout)

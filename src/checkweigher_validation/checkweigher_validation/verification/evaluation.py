@@ -79,7 +79,7 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class AttemptResults:
     """Results of all attempts in their order, and the departures from the recommendations."""
 
     results: tuple[Result, ...]
@@ -99,7 +99,7 @@ class Outcome:
         return tuple(each for each in self.results if each.number == each.attempts)
 
 
-def outcome_of(procedure: Procedure) -> Outcome:
+def outcome_of(procedure: Procedure) -> AttemptResults:
     """Evaluate a procedure."""
     totals = Counter(attempt.step.name for attempt in procedure.attempts)
     made: Counter[str] = Counter()
@@ -121,7 +121,7 @@ def outcome_of(procedure: Procedure) -> Outcome:
             zeros.append((step.kind, reading))
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
     missing = tuple(step.name for step in steps_of(procedure.plan) if step.name not in done)
-    return Outcome(tuple(results), missing, tuple(_departures(procedure, results, missing)))
+    return AttemptResults(tuple(results), missing, tuple(_departures(procedure, results, missing)))
 
 
 def _zero_for(

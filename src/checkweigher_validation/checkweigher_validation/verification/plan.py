@@ -105,7 +105,7 @@ class Eccentricity(PassesOfLoad):
 
 
 @dataclass(frozen=True)
-class Zero(Settings):
+class ZeroReadings(Settings):
     """Readings of the zero."""
 
     readings: int = parameter(5, 'of the empty belt', minimum=1, maximum=100)
@@ -159,7 +159,7 @@ class Plan(Settings):
     loads: tuple[str, ...] = parameter(text='masses that pass at each speed')
     passes: int = parameter(0, 'number; 0 by the load', minimum=1, maximum=_MOST_PASSES)
     warm_up: WarmUp | None = parameter(None, 'passes after switching on')
-    zero: Zero | None = parameter(None, 'readings of the zero')
+    zero: ZeroReadings | None = parameter(None, 'readings of the zero')
     outside: tuple[PassesOfLoad, ...] = parameter((), 'passes beyond the range')
     eccentricity: Eccentricity | None = parameter(None, 'passes beside the middle')
     repeatability: PassesOfLoad | None = parameter(None, 'passes of one load')
