@@ -236,7 +236,6 @@ def by_node(
 def _check_names(
     names: Iterable[str], sets: Mapping[str, type[Parameters]], address: object
 ) -> None:
-    """Raise `SettingsError` for a name that no set has."""
     for name in names:
         if not any(name in parameters.entries() for parameters in sets.values()):
             why = f'none of {", ".join(sets)} has a parameter {name}'

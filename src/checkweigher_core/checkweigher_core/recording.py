@@ -115,19 +115,9 @@ class BlockColumns(Sequence[SampleBlock]):
         return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
 
     def split(self, place: int) -> tuple['BlockColumns', 'BlockColumns']:
-        """Return the blocks before a place, and the others; both are copies."""
-        begin = int(np.sum(self.lengths[:place]))
-        parts = ((slice(0, place), slice(0, begin)), (slice(place, None), slice(begin, None)))
-        head, tail = (
-            BlockColumns(
-                self.stamps[blocks].copy(),
-                self.first_indices[blocks].copy(),
-                self.lengths[blocks].copy(),
-                self.counts[samples].copy(),
-            )
-            for blocks, samples in parts
-        )
-        return head, tail
+        """Return the blocks before a place, and the others; neither keeps the memory of both."""
+        order = np.arange(len(self))
+        return self.take(order[:place]), self.take(order[place:])
 
     def in_canonical_order(self) -> 'BlockColumns':
         """Return the blocks sorted by stamp and first index, in a stable order."""

@@ -13,7 +13,7 @@ from checkweigher_core.pacing import FlowControl, Pacer
 from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, SampleBlock, StreamState, StreamStatus
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.connections import has_matched_all
+from checkweigher_core.ros.graph.connections import has_matched_all
 from checkweigher_core.ros.outputs import LOCK
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_driver.devices import DriverParameters

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import LoadCell
-from checkweigher_core.ros.connections import Connections
+from checkweigher_core.ros.graph.connections import Connections
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import DIAGNOSTICS
 from checkweigher_core.ros.status_board import HOST

@@ -83,24 +83,28 @@ class Port:
     @cached_property
     def qos(self) -> 'QoSProfile':
         """Profile that the publisher offers."""
-        profile = _reliable(self.history.depth, latched=self.history.latched)
-        return self._with_limits(profile, _PROMISED)
+        return self._profile(latched=self.history.latched, share=_PROMISED)
 
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
         """Profile that the stages ask for."""
         from rclpy.qos import ReliabilityPolicy
 
-        profile = _reliable(self.history.depth, latched=self.history.stage_latched)
+        profile = self._profile(latched=self.history.stage_latched, share=1.0)
         if self.holds:  # one that is lost must not hold up the next one
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
-        return self._with_limits(profile, 1.0)
+        return profile
 
-    def _with_limits(self, profile: 'QoSProfile', share: float) -> 'QoSProfile':
-        """Add deadline, lifespan and liveliness; the maker promises a share of what is asked."""
+    def _profile(self, *, latched: bool, share: float) -> 'QoSProfile':
+        """Return a reliable profile; the maker promises a `share` of the times that are asked."""
         from rclpy.duration import Duration
-        from rclpy.qos import LivelinessPolicy
+        from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
+        profile = QoSProfile(
+            depth=self.history.depth,  # and so the policy KEEP_LAST
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
         if self.holds:
             promised = Duration(seconds=share * self.holds)
             profile.deadline = profile.liveliness_lease_duration = promised
@@ -113,17 +117,6 @@ def interface(name: str) -> Any:
     """Return the class in rclpy of a message or a service, as ROS names it."""
     package, folder, kind = name.split('/')
     return getattr(import_module(f'{package}.{folder}'), kind)
-
-
-def _reliable(depth: int, *, latched: bool) -> 'QoSProfile':
-    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
 
 
 def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:

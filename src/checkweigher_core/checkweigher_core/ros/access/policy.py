@@ -1,27 +1,16 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Security policy of a line for SROS2, with the least rights of each node."""
+"""Security policy of a line for SROS2, with the least rights of each node, and its enclaves."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from itertools import product
+import os
 from xml.etree import ElementTree
 
-from checkweigher_core.ros import ports
+from checkweigher_core.ros import ports, services
 from checkweigher_core.ros.ports import NODES, Port
-from checkweigher_core.ros.services import (
-    LIFE_CYCLE_NODES,
-    LIFE_CYCLE_SERVICES,
-    NODE_SERVICES,
-    OF_MACHINE,
-    PAGE_WORK,
-    PARAMETER_SERVICES,
-    REPORTER,
-    SERVICES,
-    SETTER,
-    VERIFIER,
-    VERIFY,
-)
+from checkweigher_core.ros.services import OF_MACHINE, PAGE_WORK, REPORTER, VERIFIER, VERIFY
 
 LINE = 'line'  # the process in which all nodes of a lane may run
 PAGE = 'page'
@@ -57,17 +46,17 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')
 
 
-def _of(nodes: Iterable[str], services: Iterable[str]) -> set[str]:
-    return {f'{node}/{service}' for node, service in product(nodes, services)}
+def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
+    return {f'{node}/{name}' for node, name in product(nodes, names)}
 
 
 # Services of rclpy that a node calls.
 _CALLED = {
-    'product': _of(NODES, PARAMETER_SERVICES),  # sets those of a recipe, and reads all
-    VERIFY: _of(NODES, PARAMETER_SERVICES),  # for the digest in the report
-    PAGE_WORK: _of(LIFE_CYCLE_NODES, ('get_state', 'change_state'))
+    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets those of a recipe, and reads all
+    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # for the digest in the report
+    PAGE_WORK: _of(services.LIFE_CYCLE_NODES, ('get_state', 'change_state'))
     | _of(NODES, ('get_parameters',))
-    | _of((*LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (SETTER,)),
+    | _of((*services.LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (services.SETTER,)),
 }
 
 
@@ -86,13 +75,17 @@ def rights(node: str, lane: str = '') -> Rights:
     viewed = _VIEWED.get(node, ())
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
-    reply = {each.name for each in SERVICES if each.server == node} | _of([node], NODE_SERVICES)
-    request = {each.name for each in SERVICES if node in each.callers} | _CALLED.get(node, set())
+    reply = {each.name for each in services.SERVICES if each.server == node} | _of(
+        [node], services.NODE_SERVICES
+    )
+    request = {each.name for each in services.SERVICES if node in each.callers} | _CALLED.get(
+        node, set()
+    )
     if node in (*NODES, *OF_MACHINE):
         publish.add(f'{node}/_*')  # by which a node finds its own participant, at its start
-    if node in LIFE_CYCLE_NODES:
+    if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
-        reply |= _of([node], LIFE_CYCLE_SERVICES)
+        reply |= _of([node], services.LIFE_CYCLE_SERVICES)
     return Rights(*(_full(lane, names) for names in (publish, subscribe, reply, request)))
 
 
@@ -126,6 +119,13 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
     found[f'/{PAGE}'] = [('', PAGE), *of_lanes]
     return found
+
+
+def enclave_arguments(lane: str, name: str) -> list[str]:
+    """Return the ROS arguments for the enclave of a name in a lane, none without security."""
+    if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
+        return []
+    return ['--enclave', f'/{lane}/{name}' if lane else f'/{name}']
 
 
 def policy(lanes: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.connections import Connections, has_matched_all
+from checkweigher_core.ros.graph.connections import Connections, has_matched_all
 from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import PortNode
 
