@@ -3,7 +3,8 @@
 """The commands `calibrate` and `verify` with a technician at the keyboard."""
 
 import subprocess
-import sys
+
+from running import words_of
 
 
 class Dialogue:
@@ -11,7 +12,7 @@ class Dialogue:
 
     def __init__(self, *arguments: object, command: str = 'calibrate') -> None:
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'checkweigher_bringup.cli', command, *map(str, arguments)],
+            words_of(command, *arguments),
             text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ import sys
 import time
 
 import distributed
-from running import PATIENCE
+from running import PATIENCE, wait_for
 
 
 @dataclass
@@ -58,7 +58,7 @@ def cluster(
     with ExitStack() as stack:
         scheduler = _start(stack, folder, 'scheduler', '--scheduler-file', file, '--host',
                            '127.0.0.1', '--port', '0')  # fmt: skip
-        _wait_for(file.exists)
+        wait_for(file.exists, 'the scheduler')
         for number in range(workers):
             own = dict(environment or {}) if number == 0 else {}
             _start(stack, folder, 'worker', '--scheduler-file', file, '--nthreads', '1',
@@ -91,11 +91,3 @@ def _start(
 
     stack.callback(end)
     return process
-
-
-def _wait_for(condition: object) -> None:
-    end = time.monotonic() + PATIENCE
-    while not condition():  # type: ignore[operator]
-        if time.monotonic() > end:
-            raise TimeoutError('the scheduler did not come up')
-        time.sleep(0.05)

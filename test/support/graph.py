@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Talk to the nodes of a graph, and play a bag through its stages."""
 
-from collections.abc import Callable
 import queue
 import time
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
 from rclpy.node import Node
-from running import BAGS, PATIENCE
+from running import BAGS, PATIENCE, wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
@@ -19,13 +18,6 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.ports import Port
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import Weighing
-
-
-def wait_for(condition: Callable[[], bool], timeout: float = PATIENCE) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, 'timed out'
-        time.sleep(0.01)
 
 
 def call(node: Node, kind: Any, name: str, /, **values: object) -> Any:

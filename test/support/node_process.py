@@ -2,19 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes that are connected and served, as those of one process are."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import itertools
-import os
-import time
 
 import pytest
 import rclpy
 from rclpy.node import Node
+from running import wait_for
 
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
 
-PATIENCE = 60.0  # s
 # No two tests have nodes of the same name: DDS may show one of the test before for a while.
 _NUMBERS = itertools.count(1)
 
@@ -29,17 +27,12 @@ class Process:
         """Return one more node, not served yet."""
         return kind(f'node_{next(_NUMBERS)}')
 
-    def wait_for(self, condition: Callable[[], bool]) -> None:
-        """Wait until a condition holds."""
-        end = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < end
-            time.sleep(0.005)
+    wait_for = staticmethod(wait_for)
 
 
 @pytest.fixture
 def process() -> Iterator[Process]:
-    rclpy.init(domain_id=1 + os.getpid() % 101)
+    rclpy.init()
     process = Process()
     yield process
     process.spinner.stop()

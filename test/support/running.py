@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Running the command line as a user does, in a ROS domain of the tests' own."""
 
+from collections.abc import Callable
 import os
 from pathlib import Path
 import socket
 import subprocess
 import sys
+import time
 
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
@@ -34,12 +36,29 @@ os.environ['ROS_DOMAIN_ID'] = str(_domain)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
+def words_of(*arguments: object) -> list[str]:
+    """Return the words of the command line, for a process of its own, as a user starts it."""
+    return [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, arguments)]
+
+
 def run_command(*arguments: object, timeout: float = 120) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a process of its own, as a user does."""
-    return subprocess.run(
-        [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
+    """Run the command line until it ends."""
+    words = words_of(*arguments)
+    return subprocess.run(words, capture_output=True, text=True, timeout=timeout, check=False)
+
+
+def wait_for(
+    condition: Callable[[], object], what: str = 'a condition', timeout: float = PATIENCE
+) -> None:
+    """Wait until a condition holds."""
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, f'waited in vain for {what}'
+        time.sleep(0.005)
+
+
+def free_port() -> int:
+    """Return a TCP port of this computer that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])

@@ -9,12 +9,10 @@ import os
 from pathlib import Path
 import re
 import subprocess
-import sys
 
-from running import PATIENCE
+from processes import children
+from running import PATIENCE, words_of
 import yaml
-
-COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', '0']
 
 
 @contextmanager
@@ -23,7 +21,7 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     environment = {**os.environ, 'XDG_CONFIG_HOME': os.devnull}
     environment.pop('PYTEST_CURRENT_TEST', None)  # with it NiceGUI compresses nothing
     process = subprocess.Popen(
-        [*COMMAND, *options], stderr=subprocess.PIPE, text=True, env=environment
+        words_of('page', '--port', 0, *options), stderr=subprocess.PIPE, text=True, env=environment
     )
     try:
         assert process.stderr is not None
@@ -43,10 +41,8 @@ def line_of(
     """Run a line with parameters by node, written to a file, and give its process."""
     sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
     params.write_text(yaml.safe_dump(sections))
-    words = 'run', '--params', str(params), *options
-    line = subprocess.Popen(
-        [sys.executable, '-m', 'checkweigher_bringup.cli', *words], stdout=subprocess.DEVNULL
-    )
+    words = words_of('run', '--params', params, *options)
+    line = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     try:
         yield line
     finally:
@@ -56,8 +52,7 @@ def line_of(
 
 def child_of(process: int) -> int:
     """Return the only process that another one has started."""
-    started = Path(f'/proc/{process}/task').glob('*/children')
-    (child,) = [int(each) for path in started for each in path.read_text().split()]
+    (child,) = children(process)
     return child
 
 

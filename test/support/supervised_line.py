@@ -9,7 +9,6 @@ from pathlib import Path
 import queue
 import signal
 import subprocess
-import sys
 import time
 from typing import Any
 
@@ -17,7 +16,7 @@ from checkweigher_msgs.msg import Verdict
 from graph import call, heard
 from processes import LINE, children
 from rclpy.node import Node
-from running import PATIENCE
+from running import PATIENCE, words_of
 from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.spinning import Spinner, spinning
@@ -58,16 +57,10 @@ class SupervisedLine:
         parameters.write_text(PARAMETERS + more, encoding='utf-8')
         self.log = folder / 'log'
         with self.log.open('w', encoding='utf-8') as file:
-            self.command = subprocess.Popen(
-                [
-                    *(sys.executable, '-m', 'checkweigher_bringup.cli', 'run'),
-                    *('--namespace', 'running', '--params', str(parameters)),
-                    *(['--processes'] if processes else []),
-                    *([] if machine is None else ['--folder', str(machine)]),
-                ],
-                stdout=file,
-                stderr=file,
-            )
+            options = ['--processes'] if processes else []
+            options += [] if machine is None else ['--folder', str(machine)]
+            words = words_of('run', '--namespace', 'running', '--params', parameters, *options)
+            self.command = subprocess.Popen(words, stdout=file, stderr=file)
 
     def pid(self, name: str) -> int:
         """Return the process of a node, or of the whole `line`."""

@@ -21,6 +21,15 @@ def _may_send(flow):
     return flow.may_send(_block(0, 10), RATE)
 
 
+def _room(flow):
+    """Send blocks of 10 samples until none may follow; return the number of samples."""
+    number = 0
+    while _may_send(flow):
+        flow.sent(_block(0, 10))
+        number += 10
+    return number
+
+
 @pytest.mark.parametrize(('rate', 'seconds'), [(0.5, 6.0), (1.0, 3.0), (2.0, 1.5)])
 def test_signal_passes_at_the_chosen_rate(rate, seconds):
     pacer = Pacer(rate, RATE, start=20.0)
@@ -50,12 +59,8 @@ def test_at_rate_0_everything_is_due_at_once():
 def _flow(samples=0, **limits):
     """Return what follows when so many samples have been sent."""
     flow = FlowControl(**limits)
-    _send(flow, samples)
-    return flow
-
-
-def _send(flow, samples):
     flow.sent(_block(0, samples))
+    return flow
 
 
 def _edge(seconds):
@@ -63,24 +68,17 @@ def _edge(seconds):
 
 
 def test_the_lead_is_limited_in_time():
-    # 1 s is 100 samples, 500 blocks of 10 are more.
-    flow = _flow(100)
-    assert _may_send(flow)
-
-    _send(flow, 10)
-    assert not _may_send(flow)
-
+    # 1 s is 100 samples, 500 blocks of 10 are more; the last one is sent at the limit.
+    flow = _flow()
+    assert _room(flow) == 110
     flow.taken(10, 0, 0)
-    assert _may_send(flow)
+    assert _room(flow) == 10
 
 
 def test_the_lead_is_limited_in_blocks():
     # 3 blocks of 10 are less than 100 samples.
-    flow = _flow(30, max_blocks=3)
-    assert _may_send(flow)
-
-    _send(flow, 10)
-    assert not _may_send(flow)
+    flow = _flow(max_blocks=3)
+    assert _room(flow) == 40
     # Larger blocks take no more room in the queue: 3 of 20 are 60 samples.
     assert flow.may_send(_block(0, 20), RATE)
 
@@ -162,10 +160,7 @@ def test_a_new_segmenter_begins_with_what_comes_then():
     assert _may_send(flow)
     assert flow.may_send(_block(7 * SECOND, 10), RATE)
 
-    _send(flow, 100)
-    assert _may_send(flow)
-    _send(flow, 10)
-    assert not _may_send(flow)
+    assert _room(flow) == 110
     flow.taken(10, 0, 1)
     assert _may_send(flow)
 
@@ -182,13 +177,6 @@ def test_a_new_segmenter_may_be_heard_late():
     flow.taken(40, 0, 2)
 
     assert flow.items_judged == 2
-    _send(flow, 100)
-    assert _may_send(flow)
-    _send(flow, 10)
-    assert not _may_send(flow)
-
+    assert _room(flow) == 110
     flow.taken(0, 0, 0)  # it is replaced again
-    _send(flow, 100)
-    assert _may_send(flow)
-    _send(flow, 10)
-    assert not _may_send(flow)
+    assert _room(flow) == 110

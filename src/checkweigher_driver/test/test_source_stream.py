@@ -5,9 +5,9 @@
 from functools import partial
 from unittest.mock import MagicMock
 
-from modbus_machine import wait_for
 from node_process import process  # noqa: F401
 import pytest
+from running import wait_for
 
 from checkweigher_core.records import EyeEdge, SampleBlock, StreamState
 from checkweigher_core.ros import ports

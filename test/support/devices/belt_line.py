@@ -8,7 +8,6 @@ import json
 import os
 from pathlib import Path
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -20,7 +19,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from processes import children
 from rclpy.node import Node
-from running import PATIENCE
+from running import PATIENCE, free_port, wait_for, words_of
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
@@ -67,9 +66,7 @@ class BeltLine:
         watchdog: float = 0.6,
         spacing: float = 0.25,
     ) -> None:
-        with socket.socket() as probe:
-            probe.bind(('127.0.0.1', 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.folder, self.node, self.processes = folder, node, processes
         self.events_file, link = folder / 'events.jsonl', folder / 'cell'
         self._read = 0
@@ -101,12 +98,10 @@ class BeltLine:
     def start(self) -> None:
         """Start the line by the command run."""
         with self.log.open('a', encoding='utf-8') as file:
+            options = ['--processes'] if self.processes else []
+            params = self.folder / 'line.yaml'
             self.command = subprocess.Popen(
-                [
-                    *(sys.executable, '-m', 'checkweigher_bringup.cli', 'run'),
-                    *(['--processes'] if self.processes else []),
-                    *('--namespace', 'belt', '--params', str(self.folder / 'line.yaml')),
-                ],
+                words_of('run', *options, '--namespace', 'belt', '--params', params),
                 stdout=file,
                 stderr=file,
                 env={**os.environ, 'XDG_STATE_HOME': str(self.folder / 'state')},
@@ -179,15 +174,12 @@ class BeltLine:
         return answer.done() and bool(answer.result().success)
 
     def wait_for(self, condition: Any, what: str, patience: float = PATIENCE) -> None:
-        end = time.monotonic() + patience
-        while not condition():
-            if time.monotonic() > end:
-                log = self.log.read_text(encoding='utf-8')[-3000:]
-                shown = [(s.reason, s.hint) for s in self.stops[-3:]]
-                raise AssertionError(
-                    f'waited in vain for {what}\n{log}\n{shown}\n{self.products()}'
-                )
-            time.sleep(0.01)
+        try:
+            wait_for(condition, what, patience)
+        except AssertionError as error:
+            log = self.log.read_text(encoding='utf-8')[-3000:]
+            shown = [(s.reason, s.hint) for s in self.stops[-3:]]
+            raise AssertionError(f'{error}\n{log}\n{shown}\n{self.products()}') from None
 
     def stop_text(self) -> str:
         """Return why the line is to stop, empty if it may run."""

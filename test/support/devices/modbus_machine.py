@@ -5,13 +5,12 @@
 from contextlib import contextmanager
 import json
 from pathlib import Path
-import socket
 import subprocess
 import sys
 import threading
 import time
 
-from running import BAGS, PATIENCE
+from running import BAGS, PATIENCE, free_port
 
 from checkweigher_core.records import Permission
 from checkweigher_driver.line_io.modbus import (
@@ -33,9 +32,7 @@ class Plc:
     """The server process, and what was written to its coils."""
 
     def __init__(self, folder):
-        with socket.socket() as probe:
-            probe.bind(('127.0.0.1', 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.log = folder / f'coils_{self.port}.jsonl'
         self.process = None
 
@@ -63,13 +60,6 @@ class Plc:
         found = self.switches(coil) if self.log.exists() else []
         states = [value for when, value in found if time is None or when <= time]
         return states[-1] if states else None
-
-
-def wait_for(condition, what):
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, f'waited in vain for {what}'
-        time.sleep(0.005)
 
 
 @contextmanager

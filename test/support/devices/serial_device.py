@@ -190,11 +190,6 @@ class Device:
         """Begin with the next sample that is taken."""
         self.sent = max(self.sent, int((time.monotonic() - self.begin) * self.options.rate))
 
-    def obey(self, line: str) -> None:
-        """Do what the standard input says, and tell when it is done."""
-        self.do(line)
-        print('done', flush=True)
-
     def do(self, line: str) -> None:
         """Do what a line says."""
         word, _, value = line.strip().partition(' ')
@@ -233,7 +228,8 @@ class Device:
                 line = sys.stdin.readline()
                 if not line:
                     return
-                self.obey(line)
+                self.do(line)
+                print('done', flush=True)
 
 
 def options() -> argparse.ArgumentParser:

@@ -63,7 +63,9 @@ class Told:
 
     def wait(self, name: str, level: Level, text: str, timeout: float = PATIENCE) -> str:
         """Wait until an aspect has a level and says a text; return the hint."""
-        wait_for(lambda: self.aspect(name)[0] == level and text in self.aspect(name)[1], timeout)
+        wait_for(
+            lambda: self.aspect(name)[0] == level and text in self.aspect(name)[1], text, timeout
+        )
         return self.aspect(name)[1].partition('; ')[2]
 
     def rows(self) -> dict[str, Level]:
@@ -100,7 +102,7 @@ def test_a_line_that_is_well_is_ok_in_every_aspect_until_its_driver_goes(spinner
     def status() -> str:
         return run_command('status', '--count', 1, '--namespace', LANE).stdout
 
-    wait_for(lambda: '  0 silent' in (shown := status()) and f'{LANE}/segmenter' in shown, 60.0)
+    wait_for(lambda: '  0 silent' in (shown := status()) and f'{LANE}/segmenter' in shown)
 
     spinner.remove(driver)
     hint = told.wait('segmenter: Samples', Level.ERROR, 'no samples for')

@@ -17,11 +17,11 @@ import time
 from typing import Any
 
 from graph import aspect, call
-from modbus_machine import MS, REJECTOR, RELEASE, Plc, outputs_of, wait_for
+from modbus_machine import MS, REJECTOR, RELEASE, Plc, outputs_of
 import numpy as np
 import pytest
 from rclpy.node import Node
-from running import BAGS, PATIENCE
+from running import BAGS, PATIENCE, wait_for
 from serial_line import SerialDevice, aed_on
 from std_srvs.srv import Trigger
 

@@ -11,10 +11,10 @@ from typing import Any
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.msg import Verdict as VerdictMessage
 from graph import aspect, call
-from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, outputs_of, wait_for
+from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, outputs_of
 import pytest
 from rclpy.node import Node
-from running import PATIENCE
+from running import PATIENCE, wait_for
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES

@@ -11,19 +11,15 @@ from checkweigher_core.health.findings import Level
 from checkweigher_core.health.stream import EyeWatch, SampleWatch
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
-CELL = LoadCell(
-    sample_rate=960.0, counts_per_kg=1e6, zero_counts=5000.0, min_counts=-(2**23),
-    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
-)  # fmt: skip
+CELL = LoadCell(960.0, 1e6, 5000.0, -(2**23), 2**23 - 1, 7.2, 0.2)
 START = 1_700_000_000 * NANOSECONDS
 SIZE = 10
 BLOCKS = 1920  # 20 s
 
 
-def block(number, *, rate=CELL.sample_rate, value=0, stamp=None):
+def block(number, *, rate=CELL.sample_rate, value=0):
     first = number * SIZE
-    if stamp is None:
-        stamp = START + round(first * NANOSECONDS / rate)
+    stamp = START + round(first * NANOSECONDS / rate)
     return SampleBlock(stamp, first, np.full(SIZE, value, np.int32))
 
 
@@ -32,12 +28,14 @@ def arrival(number, rate=CELL.sample_rate):
     return 100.0 + (number + 1) * SIZE / rate
 
 
-def watched(numbers=range(BLOCKS), *, watch=None, delay=lambda number: 0.0, **options):
+def watched(
+    numbers=range(BLOCKS), *, watch=None, delay=lambda number: 0.0, rate=CELL.sample_rate, value=0
+):
     """Return a watch that was shown these blocks, and when it was looked at."""
     watch = watch or SampleWatch(CELL)
     for number in numbers:
-        watch.add(arrival(number) + delay(number), block(number, **options))
-    now = arrival(max(numbers)) + 0.01
+        watch.add(arrival(number, rate) + delay(number), block(number, rate=rate, value=value))
+    now = arrival(max(numbers), rate) + 0.01
     watch.look(now)
     return watch, now
 
@@ -91,8 +89,8 @@ def test_blocks_that_come_twice_or_late_are_no_gap():
 def test_a_source_that_starts_again_is_told_apart_from_a_late_block():
     watch, _ = watched(range(100))
     for number in range(10):
-        stamp = START + 5 * NANOSECONDS + round(number * SIZE * NANOSECONDS / 960)
-        watch.add(arrival(480 + number), block(number, stamp=stamp))
+        again = replace(block(number), stamp=block(number).stamp + 5 * NANOSECONDS)
+        watch.add(arrival(480 + number), again)
     watch.look(arrival(490))
     finding = watch.finding(arrival(490), 20.0)
     assert (finding.level, finding.values['source_restarts']) == (Level.WARN, 1)
@@ -107,11 +105,7 @@ def test_saturated_samples_are_counted():
 
 
 def test_a_rate_other_than_that_of_the_load_cell_info_is_warned_of():
-    watch = SampleWatch(CELL)
-    for number in range(1000):
-        watch.add(arrival(number, 912.0), block(number, rate=912.0))
-    now = arrival(999, 912.0)
-    watch.look(now)
+    watch, now = watched(range(1000), rate=912.0)
     finding = watch.finding(now, 20.0)
     assert finding.level == Level.WARN
     assert finding.text.startswith('912.0 samples/s by their stamps')
@@ -164,9 +158,7 @@ def test_a_driver_that_catches_up_after_a_halt_is_no_replay():
     ('offset', 'level'), [(0.01, Level.OK), (0.25, Level.WARN), (-0.25, Level.WARN)]
 )
 def test_eyes_on_another_clock_than_the_samples_are_found(offset, level):
-    watch = SampleWatch(CELL)
-    for number in range(BLOCKS):
-        watch.add(arrival(number), block(number))
+    watch, _ = watched()
     for second in range(5, 20):
         stamp = START + second * NANOSECONDS
         watch.clock.add_edge(100.0 + second + offset, EyeEdge(stamp, Eye.INFEED, True))

@@ -18,44 +18,23 @@ from checkweigher_core.records import (
     WeighWindow,
     seconds,
 )
-from checkweigher_core.records.reasons import Reason
 
-LOAD_CELL = LoadCell(
-    sample_rate=960.0,
-    counts_per_kg=1e6,
-    zero_counts=5000.0,
-    min_counts=-(2**23),
-    max_counts=2**23 - 1,
-    capacity=7.2,
-    weigh_length=0.2,
-)
+LOAD_CELL = LoadCell(960.0, 1e6, 5000.0, -(2**23), 2**23 - 1, 7.2, 0.2)
 WINDOW = WeighWindow(1, 0, 10, 20, counts_per_kg=1e6, counts=np.full(20, 100, np.int32))
 
 
+IMPOSSIBLE = {
+    'sample_rate': (0.0, -960.0, math.nan, math.inf, 1e-300, 1e7, 1e12),
+    'counts_per_kg': (0.0, math.nan, 1e300, -1e-300),
+    'zero_counts': (math.inf, 1e308, 2.0**23),
+    'min_counts': (2**23 - 1, -(2**31) - 1),
+    'capacity': (0.0, math.inf),
+    'weigh_length': (-0.2, math.nan, 1e6),
+}
+
+
 @pytest.mark.parametrize(
-    ('name', 'value'),
-    [
-        ('sample_rate', 0.0),
-        ('sample_rate', -960.0),
-        ('sample_rate', math.nan),
-        ('sample_rate', math.inf),
-        ('capacity', 0.0),
-        ('weigh_length', -0.2),
-        ('weigh_length', math.nan),
-        ('counts_per_kg', 0.0),
-        ('counts_per_kg', math.nan),
-        ('zero_counts', math.inf),
-        ('zero_counts', 1e308),
-        ('zero_counts', 2.0**23),
-        ('min_counts', 2**23 - 1),
-        ('min_counts', -(2**31) - 1),
-        ('sample_rate', 1e-300),
-        ('sample_rate', 1e7),
-        ('counts_per_kg', 1e300),
-        ('counts_per_kg', -1e-300),
-        ('weigh_length', 1e6),
-        ('capacity', math.inf),
-    ],
+    ('name', 'value'), [(name, value) for name, values in IMPOSSIBLE.items() for value in values]
 )
 def test_what_cannot_describe_a_load_cell_is_refused_by_name(name, value):
     with pytest.raises(ValueError, match=f'load cell: {name} '):
@@ -79,29 +58,22 @@ def test_a_stamp_in_seconds():
 
 def test_windows_of_equal_fields_are_equal_unknown_ones_included():
     unknown = WeighWindow(1, None, None, None)
-
     assert unknown == WeighWindow(1, None, None, None)
     assert replace(WINDOW, counts=WINDOW.counts.copy()) == WINDOW
     assert unknown != WINDOW
     assert unknown != 'window'
 
 
-_OTHER = {'counts': np.zeros(3, np.int32), 'denoised': np.zeros(3), 'reasons': ('SamplesLost',)}
+_OTHER = {
+    'counts': np.where(np.arange(20) == 7, 101, WINDOW.counts),  # one sample
+    'denoised': np.zeros(3),
+    'reasons': ('SamplesLost',),
+}
 
 
 @pytest.mark.parametrize('name', [entry.name for entry in fields(WeighWindow)])
 def test_windows_that_differ_in_one_field_are_not_equal(name):
-    window = WINDOW
-
-    assert replace(window, **{name: _OTHER.get(name, 77)}) != window
-
-
-def test_windows_that_differ_in_one_sample_are_not_equal():
-    window = WINDOW
-    counts = window.counts.copy()
-    counts[7] += 1
-
-    assert replace(window, counts=counts) != window
+    assert replace(WINDOW, **{name: _OTHER.get(name, 77)}) != WINDOW
 
 
 def test_force_is_the_load_without_the_zero():
@@ -115,15 +87,6 @@ def test_force_is_the_load_without_the_zero():
 def test_an_estimate_is_weighed_unless_it_has_a_reason():
     assert MassEstimate(1, 0, 1, 2, mass=0.1).weighed
     assert not MassEstimate(1, 0, 1, 2, ('SamplesLost',), mass=0.1).weighed
-
-
-def test_each_reason_has_a_hint_of_its_own():
-    assert len({reason.hint for reason in Reason}) == len(Reason)
-
-
-def test_a_sample_rate_that_no_load_cell_has_is_refused():
-    with pytest.raises(ValueError, match='sample_rate is 1e'):
-        replace(LOAD_CELL, sample_rate=1e12)
 
 
 @pytest.mark.parametrize(

@@ -123,16 +123,8 @@ def test_time_and_empty_belt_of_a_window_stand_in_its_message():
 
 def test_numbers_of_numpy_become_those_of_python():
     # A numpy scalar in a field would abort the process as the message is serialised.
-    numbers = {
-        f.name: np.int64(getattr(WINDOW, f.name))
-        for f in fields(WINDOW)
-        if isinstance(getattr(WINDOW, f.name), int)
-    }
-    numbers |= {
-        f.name: np.float64(getattr(WINDOW, f.name))
-        for f in fields(WINDOW)
-        if isinstance(getattr(WINDOW, f.name), float)
-    }
+    values = {entry.name: getattr(WINDOW, entry.name) for entry in fields(WINDOW)}
+    numbers = {n: np.asarray(v)[()] for n, v in values.items() if isinstance(v, int | float)}
 
     message = to_message(ports.WEIGH_WINDOW, replace(WINDOW, **numbers))
 

@@ -10,8 +10,8 @@ import subprocess
 import sys
 import time
 
-from modbus_machine import wait_for
 import pytest
+from running import wait_for
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_driver.line_io.belt_record import BeltRecord, OnBelt, record_path

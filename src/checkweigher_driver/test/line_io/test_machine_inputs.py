@@ -5,8 +5,8 @@
 import time
 from typing import Any
 
-from modbus_machine import wait_for
 import pytest
+from running import wait_for
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import NANOSECONDS, ExternalReject, MachineConditions

@@ -4,8 +4,9 @@
 
 import time
 
-from modbus_machine import BAG, MS, reading, wait_for
+from modbus_machine import BAG, MS, reading
 import pytest
+from running import wait_for
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import NANOSECONDS, EyeEdge

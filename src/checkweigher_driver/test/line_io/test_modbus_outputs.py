@@ -7,16 +7,24 @@ import subprocess
 import sys
 import time
 
-from modbus_machine import MS, REJECTOR, RELEASE, permit, switching, wait_for
+from modbus_machine import MS, REJECTOR, RELEASE, permit, switching
+from running import wait_for
 
 from checkweigher_core.records import Decision, Verdict
 from checkweigher_driver.line_io.belt_record import BeltRecord, OnBelt
 from checkweigher_driver.line_io.modbus_link import ModbusLink
 
 
-def run(outputs):
+def run(outputs, plc):
+    """Wait until the outputs are connected, and let the belt run."""
+    wait_for(lambda: outputs.trouble == '', 'the connection')
     outputs.activate()
-    return permit(outputs)
+    permit(outputs)
+    released(plc)
+
+
+def released(plc, on=True):
+    wait_for(lambda: plc.state(RELEASE) is on, 'the release of the belt' if on else 'the stop')
 
 
 def reject(item, due, decision=Decision.FAULT):
@@ -27,9 +35,7 @@ def test_the_rejector_is_switched_when_it_is_due(plc):
     plc.start('--watchdog', 0.5)
     # However busy the machine is on which the test runs: no pulse is to be lost for it.
     with switching(plc, {'timeout': 2.0}, pulse=0.2, late_tolerance=2.0) as outputs:
-        wait_for(lambda: outputs.trouble == '', 'the connection')
-        run(outputs)
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        run(outputs, plc)
         first = time.time_ns() + 200 * MS
         dues = [first + number * 400 * MS for number in range(5)]
         for number, due in enumerate(dues):
@@ -60,20 +66,20 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
         assert plc.state(RELEASE) is False  # nothing has said that the line may run
         fall_silent, began = permit(outputs), time.time_ns()
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        released(plc)
         wait_for(lambda: time.time_ns() > began + 1000 * MS, 'a second of permission')
         assert plc.state(RELEASE) is True
         fall_silent()
         silent = time.time_ns()
-        wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
+        released(plc, False)
         assert plc.state(REJECTOR) is False
         print(f'stopped after {(plc.switches(RELEASE)[-1][0] - silent) / MS:.0f} ms of silence')
         permit(outputs)
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        released(plc)
         outputs.safe()
         wait_for(lambda: plc.state(REJECTOR) is True, 'the safe state')
         outputs.activate()
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        released(plc)
     assert plc.state(REJECTOR) is True
     assert plc.state(RELEASE) is False
 
@@ -82,21 +88,18 @@ def test_trouble_of_load_cell_or_eyes_stops_the_line_that_has_permission(plc):
     plc.start()
     trouble = []
     with switching(plc, held=lambda: bool(trouble)) as outputs:
-        run(outputs)
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        run(outputs, plc)
         trouble.append('the load cell is unplugged')
-        wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
+        released(plc, False)
         trouble.clear()
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        released(plc)
         assert outputs.trouble == ''
 
 
 def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_stops_the_line(plc):
     plc.start()
     with switching(plc, {'timeout': 0.1}, pulse=0.02) as outputs:
-        wait_for(lambda: outputs.trouble == '', 'the connection')
-        run(outputs)
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        run(outputs, plc)
         due = time.time_ns() + 300 * MS
         outputs.take(reject(1, due))
         plc.kill()
@@ -119,11 +122,12 @@ def test_an_emptied_record_of_a_bad_product_holds_the_belt_until_a_person_has_lo
     os.truncate(record, 0)
     plc.start()
     with switching(plc, record=str(record)) as outputs:
-        run(outputs)
+        outputs.activate()
+        permit(outputs)
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
         assert plc.state(RELEASE) is False
         assert 'did not end with an empty belt' in outputs.reset()
-        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        released(plc)
 
 
 def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
@@ -161,8 +165,7 @@ def test_the_belt_input_holds_the_rejector_back(plc):
     link = ModbusLink('127.0.0.1', plc.port, 1, 1.0)
     link.connect()
     with switching(plc, {'belt': 2}, pulse=0.1, belt_margin=0.0, late_tolerance=5.0) as outputs:
-        wait_for(lambda: outputs.trouble == '', 'the connection')
-        run(outputs)
+        run(outputs, plc)
 
         def belt_runs():
             return outputs.finding().values['belt_runs']

@@ -25,6 +25,7 @@ def control(**parameters):
     made = RejectorControl(OutputParameters(**parameters), permits=True)
     made.active = made.connected = True
     permit(made, time.monotonic_ns() + FOREVER)
+    made.levels(time.monotonic_ns())  # lets the belt run
     return made
 
 
@@ -135,7 +136,6 @@ def permitted(outputs, begin, until):
 
 def test_only_an_accepted_item_may_pass_and_only_while_it_is_there():
     outputs, now = control(permit_margin=0.02), time.monotonic_ns()
-    outputs.levels(now)
     passing(outputs, now + 305 * MS, now, Decision.ACCEPT, 7)
     passing(outputs, now + 605 * MS, now, Decision.UNDER, 8)
     passing(outputs, now + 905 * MS, now, Decision.ACCEPT, 9)
@@ -154,7 +154,6 @@ def test_an_accepted_item_whose_time_is_past_or_not_known_may_not_pass(ahead):
 
 def test_a_belt_that_is_stopped_leaves_a_rejected_item_in_doubt_and_permits_nothing():
     outputs, now = control(), time.monotonic_ns()
-    outputs.levels(now)
     passing(outputs, now + 300 * MS, now, Decision.ACCEPT, 7)
     passing(outputs, now + 600 * MS, now, Decision.OVER, 8)
     permit(outputs, now, run=False)
@@ -179,7 +178,6 @@ def test_with_a_belt_input_a_stop_leaves_nothing_in_doubt():
 
 def test_a_verdict_on_what_was_on_its_way_during_a_stop_stops_the_line_again():
     outputs, now = control(), time.monotonic_ns()
-    outputs.levels(now)
     permit(outputs, now, run=False)
     outputs.levels(now)
     permit(outputs, now + FOREVER)
@@ -193,7 +191,6 @@ def test_a_verdict_on_what_was_on_its_way_during_a_stop_stops_the_line_again():
 @pytest.mark.parametrize(('silent', 'in_doubt'), [(200, False), (300, True)])
 def test_a_silence_in_which_the_machine_stops_by_itself_leaves_all_in_doubt(silent, in_doubt):
     outputs, now = control(watchdog_time=0.25), time.monotonic_ns()
-    outputs.levels(now)
     outputs.alive(now, now)
     passing(outputs, now + 50 * MS, now, Decision.OVER)  # which does not get there
     outputs.levels(now + silent * MS)
@@ -204,7 +201,6 @@ def test_a_silence_in_which_the_machine_stops_by_itself_leaves_all_in_doubt(sile
 
 def test_a_lost_connection_leaves_what_is_on_the_belt_in_doubt():
     outputs, now = control(), time.monotonic_ns()
-    outputs.levels(now)
     outputs.disconnect()
     outputs.connect(now)
     assert outputs.missed.text == ''
@@ -216,7 +212,6 @@ def test_a_lost_connection_leaves_what_is_on_the_belt_in_doubt():
 
 def test_the_safe_state_leaves_what_is_on_the_belt_in_doubt_and_nothing_else():
     outputs, now = control(), time.monotonic_ns()
-    outputs.levels(now)
     assert outputs.on_belt().to_look_for() == (OnBelt(released=True).to_look_for())
     outputs.make_safe()
     assert outputs.on_belt() == OnBelt()

@@ -3,6 +3,7 @@
 """Every serial source against a device on a pseudo-terminal, at the pace of its wire."""
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 import itertools
 import os
@@ -35,6 +36,8 @@ def device(tmp_path):
 class Journey:
     """What a source did while its line was well, was disturbed and was unplugged."""
 
+    name: str  # of the source
+    checked: bool  # whether its values have a checksum
     blocks: list = field(default_factory=list)
     figures: dict = field(default_factory=dict)  # at each station
     trouble: dict = field(default_factory=dict)
@@ -48,7 +51,8 @@ class Journey:
 
 
 def travel(name, values, options, link):
-    journey, device = Journey(), SerialDevice(link, '--rate', RATE, *options)
+    journey = Journey(name, values.get('checksum', name == 'aed'))
+    device = SerialDevice(link, '--rate', RATE, *options)
 
     def note(station):
         journey.figures[station] = reader.source.figures()
@@ -62,7 +66,7 @@ def travel(name, values, options, link):
         for command in ('lose 3', 'corrupt'):
             lost = reader.source.figures()['samples lost']
             device.tell(command)
-            if command == 'lose 3' or values.get('checksum', name == 'aed'):
+            if command == 'lose 3' or journey.checked:
                 reader.wait_for(lambda: reader.source.figures()['samples lost'] > lost)  # noqa: B023
             reader.wait_for_samples(50)
         note('disturbed')
@@ -88,40 +92,39 @@ def travel(name, values, options, link):
     return journey
 
 
-def stopped(link):
-    """Return the reader of a stream that another program stops."""
-    machine = SerialDevice(link, '--rate', RATE)
+@contextmanager
+def streaming(link, rate=RATE):
+    """Have a device that streams, and the reader of its source."""
+    machine = SerialDevice(link, '--rate', rate)
     reader = Reader(make('aed', link))
     reader.wait_for_samples(1)
-    machine.tell('stop')
-    reader.wait_for_samples(50)
+    yield machine, reader
     reader.close()
     machine.end()
-    return reader
+
+
+def stopped(link):
+    """Return the figures of a source whose stream another program stops."""
+    with streaming(link) as (machine, reader):
+        machine.tell('stop')
+        reader.wait_for_samples(50)
+    return reader.source.figures()
 
 
 def replaced(link):
-    """Return the reader of a device in whose place another one is plugged in."""
-    machine = SerialDevice(link, '--rate', RATE)
-    reader = Reader(make('aed', link))
-    reader.wait_for_samples(1)
-    machine.tell('unplug')
-    machine.tell('identity HBM,FIT/5,9999999,P72')
-    machine.tell('replug')
-    reader.wait_for_end()
-    machine.end()
-    return reader
+    """Return the error that ends a source in whose place another device is plugged in."""
+    with streaming(link) as (machine, reader):
+        for command in ('unplug', 'identity HBM,FIT/5,9999999,P72', 'replug'):
+            machine.tell(command)
+        reader.wait_for_end()
+    return reader.error
 
 
 def slower(link):
     """Return what a source says of a device that is set to another rate."""
-    machine = SerialDevice(link, '--rate', 600)
-    reader = Reader(make('aed', link))
-    reader.wait_for(lambda: reader.source.trouble)
-    text = reader.source.trouble
-    reader.close()
-    machine.end()
-    return text
+    with streaming(link, 600) as (_, reader):
+        reader.wait_for(lambda: reader.source.trouble)
+        return reader.source.trouble
 
 
 @pytest.fixture(scope='module')
@@ -138,18 +141,16 @@ def running(tmp_path_factory):
         yield done
 
 
-@pytest.fixture
-def journeys(running):
-    return {name: running[name].result() for name in LINES}
+@pytest.fixture(params=LINES)
+def journey(running, request):
+    return running[request.param].result()
 
 
 def numbers(block):
     return [number_of(count) for count in block.counts.tolist()]
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_at_1200_values_a_second_nothing_is_lost(journeys, name):
-    journey = journeys[name]
+def test_at_1200_values_a_second_nothing_is_lost(journey):
     blocks = journey.until('well')
     counts = np.concatenate([block.counts for block in blocks])
 
@@ -163,9 +164,8 @@ def test_at_1200_values_a_second_nothing_is_lost(journeys, name):
     np.testing.assert_array_equal(np.diff(sent), 1)
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_stamps_follow_the_samples(journeys, name):
-    blocks = journeys[name].until('well')
+def test_stamps_follow_the_samples(journey):
+    blocks = journey.until('well')
     stamps = np.array([b.stamp for b in blocks])
     indices = np.array([b.first_index for b in blocks])
     assert np.all(np.diff(stamps) > 0)
@@ -174,19 +174,15 @@ def test_stamps_follow_the_samples(journeys, name):
     assert np.median(np.abs(off - np.median(off))) < 0.02
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_no_disturbance_lets_a_wrong_value_through(journeys, name):
-    journey = journeys[name]
+def test_no_disturbance_lets_a_wrong_value_through(journey):
     for block in journey.blocks:
         sent = numbers(block)
         bad = [n for n, after in itertools.pairwise(sent) if after != n + 1]
         # Without a checksum the disturbed byte does come through: once.
-        assert len(bad) <= (0 if name in ('aed with CR LF', 'aed without CR LF') else 2)
+        assert len(bad) <= (0 if journey.checked else 2)
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_what_is_lost_is_a_jump_of_the_index(journeys, name):
-    journey = journeys[name]
+def test_what_is_lost_is_a_jump_of_the_index(journey):
     blocks = journey.blocks
     gaps = [
         after.first_index - before.first_index - len(before.counts)
@@ -199,9 +195,7 @@ def test_what_is_lost_is_a_jump_of_the_index(journeys, name):
     assert journey.error is None
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_after_a_break_the_index_is_that_of_the_time(journeys, name):
-    journey = journeys[name]
+def test_after_a_break_the_index_is_that_of_the_time(journey):
     first, last = journey.blocks[0], journey.blocks[-1]
     sent = numbers(last)[-1] - numbers(first)[0]
     index = last.first_index + len(last.counts) - 1 - first.first_index
@@ -211,19 +205,16 @@ def test_after_a_break_the_index_is_that_of_the_time(journeys, name):
     assert abs(late) < most
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_trouble_is_said_in_words_and_ends(journeys, name):
-    trouble = journeys[name].trouble
+def test_trouble_is_said_in_words_and_ends(journey):
+    trouble = journey.trouble
     assert 'no bytes come for 1 s; check its supply and the cable' in trouble['silent']
     assert trouble['heard again'] == trouble['replugged'] == ''
     assert 'is the device plugged in?' in trouble['unplugged']
 
 
-@pytest.mark.parametrize('name', LINES)
-def test_a_closed_source_ends_and_lets_go(journeys, name):
-    journey = journeys[name]
+def test_a_closed_source_ends_and_lets_go(journey):
     assert journey.times['to end'] < 2
-    if name != 'ascii':  # which sends unasked
+    if journey.name == 'aed':  # ascii sends unasked
         assert journey.after == b''
 
 
@@ -249,10 +240,7 @@ def test_a_reply_that_comes_after_it_was_given_up_is_not_taken_for_the_next_one(
     [
         (('--mute',), r'no reply to IDN\? within 0.5 s; check the supply, the wires, baud_rate'),
         (('--refuse', 'IDN'), r'the device does not know IDN\?'),
-        (
-            ('--identity', 'scale 3'),
-            r"replied 'scale 3' to IDN\?, which is no load cell of",
-        ),
+        (('--identity', 'scale 3'), r"replied 'scale 3' to IDN\?, which is no load cell of"),
         (('--refuse', 'STR'), r"replies '\?' to STR 1; see aed\.termination"),
         (('--refuse', 'CSM'), r"replies '\?' to CSM 1; see aed\.checksum"),
         (('--refuse', 'ASF'), r"replies '\?' to ASF 5; see aed\.filter"),
@@ -265,13 +253,13 @@ def test_a_device_that_does_not_answer_as_it_should_is_refused(device, options, 
 
 
 def test_another_device_in_its_place_ends_the_stream(running):
-    reader = running[replaced].result()
-    assert isinstance(reader.error, SerialError)
-    assert 'HBM FIT/5 9999999 answers, HBM FIT/5 0123456 did at the start' in str(reader.error)
+    error = running[replaced].result()
+    assert isinstance(error, SerialError)
+    assert 'HBM FIT/5 9999999 answers, HBM FIT/5 0123456 did at the start' in str(error)
 
 
 def test_a_stream_that_is_stopped_is_started_again(running):
-    figures = running[stopped].result().source.figures()
+    figures = running[stopped].result()
     assert figures['breaks'] == 1
     assert figures['samples lost'] > 1.0 * RATE
 

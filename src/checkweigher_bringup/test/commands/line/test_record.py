@@ -104,12 +104,12 @@ def check_killed(line: Recording, folder: Path, moments: Sequence[int]) -> list[
         spinner = stack.enter_context(spinning('killed'))
         feeder = Feeder(line.load_cell)
         spinner.add(feeder)
-        wait_for(lambda: feeder.listeners() == len(moments), 60.0)
+        wait_for(lambda: feeder.listeners() == len(moments))
         feeder.begin()
         sent = 0
         for n, moment in enumerate(moments):
             feeder.send(events[sent:moment])
-            wait_for(lambda: written(folder / f'killed{n}') >= moment, 60.0)  # noqa: B023
+            wait_for(lambda: written(folder / f'killed{n}') >= moment)  # noqa: B023
             sent = moment + BEYOND
             feeder.send(events[moment:sent])
             recorders[n].kill()
@@ -258,4 +258,4 @@ def wait_for_node(*names: str) -> None:
             pairs = node.get_node_names_and_namespaces()
             return {f'{space.rstrip("/")}/{own}' for own, space in pairs}
 
-        wait_for(lambda: known().issuperset(names), 30.0)
+        wait_for(lambda: known().issuperset(names))

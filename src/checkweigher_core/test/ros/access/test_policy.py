@@ -5,6 +5,8 @@ from xml.etree import ElementTree
 from checkweigher_core.ros.access.policy import enclaves, policy, rights
 from checkweigher_core.ros.ports import NODES
 
+SHARED = ('/rosout', '/parameter_events', '/diagnostics')
+
 
 def test_reject_may_judge_and_no_more():
     its = rights('reject', 'lane1')
@@ -16,8 +18,7 @@ def test_reject_may_judge_and_no_more():
 
 def test_each_topic_has_one_maker():
     published = [name for node in NODES for name in rights(node).publish if '*' not in name]
-    shared = {'/rosout', '/parameter_events', '/diagnostics'}
-    own = [name for name in published if name not in shared]
+    own = [name for name in published if name not in SHARED]
     assert sorted(own) == sorted(set(own))
 
 
@@ -32,11 +33,7 @@ def test_lanes_are_apart():
     for node in NODES:
         its = rights(node, 'lane1')
         for name in its.publish | its.subscribe | its.reply | its.request:
-            assert name.startswith('/lane1/') or name in (
-                '/rosout',
-                '/parameter_events',
-                '/diagnostics',
-            )
+            assert name.startswith('/lane1/') or name in SHARED
 
 
 def test_each_node_has_an_enclave():

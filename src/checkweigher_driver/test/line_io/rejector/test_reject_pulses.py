@@ -35,28 +35,21 @@ def changes(schedule, now, end):
     return found
 
 
-def test_an_item_gets_its_pulse_at_its_time():
+@pytest.mark.parametrize(
+    ('dues', 'now', 'late', 'switched'),
+    [
+        ([1000], 600, 0, [1000, 1100]),
+        # 1160 is 10 after the end of the one before, less than a pause; 1300 is 40 after its end.
+        ([1000, 1050, 1160, 1300], 0, 0, [1000, 1260, 1300, 1400]),
+        ([1000], 1005, 0, [1005, 1100]),
+        ([2000], 2011, 11, [2011, 2111]),  # rejected at once, and said to be late
+    ],
+)
+def test_each_item_gets_its_pulse_and_pulses_that_nearly_touch_are_one(dues, now, late, switched):
     schedule = pulses()
-    assert schedule.add(1000, 500, now=600) == 0
-    assert schedule.next_change(600) == 1000
-    assert changes(schedule, 600, 5000) == [1000, 1100]
-    assert schedule.next_change(1100) == math.inf
-
-
-def test_pulses_that_overlap_or_nearly_touch_are_one():
-    schedule = pulses()
-    for due in (1000, 1050, 1160, 1300):
-        schedule.add(due, None, now=0)
-    # 1160 is 10 after the end of the one before, less than a pause; 1300 is 40 after its end.
-    assert changes(schedule, 0, 5000) == [1000, 1260, 1300, 1400]
-
-
-def test_a_late_item_is_rejected_at_once_and_said_to_be_late():
-    schedule = pulses()
-    assert schedule.add(1000, 500, now=1005) == 0
-    assert changes(schedule, 1005, 5000) == [1005, 1100]
-    assert schedule.add(2000, 1500, now=2011) == 11
-    assert changes(schedule, 2011, 5000) == [2011, 2111]
+    assert {schedule.add(due, None, now) for due in dues} == {late}
+    assert changes(schedule, now, 5000) == switched
+    assert schedule.next_change(5000) == math.inf
 
 
 def test_an_item_whose_place_is_not_known_is_rejected_at_once():
