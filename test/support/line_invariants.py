@@ -175,10 +175,10 @@ def _announcements(
     return said
 
 
-def with_last(line: SpoiltLine, behind: int = 4 * NANOSECONDS) -> list[tuple[int, Event]]:
+def with_last(line: SpoiltLine) -> list[tuple[int, Event]]:
     """Return the events with one more product behind, which brings to light what was missed."""
-    arrival = max(when for when, _ in line.events) + behind
-    newest = max(event.stamp for _, event in line.events) + behind
+    arrival = max(when for when, _ in line.events) + 4 * NANOSECONDS
+    newest = max(event.stamp for _, event in line.events) + 4 * NANOSECONDS
     edges = [EyeEdge(newest + k * 100 * MS, *EDGES[name]) for k, name in enumerate(sorted(EDGES))]
     return [*line.events, *((arrival + k * 100 * MS, edge) for k, edge in enumerate(edges))]
 

@@ -11,6 +11,13 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import Eye, EyeEdge, SampleBlock
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
+EDGES = {
+    't1': (Eye.INFEED, True),
+    't2': (Eye.INFEED, False),
+    't3': (Eye.OUTFEED, True),
+    't4': (Eye.OUTFEED, False),
+}
+
 
 def simulated(**parameters: object) -> Recording:
     """Return a simulated line."""
@@ -60,17 +67,10 @@ def amplified(recording: Recording, gain: int) -> Recording:
 
 def edges_of(recording: Recording, item: int) -> dict[str, EyeEdge]:
     """Return t1 to t4 of an item, counted from 0, of a line without faults."""
-    names = {
-        (Eye.INFEED, True): 't1',
-        (Eye.INFEED, False): 't2',
-        (Eye.OUTFEED, True): 't3',
-        (Eye.OUTFEED, False): 't4',
+    return {
+        name: [edge for edge in recording.edges if (edge.eye, edge.blocked) == kind][item]
+        for name, kind in EDGES.items()
     }
-    found: dict[str, EyeEdge] = {}
-    for (eye, blocked), name in names.items():
-        of_kind = [edge for edge in recording.edges if (edge.eye, edge.blocked) == (eye, blocked)]
-        found[name] = of_kind[item]
-    return found
 
 
 def without_edges(recording: Recording, *lost: EyeEdge) -> Recording:
@@ -78,24 +78,21 @@ def without_edges(recording: Recording, *lost: EyeEdge) -> Recording:
     return replace(recording, edges=tuple(edge for edge in recording.edges if edge not in lost))
 
 
+def _block_at(recording: Recording, stamp: int) -> SampleBlock:
+    return max((each for each in recording.blocks if each.stamp <= stamp), key=lambda b: b.stamp)
+
+
 def without_block_at(recording: Recording, stamp: int) -> Recording:
     """Return the line with the block around a time lost."""
-    last = max(block.stamp for block in recording.blocks if block.stamp <= stamp)
+    lost = _block_at(recording, stamp)
     return replace(
-        recording, blocks=tuple(block for block in recording.blocks if block.stamp != last)
+        recording, blocks=tuple(each for each in recording.blocks if each.stamp != lost.stamp)
     )
 
 
 def saturated_at(recording: Recording, stamp: int) -> Recording:
     """Return the line with the converter at its limit around a time."""
-    last = max(block.stamp for block in recording.blocks if block.stamp <= stamp)
-    limit = recording.load_cell.max_counts
-    return replace(
-        recording,
-        blocks=tuple(
-            replace(block, counts=np.full_like(block.counts, limit))
-            if block.stamp == last
-            else block
-            for block in recording.blocks
-        ),
-    )
+    there = _block_at(recording, stamp)
+    full = replace(there, counts=np.full_like(there.counts, recording.load_cell.max_counts))
+    blocks = tuple(full if each.stamp == there.stamp else each for each in recording.blocks)
+    return replace(recording, blocks=blocks)

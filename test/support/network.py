@@ -19,7 +19,7 @@ from checkweigher_bringup.spinning import end_process
 
 _TUNSETIFF, _TAP, _NO_HEADER = 0x400454CA, 0x0002, 0x1000  # linux/if_tun.h
 _PATIENCE = 60.0  # s
-_SWITCH = Path(__file__).with_name('switch.py')
+_SWITCH, _SEED = Path(__file__).with_name('switch.py'), '1'
 
 
 class NoNetworkError(Exception):
@@ -29,9 +29,8 @@ class NoNetworkError(Exception):
 class Network:
     """Hosts 0, 1, ... in network namespaces, each with the address 10.75.0.(1 + number)."""
 
-    def __init__(self, count: int, seed: int = 1) -> None:
+    def __init__(self, count: int) -> None:
         self._names = [f'checkweigher-{os.getpid()}-{number}' for number in range(count)]
-        self._seed = seed
         self._switch: subprocess.Popen[str] | None = None
 
     def command(self, host: int, **environment: str) -> list[str]:
@@ -96,7 +95,7 @@ class Network:
                 os.close(each)
 
     def _start_switch(self, descriptors: list[int]) -> None:
-        words = [sys.executable, str(_SWITCH), str(self._seed), *map(str, descriptors)]
+        words = [sys.executable, str(_SWITCH), _SEED, *map(str, descriptors)]
         pipe = subprocess.PIPE
         self._switch = subprocess.Popen(
             words, stdin=pipe, stdout=pipe, text=True, pass_fds=descriptors
@@ -140,9 +139,9 @@ def _ip(*words: str) -> str:
 
 
 @contextmanager
-def network(count: int, seed: int = 1) -> Iterator[Network]:
+def network(count: int) -> Iterator[Network]:
     """Have some hosts for as long as the block lasts; `NoNetworkError` where that cannot be."""
-    hosts = Network(count, seed)
+    hosts = Network(count)
     try:
         hosts.make()
         yield hosts

@@ -26,7 +26,6 @@ def record_steps(
     plan: str,
     names: Collection[str] = (),
     *,
-    profile: str = 'paper',
     gain: float = 1.0,
     drift: float = 0.0,
 ) -> list[Path]:
@@ -42,7 +41,7 @@ def record_steps(
             continue
         begin = max(begin, START + round(60 * (step.minutes or 0)))
         make = _at_rest if step.at_rest else _passes
-        recording = make(step, begin, profile, gain, number * drift)
+        recording = make(step, begin, gain, number * drift)
         bags.append(folder / step.name)
         write_bag(bags[-1], recording.load_cell, recording)
         begin = recording.blocks[-1].stamp // NANOSECONDS + _PAUSE
@@ -54,10 +53,10 @@ def _cell(made: LoadCell, gain: float) -> LoadCell:
     return replace(made, counts_per_kg=made.counts_per_kg / gain, serial_number='S-1')
 
 
-def _passes(step: Step, begin: int, profile: str, gain: float, zero: float) -> Recording:
+def _passes(step: Step, begin: int, gain: float, zero: float) -> Recording:
     assert step.load is not None
     made = simulated(
-        profile=profile, speed=step.speed, masses=(step.load.mass,), count=step.count,
+        speed=step.speed, masses=(step.load.mass,), count=step.count,
         seed=zlib.crc32(step.name.encode()), start_time=begin,
     )  # fmt: skip
     cell = _cell(made.load_cell, gain)
@@ -66,8 +65,8 @@ def _passes(step: Step, begin: int, profile: str, gain: float, zero: float) -> R
     return replace(made, load_cell=cell, blocks=blocks)
 
 
-def _at_rest(step: Step, begin: int, profile: str, gain: float, zero: float) -> Recording:
-    cell = _cell(Simulation(SimulationParameters(profile=profile)).load_cell, gain)
+def _at_rest(step: Step, begin: int, gain: float, zero: float) -> Recording:
+    cell = _cell(Simulation(SimulationParameters()).load_cell, gain)
     mass = gain * step.load.mass if step.load else 0.0
     random = np.random.default_rng(zlib.crc32(step.name.encode()))
     masses = mass + zero + _NOISE * random.standard_normal(_SAMPLES)

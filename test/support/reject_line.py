@@ -16,15 +16,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_dsp.nodes.reject import RejectNode
 
-CELL = LoadCell(
-    sample_rate=960.0,
-    counts_per_kg=5e5,
-    zero_counts=0.0,
-    min_counts=-(2**23),
-    max_counts=2**23 - 1,
-    capacity=7.2,
-    weigh_length=0.2,
-)
+CELL = LoadCell(960.0, 5e5, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2)
 START = 1_700_000_000 * NANOSECONDS
 
 
@@ -49,15 +41,15 @@ class RejectLine:
         self.verdicts = heard(self.node, ports.VERDICT)
         self.stops = heard(self.node, ports.STOP_REQUEST, latched=True)
         self._diagnostics = heard(self.node, ports.DIAGNOSTICS)
-        self.edges = self.node.create_publisher(
-            ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
+        self.edges, self.items = (
+            self.node.create_publisher(port.type, port.name, port.qos)
+            for port in (ports.PHOTO_EYES, ports.ITEMS)
         )
-        self.items = self.node.create_publisher(ports.ITEMS.type, ports.ITEMS.name, ports.ITEMS.qos)
         spinner.add(self.node)
         self.reject = RejectNode(parameters)
         spinner.add(self.reject)
-        wait_for(lambda: self.edges.get_subscription_count() > 0)
-        wait_for(lambda: self.items.get_subscription_count() > 0)
+        wait_for(self.edges.get_subscription_count)
+        wait_for(self.items.get_subscription_count)
         info = to_message(ports.LOAD_CELL_INFO, CELL, stamp=START)
         publish(self.node, ports.LOAD_CELL_INFO, info)
         # Edges come on another topic: they must not overtake it.

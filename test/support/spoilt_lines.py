@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hypothesis import strategies as st
+from lines import EDGES
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,10 +20,7 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Sampl
 MS = NANOSECONDS // 1000
 START = 1_700_000_000 * NANOSECONDS
 RATE = 960.0
-CELL = LoadCell(
-    sample_rate=RATE, counts_per_kg=5e5, zero_counts=1.25e6, min_counts=-(2**23),
-    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
-)  # fmt: skip
+CELL = LoadCell(RATE, 5e5, 1.25e6, -(2**23), 2**23 - 1, 7.2, 0.2)
 LENGTH = 0.1  # m, of a product
 MASSES = (0.11, 0.23, 0.17, 0.31, 0.13, 0.4)  # kg, none within 3 % of another or of a sum
 BLOCK = 96  # samples
@@ -30,12 +28,6 @@ DEBOUNCE = 5 * MS  # ns; what comes sooner after another product is one with it
 LEAD_IN, RUN_OUT = 1.0, 1.0  # s
 LATENESS = 2 * NANOSECONDS  # ns; what comes later is of a stream that starts again
 NOISE = 1e-4 * np.random.Generator(np.random.PCG64(1)).standard_normal(1 << 17)  # kg
-EDGES = {
-    't1': (Eye.INFEED, True),
-    't2': (Eye.INFEED, False),
-    't3': (Eye.OUTFEED, True),
-    't4': (Eye.OUTFEED, False),
-}
 
 _NEVER = 1 << 62
 

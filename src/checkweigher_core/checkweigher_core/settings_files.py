@@ -136,7 +136,6 @@ def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
 
 
 def _value(hint: Any, entry: Any, value: Any, path: tuple[Any, ...], newer: bool) -> Any:
-    """Return a plain value as the type of its field."""
     kind, inner = get_origin(hint) or hint, get_args(hint)
     if kind is Any:
         return value
@@ -185,7 +184,6 @@ def _leaf(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any, newer: bool
 
 
 def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
-    """Return a list of numbers as a tuple or an array."""
     count = 2 if inner == (float, float) else None
     made = convert(tuple, describe(entry), _checked(value, list, 'a list like [a, b]', count))
     return np.array(made) if kind is np.ndarray else made

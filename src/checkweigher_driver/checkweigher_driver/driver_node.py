@@ -24,19 +24,14 @@ from checkweigher_core.records.reasons import StopReason
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.managed_node import ManagedStageNode
-from checkweigher_core.ros.node_parameters import declare
+from checkweigher_core.ros.node_parameters import P, declare
 from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import locked
 from checkweigher_core.ros.running import run
+from checkweigher_driver import devices
 from checkweigher_driver.calibration.services import CalibrationServices
 from checkweigher_driver.calibration.session import CalibrationParameters
-from checkweigher_driver.devices import (
-    DriverParameters,
-    make_inputs,
-    make_outputs,
-    source_class,
-    source_maker,
-)
+from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.line_io.machine_inputs import Said
 from checkweigher_driver.source_stream import SourceStream
@@ -56,14 +51,16 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         super().__init__(DriverParameters, read_only=True, overrides=overrides)
         self._source: Source | None = None
 
-        def read(kind: type[Parameters]) -> Parameters:
+        def read(kind: type[P]) -> P:
             return declare(self, kind, f'{kind.node}.', read_only=True)
 
         try:
-            self._make_source = source_maker(self.parameters.source, self.parameters.eyes, read)
-            self._outputs = make_outputs(self.parameters.outputs, read)
-            self._inputs = make_inputs(self.parameters.inputs, read)
-            calibration = declare(self, CalibrationParameters, 'calibration.', read_only=True)
+            self._make_source = devices.source_maker(
+                self.parameters.source, self.parameters.eyes, read
+            )
+            self._outputs = devices.make_outputs(self.parameters.outputs, read)
+            self._inputs = devices.make_inputs(self.parameters.inputs, read)
+            calibration = read(CalibrationParameters)
             self._operation = self._declare_operation()
         except ParameterError:
             self.destroy_node()
@@ -109,7 +106,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _declare_operation(self) -> Parameters | None:
         """Declare the settings of an operator at a simulated machine; return None at a real one."""
-        kind = source_class(self.parameters.source).operation
+        kind = devices.source_class(self.parameters.source).operation
         if kind is None:
             return None
         found = declare(self, kind, f'{kind.node}.', read_only=False)
@@ -188,7 +185,6 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.reject_ready = not not_ready
 
     def _note(self, event: Event) -> None:
-        """Process an event that is about to be sent."""
         self._watch.add(time.monotonic(), event)
         if not isinstance(event, Reference):
             self._calibration.add(event)
@@ -196,7 +192,6 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._outputs.take(event)
 
     def _hear_inputs(self, said: Said) -> None:
-        """Publish an external reject, or the conditions of the machine."""
         if isinstance(said, ExternalReject):
             self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, said))
         else:
@@ -210,11 +205,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self.stream.failure or source.trouble or self._inputs.trouble
 
     def _look_after_machine(self) -> None:
-        """Report trouble of the machine when it changes."""
         self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
-        """Let the line run again after products that the rejector can have missed."""
         response.success = True
         response.message = self._outputs.reset() or 'nothing was missed'
         return response

@@ -12,17 +12,6 @@ from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_web.lane import SHOWN, Lane
 
-_RESULTS = (
-    ports.LOAD_CELL_INFO,
-    ports.PHOTO_EYES,
-    ports.REFERENCE_MASS,
-    ports.MASS_ESTIMATE,
-    ports.VERDICT,
-    ports.STATISTICS,
-    ports.FILLER_FEEDBACK,
-    ports.STOP_REQUEST,
-)
-_SIGNALS = (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW)
 _LOOK_PERIOD = 0.5  # s
 
 
@@ -76,12 +65,12 @@ class Watch:
         while not self._ended.wait(_LOOK_PERIOD):
             for name in self._names() - self.lanes.keys():
                 lane = Lane(name, self._held)
-                self._spinner.add(_Listener('page_results', lane, _RESULTS))
+                self._spinner.add(_Listener('page_results', lane, ports.PAGE_RESULTS))
                 self.lanes[name] = lane
             for name, lane in self.lanes.items():
                 watched = self.viewers(name) > 0
                 if watched and name not in self._signals:
-                    self._signals[name] = _Listener('page_signals', lane, _SIGNALS)
+                    self._signals[name] = _Listener('page_signals', lane, ports.PAGE_SIGNALS)
                     self._spinner.add(self._signals[name])
                 elif not watched and name in self._signals:
                     self._spinner.remove(self._signals.pop(name))

@@ -199,7 +199,6 @@ def newer_fields(record: type) -> frozenset[str]:
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:
-    """Return the function that converts a value of this type for a message."""
     if hint in (records.Stamp, records.Stamp | None):
         return _time
     if get_origin(hint) is np.ndarray:
@@ -218,7 +217,6 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
 
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
-    """Return the function that converts the field of a message to this type."""
     if hint == records.Stamp:
         return stamp_from
     if hint == records.Stamp | None:
@@ -259,7 +257,6 @@ def stamp_from(time: Any) -> int:
 
 
 def _dtype(hint: Any) -> np.dtype[Any]:
-    """Return the type of the elements of an ``NDArray`` type."""
     return np.dtype(get_args(get_args(hint)[1])[0])
 
 

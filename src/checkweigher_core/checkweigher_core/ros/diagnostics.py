@@ -97,7 +97,6 @@ class Diagnostics:
         return Finding('', level, text, values=values)
 
     def _status(self, name: str, finding: Finding) -> DiagnosticStatus:
-        """Return a finding as the status of this name."""
         return DiagnosticStatus(
             level=bytes([finding.level]),
             name=name,

@@ -149,7 +149,6 @@ class CalibrationServices:
         return response
 
     async def _read(self, mass: float, uncertainty: float) -> _Answer:
-        """Read a load."""
         try:
             session, _ = self._checked()
             session.begin(mass, uncertainty, self._edges.values())
@@ -181,7 +180,6 @@ class CalibrationServices:
             waiting.set_result(answer)
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
-        """Remove all points."""
         session = self._session
         self._refuse('cancelled')
         if session is not None:
@@ -236,7 +234,6 @@ class CalibrationServices:
 
 
 def _change(before: LoadCell, found: StaticCalibration) -> str:
-    """Return the change that a calibration makes, in one line."""
     return (
         f'counts_per_kg {before.counts_per_kg:.4f} -> {found.counts_per_kg:.4f}, zero_counts '
         f'{before.zero_counts:.2f} -> {found.zero_counts:.2f}, largest residual '

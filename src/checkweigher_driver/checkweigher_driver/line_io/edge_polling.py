@@ -73,14 +73,12 @@ class EdgePolling:
         return [EyeEdge(middle + to_stamp, eye, poll.blocked[eye]) for eye in changed]
 
     def _count(self, last: Poll, poll: Poll) -> None:
-        """Add a poll to the figures."""
         self._polls += 1
         self._periods += poll.begin - last.begin
         self._round_trips += poll.end - poll.begin
         self._longest_round_trip = max(self._longest_round_trip, poll.end - poll.begin)
 
     def _cover(self, eye: Eye, blocked: bool, time: int) -> None:
-        """Update the time for which the last product covered an eye."""
         if blocked:
             self._blocked_at[eye] = time
         elif eye in self._blocked_at:

@@ -309,7 +309,6 @@ def _edges_of(
 
 
 def _request(chip: str, settings: _Settings, node: str) -> gpiod.LineRequest:
-    """Return the lines of a chip, or raise ParameterError."""
     try:
         return gpiod.request_lines(
             chip, config=settings, consumer=_CONSUMER, event_buffer_size=_BUFFER_SIZE

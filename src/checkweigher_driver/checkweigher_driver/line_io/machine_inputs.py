@@ -116,7 +116,6 @@ class InputWatch:
         return said
 
     def _wrong(self, reading: Reading) -> tuple[str, ...]:
-        """Return the names of the inputs that require a stop."""
         stamp, levels = reading
         off = [name for name in levels if name not in DEVICES and not levels[name]]
         self._off_since = {name: self._off_since.get(name, stamp) for name in off}

@@ -19,6 +19,7 @@ _AS_IT_IS = -1
 _QUIET = 0.03  # s without a byte after which nothing more is on its way
 _STOP_PAUSE = 0.01  # s that the device takes to stop; it does not reply
 _ATTEMPTS = 3
+_PATIENCE = 0.5  # s, for a reply
 _RESET_TIME = 3.0  # s that the device takes to come back; it does not reply
 _LONGEST_REPLY = 256  # bytes
 _setting = partial(parameter, _AS_IT_IS, minimum=_AS_IT_IS, maximum=99)
@@ -100,11 +101,10 @@ class AedSource(SerialSource):
 
 
 class AedDialogue:
-    """Commands and replies on an open port, one at a time; `patience` for a reply in s."""
+    """Commands and replies on an open port, one at a time."""
 
-    def __init__(self, port: serial.Serial, patience: float = 0.5) -> None:
+    def __init__(self, port: serial.Serial) -> None:
         self._port = port
-        self._patience = patience
 
     def send(self, command: str) -> None:
         """Send a command that has no reply."""
@@ -120,7 +120,7 @@ class AedDialogue:
     def _drain(self) -> None:
         """Read until the port is quiet, because adapters deliver bytes late."""
         begin = last = time.monotonic()
-        while (now := time.monotonic()) - last < _QUIET and now - begin < self._patience:
+        while (now := time.monotonic()) - last < _QUIET and now - begin < _PATIENCE:
             if self._port.in_waiting:
                 self._port.read(self._port.in_waiting)
                 last = now
@@ -154,7 +154,7 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device does not know {query}?')
         if not reply:
             raise SerialError(
-                f'{self._port.name}: no reply to {query}? within {self._patience:g} s; check the '
+                f'{self._port.name}: no reply to {query}? within {_PATIENCE:g} s; check the '
                 f'supply, the wires, baud_rate ({self._port.baudrate} Bd) and address'
             )
         return reply
@@ -190,7 +190,7 @@ class AedDialogue:
     def _line(self) -> str:
         """Return a reply without its end, empty if none comes in time."""
         line = b''
-        end = time.monotonic() + self._patience
+        end = time.monotonic() + _PATIENCE
         while not line.endswith(b'\n') and len(line) < _LONGEST_REPLY and time.monotonic() < end:
             line += self._port.read(max(1, self._port.in_waiting))
         return line.decode('ascii', 'replace').strip()

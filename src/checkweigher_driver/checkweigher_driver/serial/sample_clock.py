@@ -88,7 +88,6 @@ class SampleClock:
         self._begin(())
 
     def _begin(self, points: Sequence[_Point]) -> None:
-        """Begin a new line with some points."""
         self._buckets: deque[list[_Point]] = deque()
         self._bucket: list[_Point] = list(points)
         self._bucket_lateness: list[float] = []  # ns, of the reads of the bucket
@@ -139,7 +138,6 @@ class SampleClock:
         self._extend(point, late)
 
     def _extend(self, point: _Point, late: float) -> None:
-        """Add a point to the line."""
         self._bucket_lateness.append(max(late, 0.0))
         if not self._reads:
             self._from = point[0]

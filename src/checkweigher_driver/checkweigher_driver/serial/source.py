@@ -148,7 +148,6 @@ class SerialSource(Source):
             self._let_go()
 
     def _open(self) -> tuple[str, str]:
-        """Open the port and start the device up."""
         port = open_port(self._settings.port, self._settings.baud_rate)
         try:
             identity = self._start_up(port)

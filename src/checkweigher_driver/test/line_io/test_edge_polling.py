@@ -13,12 +13,14 @@ CLEAR = (False, False)
 
 
 def polling(max_uncertainty=1000, longest_gap=5000, delay=0):
-    return EdgePolling(max_uncertainty, longest_gap, delay)
+    """Return the polling of eyes that were clear at 0..10."""
+    found = EdgePolling(max_uncertainty, longest_gap, delay)
+    assert found.add(Poll(0, 10, CLEAR), 0) == []
+    return found
 
 
 def test_an_edge_is_in_the_middle_of_what_two_polls_leave_open():
     found = polling()
-    assert found.add(Poll(0, 10, CLEAR), 0) == []
     assert found.add(Poll(100, 130, (True, False)), 0) == [EyeEdge(65, Eye.INFEED, True)]
     assert found.uncertainty == 65
     assert found.add(Poll(200, 210, (False, True)), 7000) == [
@@ -29,13 +31,11 @@ def test_an_edge_is_in_the_middle_of_what_two_polls_leave_open():
 
 def test_the_delay_of_the_input_is_taken_off():
     found = polling(delay=40)
-    found.add(Poll(0, 10, CLEAR), 0)
     assert found.add(Poll(100, 130, (True, False)), 0) == [EyeEdge(25, Eye.INFEED, True)]
 
 
 def test_an_edge_that_is_too_uncertain_is_none():
     found = polling(max_uncertainty=50)
-    found.add(Poll(0, 10, CLEAR), 0)
     lost, back = found.add(Poll(100, 130, (True, False)), 0)
     assert isinstance(lost, EyesLost)
     assert lost.stamp == 0
@@ -48,7 +48,6 @@ def test_an_edge_that_is_too_uncertain_is_none():
 
 def test_without_a_change_a_short_gap_is_no_loss_and_a_long_one_is():
     found = polling(max_uncertainty=50, longest_gap=500)
-    found.add(Poll(0, 10, CLEAR), 0)
     assert found.add(Poll(400, 410, CLEAR), 0) == []
     lost, back = found.add(Poll(900, 910, CLEAR), 0)
     assert (lost.stamp, back.stamp) == (400, 910)
@@ -57,7 +56,7 @@ def test_without_a_change_a_short_gap_is_no_loss_and_a_long_one_is():
 def test_a_gap_in_which_a_product_like_the_last_one_may_have_passed_is_a_loss():
     found = polling(max_uncertainty=50, longest_gap=5000)
     blocked = (True, False)
-    for begin, state in ((0, CLEAR), (90, blocked), (180, blocked), (270, blocked), (360, CLEAR)):
+    for begin, state in ((90, blocked), (180, blocked), (270, blocked), (360, CLEAR)):
         found.add(Poll(begin, begin + 10, state), 0)
     assert found.losses == 0  # it was 270 at the eye
     assert found.add(Poll(620, 630, CLEAR), 0) == []
@@ -71,7 +70,6 @@ def test_a_gap_in_which_a_product_like_the_last_one_may_have_passed_is_a_loss():
 
 def test_a_loss_is_said_once_and_the_state_that_is_found_then_is_no_edge():
     found = polling()
-    found.add(Poll(0, 10, CLEAR), 0)
     assert found.lose(50, 0, 'cable') == [EyesLost(0, 'cable')]
     assert found.lose(90, 0, 'cable') == []
     assert found.add(Poll(700, 710, (True, True)), 0) == [EyesBack(710)]
@@ -79,7 +77,7 @@ def test_a_loss_is_said_once_and_the_state_that_is_found_then_is_no_edge():
 
 
 def test_eyes_that_are_not_there_at_the_start_are_lost_from_then_on():
-    found = polling()
+    found = EdgePolling(1000, 5000, 0)
     assert found.lose(50, 1000, 'no answer') == [EyesLost(1050, 'no answer')]
 
 
@@ -90,7 +88,7 @@ def test_eyes_that_are_not_there_at_the_start_are_lost_from_then_on():
 )
 def test_no_edge_is_further_from_the_truth_than_stated(waits, switches, random):
     """An eye that switches at known times, read at a random moment of each poll."""
-    found, now, truth, taken = polling(10**6, 10**6), 0, sorted(switches), []
+    found, now, truth, taken = EdgePolling(10**6, 10**6, 0), 0, sorted(switches), []
     last_read = -1
     for wait, length in waits:
         begin = now + wait

@@ -23,17 +23,8 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'record': ports.RECORDED,
     PAGE: (ports.DIAGNOSTICS,),
     'segmenter': (ports.DIAGNOSTICS,),  # for clocks, if its stamps come from two hosts
-    'page_results': (
-        ports.LOAD_CELL_INFO,
-        ports.PHOTO_EYES,
-        ports.REFERENCE_MASS,
-        ports.MASS_ESTIMATE,
-        ports.VERDICT,
-        ports.STATISTICS,
-        ports.FILLER_FEEDBACK,
-        ports.STOP_REQUEST,
-    ),
-    'page_signals': (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW),
+    'page_results': ports.PAGE_RESULTS,
+    'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
         ports.DYNAMIC_SETTING,
         ports.VERIFICATION_PROGRESS,
