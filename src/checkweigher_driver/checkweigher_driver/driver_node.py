@@ -117,11 +117,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Apply settings of an operator, which rclpy has checked by their descriptors."""
         assert self._operation is not None
         prefix = f'{self._operation.node}.'
-        values = self._operation.as_mapping()
-        for change in changes:
-            if change.name.startswith(prefix):
-                values[change.name.removeprefix(prefix)] = change.value
-        self._operation = type(self._operation).from_mapping(values)
+        own = [change for change in changes if change.name.startswith(prefix)]
+        values = {change.name.removeprefix(prefix): change.value for change in own}
+        self._operation = self._operation.from_mapping(self._operation.as_mapping() | values)
         if self._source is not None:
             self._source.operate(self._operation)
 

@@ -22,21 +22,19 @@ class DriverWatch:
         self._began = 0.0
         self._samples: SampleWatch | None = None
         self._eyes = EyeWatch()
-        self._state = 'inactive'
-        self._failure = ''
-        self._waits_for = ''
+        self._change('inactive')
 
     def begin(self, load_cell: LoadCell, now: float) -> None:
         """Begin a new stream of `load_cell` at `now`."""
         self._began = now
         self._samples = SampleWatch(load_cell)
         self._eyes = EyeWatch()
-        self._state, self._failure, self._waits_for = 'running', '', ''
+        self._change('running')
 
     def stop(self) -> None:
         """Set the state of the driver to inactive."""
         self._samples = None
-        self._state, self._failure, self._waits_for = 'inactive', '', ''
+        self._change('inactive')
 
     def add(self, now: float, event: Event) -> None:
         """Process an event that is sent."""
@@ -55,9 +53,10 @@ class DriverWatch:
 
     def end(self, failure: str | None = None) -> None:
         """Process the end of the source, with a failure or without."""
-        self._state = 'finished' if failure is None else 'failed'
-        self._failure = failure or ''
-        self._waits_for = ''
+        self._change('finished' if failure is None else 'failed', failure or '')
+
+    def _change(self, state: str, failure: str = '') -> None:
+        self._state, self._failure, self._waits_for = state, failure, ''
 
     def findings(
         self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]

@@ -42,8 +42,8 @@ class Spinner:
     def add(self, *nodes: Node) -> None:
         """Connect nodes with each other, serve them, and start them in this order."""
         connect(nodes)
+        self._nodes += nodes
         for node in nodes:
-            self._nodes.append(node)
             self._executor.add_node(node)
         with LOCK:
             for node in nodes:

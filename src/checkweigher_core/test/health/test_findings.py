@@ -42,20 +42,14 @@ def test_the_slope_is_that_of_the_values_that_are_there():
     assert math.isnan(recent.slope)
 
 
-def test_values_span_a_time():
+def test_values_span_a_time_and_there_is_no_slope_of_one_moment():
     recent = RecentValues()
     assert recent.span == 0.0
-    for time, value in ((2.0, 5.0), (3.5, 6.0)):
-        recent.add(time, value)
-    assert (recent.span, recent.values[0]) == (1.5, 5.0)
-
-
-def test_there_is_no_slope_of_one_moment():
-    recent = RecentValues()
-    recent.add(1.0, 2.0)
-    assert math.isnan(recent.slope)
-    recent.add(1.0, 3.0)
-    assert math.isnan(recent.slope)
+    for value in (2.0, 3.0):
+        recent.add(1.0, value)
+        assert math.isnan(recent.slope)
+    recent.add(2.5, 6.0)
+    assert (recent.span, recent.values[0]) == (1.5, 2.0)
 
 
 def test_items_are_counted_by_their_first_reason():

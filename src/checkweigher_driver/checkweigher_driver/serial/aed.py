@@ -86,10 +86,9 @@ class AedSource(SerialSource):
         code = device.ask('ICR').lstrip('0')
         if wanted.output_rate != _AS_IT_IS and code != str(wanted.output_rate).lstrip('0'):
             device.order(f'ICR {wanted.output_rate}', 'aed.output_rate')
-        if wanted.filter != _AS_IT_IS:
-            device.order(f'ASF {wanted.filter}', 'aed.filter')
-        if wanted.filter_mode != _AS_IT_IS:
-            device.order(f'FMD {wanted.filter_mode}', 'aed.filter_mode')
+        for command, name in (('ASF', 'filter'), ('FMD', 'filter_mode')):
+            if (value := getattr(wanted, name)) != _AS_IT_IS:
+                device.order(f'{command} {value}', f'aed.{name}')
         return identity
 
     def _begin(self, port: serial.Serial) -> None:
