@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from checkweigher_bringup.spinning import write_parameter_file
+from checkweigher_core.ros.ports import NODES
 
 LINE = 'checkweigher_bringup.line'
 
@@ -22,6 +23,16 @@ def children(pid: int) -> list[int]:
     """Return the processes that a process has started and that have not ended."""
     threads = Path(f'/proc/{pid}/task').iterdir()
     return [int(child) for path in threads for child in (path / 'children').read_text().split()]
+
+
+def pids_of(pid: int, name: str) -> list[int]:
+    """Return the processes of a node, or of a whole ``line``, that a process has started."""
+    module = NODES.get(name, LINE)
+    return [
+        child
+        for child in children(pid)
+        if module in Path(f'/proc/{child}/cmdline').read_text(encoding='utf-8').split('\0')
+    ]
 
 
 def resident_memory(pid: int, field: str = 'VmRSS') -> int:

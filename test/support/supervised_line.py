@@ -14,7 +14,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 from graph import call, heard
-from processes import LINE, children
+from processes import children, pids_of
 from rclpy.node import Node
 from running import PATIENCE, words_of
 from verdicts import assert_one_verdict_each
@@ -22,7 +22,6 @@ from verdicts import assert_one_verdict_each
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.ports import NODES
 
 PARAMETERS = """
 /**/driver:
@@ -64,10 +63,9 @@ class SupervisedLine:
 
     def pid(self, name: str) -> int:
         """Return the process of a node, or of the whole `line`."""
-        for pid in children(self.command.pid):
-            if NODES.get(name, LINE) in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
-                return pid
-        raise AssertionError(f'{name} does not run\n{self.log.read_text()}')
+        found = pids_of(self.command.pid, name)
+        assert found, f'{name} does not run\n{self.log.read_text()}'
+        return found[0]
 
     def call(self, kind: Any, name: str, /, **request: object) -> Any:
         """Call a service of the line."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream of a source: announced, sent in step with the line behind it, and ended."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import math
 import threading
@@ -160,18 +160,26 @@ class SourceStream:
         rate = source.load_cell.sample_rate
         self._flows = True
         self._repeats = [time.monotonic() + seconds for seconds in _REPEATS]
-        pace, pacer = self._parameters.rate, None
-        events = cut_for_pace(source, rate, pace, self._parameters.block_time)
-        for event in events if source.paced else source:
-            pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation begins late
-            if source.paced:
-                self._wait_until(pacer.due(event))
+        for event in self._events(source, rate):
             if lossless and not self._line_has_come_so_far(event, rate):
                 return
             with LOCK:
                 if self._stopping:
                     return
                 self._send(event)
+
+    def _events(self, source: Source, rate: float) -> Iterator[Event]:
+        """Yield the events of a source as they come, those of a paced one when they are due."""
+        if not source.paced:
+            yield from source
+            return
+        pace, pacer = self._parameters.rate, None
+        for event in cut_for_pace(source, rate, pace, self._parameters.block_time):
+            pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation begins late
+            with self._changed:
+                left = max(pacer.due(event) - time.monotonic(), 0.0)
+                self._changed.wait_for(lambda: self._stopping, left)
+            yield event
 
     def _send(self, event: Event) -> None:
         """Send an event, and before it the status if that is to be repeated."""
@@ -254,11 +262,6 @@ class SourceStream:
             and self._eyes.count() > 0
             and self.status.count() > 0
         )
-
-    def _wait_until(self, due: float) -> None:
-        """Wait until a time of the monotonic clock, s, or until the stream is ended."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._stopping, max(due - time.monotonic(), 0.0))
 
     def _wait_for(
         self,

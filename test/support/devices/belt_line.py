@@ -17,14 +17,13 @@ from checkweigher_msgs.msg import StopRequest
 from graph import call
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from processes import children
+from processes import pids_of
 from rclpy.node import Node
 from running import PATIENCE, free_port, wait_for, words_of
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.ports import NODES
 from checkweigher_driver.line_io.belt_record import OnBelt
 
 MACHINE = Path(__file__).with_name('belt_machine.py')
@@ -144,12 +143,7 @@ class BeltLine:
     def pids(self, name: str) -> list[int]:
         """Return the processes of a node, or of all that `run` has started for ``line``."""
         assert self.command is not None
-        module = NODES.get(name, 'checkweigher_bringup.line')
-        return [
-            pid
-            for pid in children(self.command.pid)
-            if module in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8').split('\0')
-        ]
+        return pids_of(self.command.pid, name)
 
     def signal(self, name: str, number: int) -> int:
         """Send a signal to a node, or in one process to the line; return to which process."""

@@ -230,11 +230,15 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
         return partial(to_record, _PORTS[hint])
     if hint is str:
         return lambda text: str(_bounded(text))
-    if issubclass(hint, Enum) and unknown is not None:
-        members = {member.value: member for member in hint}
-        return lambda value: members.get(value, unknown)
-    reader: Callable[[Any], Any] = hint
-    return reader
+    return cast(_Get, hint) if unknown is None else partial(_member, hint, unknown)
+
+
+def _member(kind: type[Enum], unknown: Enum, value: object) -> Enum:
+    """Return a member of an enumeration, `unknown` for the value of none."""
+    try:
+        return kind(value)
+    except ValueError:
+        return unknown
 
 
 def _text(value: str) -> str:

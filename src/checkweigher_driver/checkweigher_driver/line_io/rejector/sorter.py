@@ -59,12 +59,13 @@ class Sorter:
         if verdict.station:
             self._divert(there, now, verdict.station)
         if self._permitting:
-            known = passage is not None and not self._was_stopped(times)
-            self._permit(arrivals[0] if arrivals and known else None, passage or 0, now)
+            self._permit(times, passage, now)
 
-    def _permit(self, arrival: int | None, passage: int, now: int) -> None:
-        """Permit an accepted item to pass, if it is known when it arrives."""
-        given = arrival is not None and self.permits.permit(arrival, passage, now)
+    def _permit(self, times: Times | None, passage: int | None, now: int) -> None:
+        """Permit an accepted item to pass, if it is known when it arrives and for how long."""
+        given = False
+        if times is not None and passage is not None and not self._was_stopped(times):
+            given = self.permits.permit(self._motion.time.arrival(*times)[0], passage, now)
         self.figures['permits' if given else 'permits withheld'] += 1
 
     def _was_stopped(self, times: Times | None) -> bool:
@@ -98,17 +99,17 @@ class Sorter:
             why = 'the time at which it is at the rejector is not known; look for it'
             self.eject(now, f'{item}: {why}')
             return
-        late = self._pulses[station].add(times.due, times.since, now, times.entered)
+        late, why = self._pulses[station].add(times.due, times.since, now, times.entered), ''
         if late:
             self.figures['late rejects'] += 1
             after = f'{1e-6 * late:.0f} ms after its reject time'
-            self._missed.add(f'{item}: its verdict came {after}; look for it behind the rejector')
+            why = f'its verdict came {after}; look for it behind the rejector'
         elif not reached:
-            what = 'the rejector could not be reached; look for it behind the rejector'
-            self._missed.add(f'{item}: {what}')
+            why = 'the rejector could not be reached; look for it behind the rejector'
         elif self._was_stopped(times):
-            what = 'the belt was stopped on its way to the rejector; look for it'
-            self._missed.add(f'{item}: {what}')
+            why = 'the belt was stopped on its way to the rejector; look for it'
+        if why:
+            self._missed.add(f'{item}: {why}')
 
     def eject(self, now: int, why: str) -> None:
         """Eject at once, perhaps another item, and latch the stop."""
