@@ -5,6 +5,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from running import children
+
 from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_core.ros.ports import NODES
 
@@ -17,12 +19,6 @@ def parameter_file(path: Path, values: Values) -> Path:
     """Write the parameters of some nodes to a file and return its path."""
     write_parameter_file(path, values)
     return path
-
-
-def children(pid: int) -> list[int]:
-    """Return the processes that a process has started and that have not ended."""
-    threads = Path(f'/proc/{pid}/task').iterdir()
-    return [int(child) for path in threads for child in (path / 'children').read_text().split()]
 
 
 def pids_of(pid: int, name: str) -> list[int]:

@@ -57,6 +57,12 @@ def wait_for(
         time.sleep(0.005)
 
 
+def children(pid: int) -> list[int]:
+    """Return the processes that a process has started and that have not ended."""
+    threads = Path(f'/proc/{pid}/task').iterdir()
+    return [int(child) for path in threads for child in (path / 'children').read_text().split()]
+
+
 def free_port() -> int:
     """Return a TCP port of this computer that nobody uses."""
     with socket.socket() as probe:

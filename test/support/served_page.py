@@ -10,8 +10,7 @@ from pathlib import Path
 import re
 import subprocess
 
-from processes import children
-from running import PATIENCE, words_of
+from running import PATIENCE, children, words_of
 import yaml
 
 

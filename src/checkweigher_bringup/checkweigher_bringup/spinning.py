@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 import yaml
 
 from checkweigher_core.parent_process import child_environment
-from checkweigher_core.ros.access.policy import enclave_arguments
+from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.spinner import Spinner
 

@@ -14,7 +14,7 @@ from running import ROOT
 from checkweigher_bringup.running_line import BESIDE
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.access.policy import PAGE_WORK, REPORTER, Rights, rights
+from checkweigher_core.ros.graph.policy import PAGE_WORK, REPORTER, Rights, rights
 from checkweigher_core.ros.services import OF_MACHINE
 
 LANE = 'guarded'

@@ -20,7 +20,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the policy."""
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_namespace
-    from checkweigher_core.ros.access.policy import policy
+    from checkweigher_core.ros.graph.policy import policy
     from checkweigher_core.whole_file import write_whole
 
     check_output_file(arguments.output, arguments.overwrite)

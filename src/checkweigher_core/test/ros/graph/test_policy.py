@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from xml.etree import ElementTree
 
-from checkweigher_core.ros.access.policy import enclaves, policy, rights
+from checkweigher_core.ros.graph.policy import enclaves, policy, rights
 from checkweigher_core.ros.ports import NODES
 
 SHARED = ('/rosout', '/parameter_events', '/diagnostics')
