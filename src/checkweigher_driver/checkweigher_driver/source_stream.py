@@ -139,7 +139,7 @@ class SourceStream:
             failure = str(error)
         with self._changed:
             if not self._stopping:
-                # The line has to learn that the source broke: items on the belt are faults.
+                # Report the failure to the line, so that items on the belt become faults.
                 self._watch.end(failure)
                 if failure is None:
                     self.report(StreamState.FINISHED)

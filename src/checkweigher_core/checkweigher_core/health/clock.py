@@ -27,8 +27,8 @@ _CLOCK_STEP = 0.5  # s, largest difference between stamp and index of one clock
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their arrival.
 
-    The delay of a block is its arrival less the time of its last sample. The least delay in a few
-    seconds is that of a message that did not wait, so it changes as the clocks do.
+    The delay of a block is its arrival less the time of its last sample. The shortest delay in a
+    few seconds belongs to a message that did not wait, so it changes only with the clocks.
     """
 
     def __init__(self, sample_rate: float) -> None:

@@ -36,8 +36,8 @@ STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
 class History(NamedTuple):
     """Messages that a publisher keeps, up to `depth`.
 
-    With `latched` (transient local) a late subscriber that asks for them gets them, with
-    `stage_latched` the stages ask.
+    With `latched` (transient local), late subscribers that request the messages get them. With
+    `stage_latched`, the stages request them.
     """
 
     depth: int
@@ -55,14 +55,15 @@ ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
 RESULTS = History(1000, latched=True)
 # Of the last moment alone.
 MOMENT = History(1)
-# Silence in s after which what has to be fresh is gone, and the share that its maker promises.
+# Silence in s after which a periodic message expires, and the share of it within which the
+# publisher promises the next one.
 FRESH_TIME = 0.35
 _PROMISED = 0.75
 
 
 @dataclass(frozen=True)
 class Port:
-    """A topic with what passes there, who makes it and who takes it."""
+    """Topic, with its message, its publisher and its subscribers."""
 
     name: str  # relative to the lane's namespace, unless it begins with a slash
     message_type: str  # as ROS names it, with /msg/ or /srv/

@@ -77,7 +77,7 @@ class StatusBoard:
                 text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
                 found.append(Row(node, '', Level.STALE, text, silence=now - heard))
                 continue
-            # The node's own row repeats the worst of the others unless it is a warning of its own.
+            # Leave out a node's own row if it only repeats the worst of its aspects.
             found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]
         lanes = {node.rpartition('/')[0] for node in nodes} or {self._namespace}
         for lane in lanes:

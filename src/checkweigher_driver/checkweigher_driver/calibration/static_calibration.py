@@ -4,10 +4,11 @@
 
     counts = zero_counts + counts_per_kg * mass
 
-is fitted by weighted least squares. The variance of a point is that of its reading and that of its
-mass, carried over by the sensitivity (effective variance: Orear, Am. J. Phys. 50, 912 (1982)).
-Where the points scatter more than these two explain, the uncertainties are multiplied by the square
-root of chi-squared over its degrees of freedom (Birge ratio), because the cell is not linear.
+is fitted by weighted least squares. The variance of a point is the variance of its reading plus
+that of its mass, converted by the sensitivity (effective variance: Orear, Am. J. Phys. 50, 912
+(1982)). Where the points scatter more than these two explain, the uncertainties are multiplied by
+the square root of chi-squared over its degrees of freedom (Birge ratio), because the cell is not
+linear.
 """
 
 from collections.abc import Sequence

@@ -42,7 +42,7 @@ class ClockStepWatch:
         self.steps = 0
 
     def look(self) -> int | None:
-        """Return monotonic time less stamp, ns, or None while a step leaves that in doubt.
+        """Return monotonic minus real time in ns, or None shortly after a step.
 
         Call it often: a step back and forth between two calls is not noticed.
         """

@@ -87,10 +87,10 @@ class RejectorControl:
     `connected` while the port cannot be switched. The line stops without a fresh permission of
     reject, while it is `held`, and for a missed product.
 
-    Pulses and permits follow from the places of the items. After a stop of the belt that was not
-    measured these are in doubt: no item may pass, and the line stops until a person has looked.
-    Only a machine that `permits` has permits. A machine has as many `stations` beside its
-    rejector; in the safe state they rest, because the rejector takes all that is in doubt.
+    Pulses and permits follow from the places of the items. After a belt stop that was not measured,
+    the places are unknown: no item may pass, and the line stops until a person has looked. Only a
+    machine that `permits` has permits. A machine has as many `stations` beside its rejector; in the
+    safe state they rest, because the rejector takes all that is in doubt.
     """
 
     def __init__(

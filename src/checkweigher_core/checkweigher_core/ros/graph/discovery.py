@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the nodes find and hear each other: profiles for Fast DDS, made for each environment.
 
-Nodes receive by UDP alone, on one computer too. By the shared memory of Fast DDS 2.14.5 the largest
-messages of a node came no more after some 30 kills of the processes that read them (compare
-eProsima/Fast-DDS issue 5469).
+Nodes receive by UDP alone, on one computer too. With the shared memory of Fast DDS 2.14.5, the
+largest messages of a node no longer arrived after processes that read them had been killed some 30
+times (compare eProsima/Fast-DDS issue 5469).
 
-Without multicast Fast DDS calls on an address at the ports of its first four participants alone.
-With a fifth and a sixth process on a computer, these two would never find each other.
+Without multicast, Fast DDS contacts only the ports of the first four participants of an address. A
+fifth and a sixth process on one computer would never find each other.
 """
 
 from collections.abc import Mapping

@@ -44,7 +44,7 @@ class Place:
             )
 
     def sign(self, participant: bytes) -> None:
-        """Say by which participant of DDS the node of this place is seen in the graph."""
+        """Register the DDS participant by which the graph shows the node of this place."""
         self._hold(participant)
 
     def free(self) -> None:
@@ -64,7 +64,7 @@ class Place:
 
 
 def participant_of(node: Node) -> bytes:
-    """Return by which participant of DDS the nodes of this process are seen in the graph."""
+    """Return the DDS participant by which the graph shows the nodes of this process."""
     events = PublisherEventCallbacks(use_default_callbacks=False)
     publisher = node.create_publisher(KeyValue, f'~/_{uuid4().hex}', 1, event_callbacks=events)
     (own,) = node.get_publishers_info_by_topic(publisher.topic_name)

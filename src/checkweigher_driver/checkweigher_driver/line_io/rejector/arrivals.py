@@ -17,7 +17,7 @@ _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # Longest time to the rejector; a later reject time is not on the clock of this machine.
 _FURTHEST = 600 * NANOSECONDS
 _CLOCK_STEP = 5_000_000  # ns
-# Reasons for which the speed by the eyes may be that of a belt that stood for a while.
+# Reasons that make the speed from the eyes unreliable, because the belt may have stopped.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
 
 
@@ -32,7 +32,8 @@ class Times(NamedTuple):
 class Arrivals:
     """Times of the items of a belt; `clock` has the offset from their stamps to the clock of `now`.
 
-    Two products whose edges were merged are found by their way, which is that of no single product.
+    If the edges of two products were merged, their item takes a different time from the infeed eye
+    to the rejector than a single product.
     """
 
     def __init__(self, motion: BeltMotion) -> None:
@@ -41,7 +42,7 @@ class Arrivals:
         self._way: int | None = None  # ns of running belt from infeed eye to rejector, last item
 
     def times(self, verdict: Verdict, now: int) -> Times | None:
-        """Return the times of an item, None if its edges can be those of two products."""
+        """Return the times of an item, None if unknown or if it may be two merged products."""
         times = self._by_eyes(verdict, now)
         if times is None or times.entered is None:
             return times

@@ -26,8 +26,9 @@ class LatchEvent(Enum):
     RESET = auto()
 
 
-# A person has looked for a product when the request that showed it is taken back. A request that is
-# taken back before it showed the product had another reason. All other pairs change nothing.
+# If a stop request that showed a product is taken back, a person has looked for the product. A
+# request that is taken back before it showed the product had another reason. All other pairs change
+# nothing.
 _TRANSITIONS = {
     (Latch.CLEAR, LatchEvent.MISS): Latch.UNTOLD,
     (Latch.UNTOLD, LatchEvent.SHOW): Latch.SHOWN,

@@ -13,8 +13,8 @@ _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 class RejectWord:
     """The permission to run and the stop requests of reject, for a machine that may miss products.
 
-    A permission is fresh for `FRESH_TIME`; without a fresh one reject has ended or hangs, and may
-    have forgotten what it had asked for.
+    A permission is fresh for `FRESH_TIME`. Without a fresh one, reject has ended or hangs, and may
+    have lost its stop requests.
     """
 
     def __init__(self, missed: MissedProducts) -> None:
