@@ -12,7 +12,7 @@ from checkweigher_driver.line_io.machine_inputs import MachineInputs
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_driver.sources import EdgeSource, Source
-from checkweigher_driver.sources.machine import Machine
+from checkweigher_driver.sources.machine import MachineSource
 
 # Name and class. A class is imported on request, so that a machine needs only the libraries of its
 # own devices. A further source is one module with a `Source` class and one line here.
@@ -135,7 +135,7 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
     def make() -> Source:
         edges = make_eyes(eye_parameters)
         try:
-            return Machine(make_source(parameters), edges)
+            return MachineSource(make_source(parameters), edges)
         except BaseException:
             edges.close()
             raise

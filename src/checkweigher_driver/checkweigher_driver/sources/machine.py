@@ -21,7 +21,7 @@ from checkweigher_driver.sources import (
 _END_PATIENCE = 2.0  # s for a thread to end
 
 
-class Machine(Source):
+class MachineSource(Source):
     """Samples of one device and edges of another, in the order in which they come.
 
     Each device is read in a thread of its own. While the eyes are not read samples are withheld, so

@@ -12,7 +12,7 @@ from serial_line import Reader
 from checkweigher_core.parameters import Parameters
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
-from checkweigher_driver.sources.machine import Machine
+from checkweigher_driver.sources.machine import MachineSource
 
 CELL = LoadCell(960.0, 5e5, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2)
 
@@ -51,7 +51,7 @@ def block(number):
 @pytest.fixture
 def machine():
     cell, eyes = ScriptedCell(), ScriptedEyes()
-    reader = Reader(Machine(cell, eyes))
+    reader = Reader(MachineSource(cell, eyes))
 
     def give(device, event, count):
         """Give an event and wait until it has been taken, and so many events are out."""
@@ -98,13 +98,13 @@ def test_even_the_shortest_time_without_eyes_leaves_a_gap(machine):
 
 def test_what_ends_a_device_ends_the_machine():
     cell, eyes = ScriptedCell(), ScriptedEyes()
-    reader = Reader(Machine(cell, eyes))
+    reader = Reader(MachineSource(cell, eyes))
     cell.given.put(ValueError('another device answers'))
     reader.wait_for_end()
     assert str(reader.error) == 'another device answers'
 
     cell, eyes = ScriptedCell(), ScriptedEyes()
-    reader = Reader(Machine(cell, eyes))
+    reader = Reader(MachineSource(cell, eyes))
     eyes.close()  # by itself, not by the machine
     reader.wait_for_end()
     assert str(reader.error) == 'eyes have ended'
@@ -112,7 +112,7 @@ def test_what_ends_a_device_ends_the_machine():
 
 def test_a_machine_that_is_closed_ends_without_an_error():
     before = threading.active_count()
-    reader = Reader(Machine(ScriptedCell(), ScriptedEyes()))
+    reader = Reader(MachineSource(ScriptedCell(), ScriptedEyes()))
     reader.close()
     assert reader.error is None
     assert threading.active_count() == before
