@@ -3,15 +3,13 @@
 """Settings and fixtures of all tests of the workspace."""
 
 from collections.abc import Callable, Iterator
-import csv
 from pathlib import Path
-import signal
 import subprocess
 import sys
 
 from hypothesis import HealthCheck, settings
 import pytest
-from running import run_command
+from running import read_rows, run_command
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -33,20 +31,6 @@ def _turns_of_threads() -> Iterator[None]:
     interval = sys.getswitchinterval()
     yield
     sys.setswitchinterval(interval)
-
-
-@pytest.fixture(autouse=True)
-def _handlers_of_signals() -> Iterator[None]:
-    """Undo what a command that ran in this process did to its signals.
-
-    At its end it ignores them, and every process that a later test starts would inherit that.
-    """
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.getsignal(number) for number in numbers}
-    yield
-    for number, handler in before.items():
-        if signal.getsignal(number) != handler:
-            signal.signal(number, handler)
 
 
 @pytest.fixture(autouse=True)
@@ -74,7 +58,6 @@ def rows(checkweigher: Run, tmp_path: Path) -> Callable[..., list[dict[str, str]
     def run(*arguments: object) -> list[dict[str, str]]:
         path = tmp_path / f'{len(list(tmp_path.iterdir()))}.csv'
         checkweigher(*arguments, '--csv', path)
-        with path.open(encoding='utf-8', newline='') as file:
-            return list(csv.DictReader(file))
+        return read_rows(path)
 
     return run

@@ -4,17 +4,14 @@
 
 import subprocess
 
-from running import words_of
+from running import start_command
 
 
 class Dialogue:
     """The command in a process of its own, with a technician at its keyboard."""
 
     def __init__(self, *arguments: object, command: str = 'calibrate') -> None:
-        self.process = subprocess.Popen(
-            words_of(command, *arguments),
-            text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+        self.process = start_command(command, *arguments, stdin=subprocess.PIPE)
 
     def asked(self) -> str:
         """Wait for the next question and return it."""

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded lines for the tests, with faults put in where a test wants them."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import Eye, EyeEdge, SampleBlock
+from checkweigher_core.records import Eye, EyeEdge, Reference, SampleBlock
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 EDGES = {
@@ -22,6 +24,13 @@ EDGES = {
 def simulated(**parameters: object) -> Recording:
     """Return a simulated line."""
     return simulate(SimulationParameters.from_mapping(parameters))
+
+
+def weigh_all(recording: Recording, parameters: LineParameters | None = None) -> Iterator[Weighing]:
+    """Yield what becomes of the items of a line without the graph, in the order of verdicts."""
+    events = (event for event in recording if not isinstance(event, Reference))
+    line = WeighingLine(recording.load_cell, parameters or LineParameters())
+    return line.weigh_all(events)
 
 
 def counts_of(recording: Recording) -> NDArray[np.int32]:

@@ -77,9 +77,6 @@ class Line:
         # Without deadlines, for a bag comes faster than its time.
         self.for_reject = {'deadlines': False, 'needs_product': needs_product}
         self.stages = {name: self.make(name) for name in STAGE_NODES if name != without}
-        self.product = ProductNode(
-            {'recipes': str(self.recipes), 'audit_log': str(self.log), **parameters}
-        )
         self.operator = Node('operator')
         self.verdicts: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.statistics: list[Any] = []
@@ -89,8 +86,25 @@ class Line:
         self.listen(ports.STATISTICS, self.statistics.append)
         self.products: list[Any] = []  # by which items are judged
         self.listen(ports.PRODUCT_IN_USE, self.products.append)
-        for node in (*self.stages.values(), self.product, self.operator):
+        for node in self.stages.values():
             spinner.add(node)
+        self.start_product(**parameters)
+        spinner.add(self.operator)
+
+    def start_product(self, **parameters: object) -> None:
+        files = {'recipes': str(self.recipes), 'audit_log': str(self.log)}
+        self.product = ProductNode({**files, **parameters})
+        self.spinner.add(self.product)
+
+    def restart_product(self, **parameters: object) -> None:
+        """Destroy the product node, and start another one with these parameters."""
+        self.spinner.remove(self.product)
+        wait_for(lambda: 'product' not in self.operator.get_node_names())
+        self.start_product(**parameters)
+
+    def wait_until_found(self) -> None:
+        """Wait until the parameters of all nodes are in the audit log."""
+        wait_for(lambda: len(self.entries('found')) == len(STAGE_NODES) + 1)
 
     def make(self, name: str) -> Any:
         kind = self._identifier if name == 'identifier' else STAGE_NODES[name]

@@ -3,12 +3,15 @@
 """Running the command line as a user does, in a ROS domain of the tests' own."""
 
 from collections.abc import Callable
+import csv
+import hashlib
 import os
 from pathlib import Path
 import socket
 import subprocess
 import sys
 import time
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
@@ -36,15 +39,39 @@ os.environ['ROS_DOMAIN_ID'] = str(_domain)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
-def words_of(*arguments: object) -> list[str]:
-    """Return the words of the command line, for a process of its own, as a user starts it."""
+_PIPES = {'text': True, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
+
+
+def command_line(*arguments: object) -> list[str]:
+    """Return the words that run the command line in a process of its own, as a user does."""
     return [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, arguments)]
 
 
-def run_command(*arguments: object, timeout: float = 120) -> subprocess.CompletedProcess[str]:
-    """Run the command line until it ends."""
-    words = words_of(*arguments)
-    return subprocess.run(words, capture_output=True, text=True, timeout=timeout, check=False)
+def start_command(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+    """Start a command; its output goes to pipes, if the `options` of Popen say nothing else."""
+    return subprocess.Popen(command_line(*arguments), **{**_PIPES, **options})
+
+
+def run_command(
+    *arguments: object, timeout: float = 120, **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with `options` as in `start_command`."""
+    words = command_line(*arguments)
+    return subprocess.run(words, timeout=timeout, check=False, **{**_PIPES, **options})
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file that a command has written."""
+    with path.open(encoding='utf-8', newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of each Parquet file that `weigh --output` has written."""
+    return {
+        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(folder.rglob('*.parquet'))
+    }
 
 
 def wait_for(

@@ -10,7 +10,7 @@ from pathlib import Path
 import re
 import subprocess
 
-from running import PATIENCE, children, words_of
+from running import PATIENCE, children, start_command
 import yaml
 
 
@@ -19,9 +19,7 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     """Serve the page, and give its process and port; without the users of who runs the tests."""
     environment = {**os.environ, 'XDG_CONFIG_HOME': os.devnull}
     environment.pop('PYTEST_CURRENT_TEST', None)  # with it NiceGUI compresses nothing
-    process = subprocess.Popen(
-        words_of('page', '--port', 0, *options), stderr=subprocess.PIPE, text=True, env=environment
-    )
+    process = start_command('page', '--port', 0, *options, stdout=None, env=environment)
     try:
         assert process.stderr is not None
         line = process.stderr.readline()
@@ -36,12 +34,12 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
 @contextmanager
 def line_of(
     params: Path, values: Mapping[str, Mapping[str, object]], *options: str
-) -> Iterator[subprocess.Popen[bytes]]:
+) -> Iterator[subprocess.Popen[str]]:
     """Run a line with parameters by node, written to a file, and give its process."""
     sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
     params.write_text(yaml.safe_dump(sections))
-    words = words_of('run', '--params', params, *options)
-    line = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    words = 'run', '--params', params, *options
+    line = start_command(*words, stdout=subprocess.DEVNULL, stderr=None)
     try:
         yield line
     finally:

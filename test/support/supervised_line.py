@@ -8,15 +8,14 @@ import os
 from pathlib import Path
 import queue
 import signal
-import subprocess
 import time
 from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 from graph import call, heard
-from processes import children, pids_of
+from processes import pids_of
 from rclpy.node import Node
-from running import PATIENCE, words_of
+from running import PATIENCE, children, start_command
 from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.spinning import Spinner, spinning
@@ -56,10 +55,13 @@ class SupervisedLine:
         parameters.write_text(PARAMETERS + more, encoding='utf-8')
         self.log = folder / 'log'
         with self.log.open('w', encoding='utf-8') as file:
-            options = ['--processes'] if processes else []
-            options += [] if machine is None else ['--folder', str(machine)]
-            words = words_of('run', '--namespace', 'running', '--params', parameters, *options)
-            self.command = subprocess.Popen(words, stdout=file, stderr=file)
+            self.command = start_command(
+                *('run', '--namespace', 'running', '--params', parameters),
+                *(['--processes'] if processes else []),
+                *([] if machine is None else ['--folder', machine]),
+                stdout=file,
+                stderr=file,
+            )
 
     def pid(self, name: str) -> int:
         """Return the process of a node, or of the whole `line`."""

@@ -8,11 +8,10 @@ import queue
 from typing import Any
 
 from checkweigher_msgs.msg import Verdict
+from lines import weigh_all
 
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import Reference
 from checkweigher_core.ros.conversion import stamp_from
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 
 
 def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
@@ -29,9 +28,4 @@ def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict
 
 def offline_verdicts(recording: Recording) -> list[dict[str, Any]]:
     """Return the verdicts on a recording without the graph, as a witness tells them."""
-    line = WeighingLine(recording.load_cell, LineParameters())
-    found = []
-    for event in recording:
-        if not isinstance(event, Reference):
-            found += line.add(event)
-    return [json.loads(json.dumps(asdict(w.verdict))) for w in (*found, *line.finish())]
+    return [json.loads(json.dumps(asdict(w.verdict))) for w in weigh_all(recording)]

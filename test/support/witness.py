@@ -5,43 +5,33 @@
 python3 test/support/witness.py lane1 lane2
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 import json
 import sys
 import time
 from typing import Any
 
-from rclpy.node import Node
-
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.conversion import to_record
+from checkweigher_core.ros.port_node import PortNode
 
 
-class Witness(Node):
-    """Listens to one lane."""
-
-    def __init__(self, lane: str) -> None:
-        super().__init__('witness', namespace=lane)
-        self._listen(ports.VERDICT, lambda message: asdict(to_record(ports.VERDICT, message)))
-        self._listen(ports.PHOTO_EYES, lambda message: asdict(to_record(ports.PHOTO_EYES, message)))
-
-    def _listen(self, topic: ports.Port, content: Callable[[Any], dict[str, Any]]) -> None:
-        lane = self.get_namespace().strip('/')
-
-        def tell(message: Any) -> None:
-            line = {'lane': lane, 'topic': topic.name, 'came': time.monotonic_ns()}
-            print(json.dumps({**line, **content(message)}), flush=True)
-
-        self.create_subscription(topic.type, topic.name, tell, topic.qos)
+def tell(lane: str, port: ports.Port, record: Any) -> None:
+    """Tell a record of a lane."""
+    line = {'lane': lane, 'topic': port.name, 'came': time.monotonic_ns()}
+    print(json.dumps({**line, **asdict(record)}), flush=True)
 
 
 def main(lanes: Sequence[str]) -> None:
     """Listen until stdin is closed."""
     with spinning() as spinner:
         for lane in lanes:
-            spinner.add(Witness(lane))
+            node = PortNode('witness', namespace=lane)
+            for port in (ports.VERDICT, ports.PHOTO_EYES):
+                node.subscribe(port, partial(tell, lane, port), qos=port.qos)
+            spinner.add(node)
         print(json.dumps({'topic': 'ready'}), flush=True)
         sys.stdin.read()
 

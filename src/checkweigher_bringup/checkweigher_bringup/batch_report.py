@@ -16,6 +16,13 @@ from checkweigher_production.batch_record import read_lines
 from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
+# What is said of the SHA-256 of a record, where it was compared.
+_IN_LOG = {
+    InLog.AGREES: 'agrees with the audit log',
+    InLog.DIFFERS: 'DIFFERS from that in the audit log: it is not as it was when the batch ended',
+    InLog.ABSENT: 'is not in the audit log',
+}
+
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
     """Return the batch of a record, compared with an audit log, by default that of the record.
@@ -51,16 +58,10 @@ def write_report(
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
     """Yield the lines on the record and the audit log, and on each product."""
     title = f'batch {one_line(batch.name)}'
-    if batch.in_log is InLog.AGREES:
-        yield f'{title}: the SHA-256 of its record agrees with the audit log'
-    elif batch.in_log is InLog.DIFFERS:
-        yield (
-            f'{title}: the SHA-256 of its record DIFFERS from that in the audit log: it '
-            'is not as it was when the batch ended'
-        )
-    elif batch.in_log is InLog.ABSENT:
-        why = '' if batch.end else ': the batch has not ended yet'
-        yield f'{title}: the SHA-256 of its record is not in the audit log{why}'
+    if batch.in_log in _IN_LOG:
+        open_yet = batch.in_log is InLog.ABSENT and not batch.end
+        why = ': the batch has not ended yet' if open_yet else ''
+        yield f'{title}: the SHA-256 of its record {_IN_LOG[batch.in_log]}{why}'
     for part in parts:
         counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
         product = one_line(part.product.name or 'no product')

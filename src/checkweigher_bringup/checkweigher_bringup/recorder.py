@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorder of the messages of a lane, byte for byte, into a bag."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 import math
 from pathlib import Path
@@ -35,13 +35,12 @@ _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 class ReferencePasses:
     """Passes of products of one known mass in kg; `wanted` of them end the recording.
 
-    `count` is the number of passes with a whole window up to now. The queue `news` has a line for
-    each pass and may be read from any thread.
+    `count` is the number of passes with a whole window up to now.
     """
 
     def __init__(self, mass: float, wanted: int | None) -> None:
-        self.news: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.count = 0
+        self._news: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._mass = mass
         self._wanted = wanted or math.inf
         self._of = f' of {wanted}' if wanted else ''
@@ -52,6 +51,11 @@ class ReferencePasses:
         """True if all wanted passes have come, and the last product has left the belt."""
         return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
 
+    def lines(self) -> Iterator[str]:
+        """Yield a line for each pass that has come; from any thread."""
+        while not self._news.empty():
+            yield one_line(self._news.get())
+
     def take(self, verdict: Verdict) -> Reference | None:
         """Return the known mass for a verdict, None if the pass does not count."""
         if self.count >= self._wanted:
@@ -59,14 +63,14 @@ class ReferencePasses:
         reasons = ', '.join(verdict.reasons)
         fault = verdict.decision == Decision.FAULT and not _OF_USE.issuperset(verdict.reasons)
         if fault or verdict.t1 is None:
-            self.news.put(f'a pass that was not weighed: {reasons}')
+            self._news.put(f'a pass that was not weighed: {reasons}')
             return None
         self.count += 1
         self._last = time.monotonic()
         found = f'{GRAMS * verdict.mass:.3f} g, {GRAMS * (verdict.mass - self._mass):+.3f} g'
         if math.isnan(verdict.mass):
             found = f'no mass yet: {reasons}'
-        self.news.put(f'pass {self.count}{self._of}: {found}')
+        self._news.put(f'pass {self.count}{self._of}: {found}')
         return Reference(verdict.t1, self._mass)
 
 
@@ -91,6 +95,11 @@ class RecorderNode(PortNode):
                 self.create_subscription(port.type, port.name, put, port.stage_qos, raw=True)
         if passes is not None:
             self.subscribe(ports.VERDICT, self._on_verdict)
+
+    @property
+    def done(self) -> bool:
+        """True if all passes that were wanted have come."""
+        return self.passes is not None and self.passes.done
 
     def write(self, bag: BagWriter) -> bool:
         """Write the next message into a bag; return whether one came in time.
@@ -160,11 +169,11 @@ def _write_until(end: float, bag: BagWriter, node: RecorderNode, asked: Sequence
     finishing, passes = False, node.passes
     now = silent_since = time.monotonic()
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
-        while now < end and not (passes and passes.done):
+        while now < end and not node.done:
             if asked and not finishing:
                 finishing, end = True, min(end, now + _FAREWELL)
-            while passes and not passes.news.empty():
-                progress.write(one_line(passes.news.get()))
+            for line in passes.lines() if passes else ():
+                progress.write(line)
             if node.write(bag):
                 progress.update()
                 silent_since = now

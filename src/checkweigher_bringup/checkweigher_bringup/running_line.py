@@ -63,15 +63,7 @@ def run_line(
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
-        commands = {
-            name: partial(_command, module, namespace, files) for name, module in modules.items()
-        }
-        if page is not None:
-            commands[_PAGE] = partial(_page_command, page, namespace, folder)
-        processes = {
-            name: SupervisedProcess(name, command, reports=name not in _SILENT)
-            for name, command in commands.items()
-        }
+        processes = _processes(modules, files, namespace, page, folder)
         with spinning(namespace) as spinner, closing(Table()) as table:
             node = EchoNode()
             lane = node.get_namespace().rstrip('/')
@@ -158,12 +150,28 @@ def _parameter_files(
     return lambda: [first, *folder.files(params), last]
 
 
-def _command(module: str, namespace: str, files: Callable[[], list[Path]]) -> list[str]:
-    return node_command(module, namespace, *files())
+def _processes(
+    modules: Mapping[str, str],
+    files: Callable[[], list[Path]],
+    namespace: str,
+    page: int | None,
+    folder: MachineFolder | None,
+) -> dict[str, SupervisedProcess]:
+    """Return a process for each module, and one that serves the page on a port, if there is one."""
+
+    def command(module: str) -> list[str]:
+        return node_command(module, namespace, *files())
+
+    commands = {name: partial(command, module) for name, module in modules.items()}
+    if page is not None:
+        commands[_PAGE] = partial(_page_command, page, namespace, folder)
+    return {
+        name: SupervisedProcess(name, command, reports=name not in _SILENT)
+        for name, command in commands.items()
+    }
 
 
 def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> list[str]:
-    """Return the command that serves the page."""
     keep = (
         ['--keep', str(folder.path / 'kept')]
         if folder is not None and UserFile(default_users()).now()

@@ -62,10 +62,7 @@ def test_a_command_whose_output_is_closed_does_its_work(closed: str, tmp_path: P
 
 def test_an_output_that_cannot_be_written_is_one_line():
     with open('/dev/full', 'w') as full:
-        done = subprocess.run(
-            [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', str(BAGS / 'paper_90')],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
+        done = run_command('weigh', BAGS / 'paper_90', stdout=full)
     assert done.returncode == 2
     assert done.stderr == 'checkweigher weigh: the output: No space left on device\n'
 

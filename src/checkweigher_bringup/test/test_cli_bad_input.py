@@ -6,23 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 import shutil
 
+from here import refused
 from lines import simulated
 import pytest
-from running import BAGS, run_command
+from running import BAGS
 
 from checkweigher_recording.bags.writing import write_bag
 
 BAG = BAGS / 'paper_90'
-
-
-def refused(*arguments: object) -> str:
-    """Run a command that must be refused and return its line."""
-    done = run_command(*arguments)
-    assert done.returncode == 2, done.stderr
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
-    assert lines[0].isprintable()
-    return lines[0]
 
 
 def flipped(data: bytes) -> bytes:
@@ -95,30 +86,22 @@ def test_options(arguments: tuple[object, ...]):
     assert refused(*arguments).startswith('checkweigher')
 
 
+SIMULATION = ('simulate', '--speed', 60, '--mass', 100, '--count', 2)
+
+
 @pytest.mark.parametrize(
     ('option', 'value'),
-    [
-        ('--speed', 'nan'),
-        ('--count', '0'),
-        ('--profile', 'moon'),
-        ('--seed', '-1'),
-        ('--spacing', '0.05'),
-    ],
+    {'speed': 'nan', 'count': 0, 'profile': 'moon', 'seed': -1, 'spacing': 0.05}.items(),
 )
-def test_simulations(option: str, value: str, tmp_path: Path):
-    given = {'--speed': '60', '--mass': '100', '--count': '2', option: value}
-    arguments = [part for pair in given.items() for part in pair]
-    refused('simulate', *arguments, '--output', tmp_path / 'bag')
+def test_simulations(option: str, value: object, tmp_path: Path):
+    refused(*SIMULATION, f'--{option}', value, '--output', tmp_path / 'bag')
     assert list(tmp_path.iterdir()) == []
 
 
 class TestOutputs:
     def test_a_bag_that_exists(self, tmp_path: Path):
-        before = sorted(tmp_path.iterdir())
-        assert 'exists already' in refused(
-            'simulate', '--speed', '60', '--mass', '1', '--output', tmp_path
-        )
-        assert sorted(tmp_path.iterdir()) == before
+        assert 'exists already' in refused(*SIMULATION, '--output', tmp_path)
+        assert list(tmp_path.iterdir()) == []
 
     @pytest.mark.parametrize('command', ['weigh', 'replay'])
     def test_a_csv_that_exists(self, command: str, tmp_path: Path):
@@ -131,7 +114,7 @@ class TestOutputs:
     @pytest.mark.parametrize(
         'arguments',
         [
-            ('simulate', '--speed', '60', '--mass', '1', '--count', '1', '--output'),
+            (*SIMULATION, '--output'),
             ('weigh', BAG, '--csv'),
             ('record', '--duration', '0.1', '--output'),
         ],

@@ -12,7 +12,7 @@ import sys
 import time
 
 import pytest
-from running import BAGS, PATIENCE
+from running import BAGS, PATIENCE, command_line
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 BAG, ITEMS = str(BAGS / 'paper_90'), 25
@@ -70,7 +70,7 @@ class Tried:
         scratch.mkdir()
         self.process = subprocess.Popen(
             # The tests may run under nohup, which has the command ignore SIGHUP, too.
-            ['env', '--default-signal', sys.executable, '-m', 'checkweigher_bringup.cli', *words],
+            ['env', '--default-signal', *command_line(*words)],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
             env={**os.environ, 'CHECKWEIGHER_TEST': str(folder), 'TMPDIR': str(scratch)},
             start_new_session=True,

@@ -3,11 +3,11 @@
 """The audit log of a running line on the page, whole, sealed and tampered with, in a browser."""
 
 from pathlib import Path
-import subprocess
 
 from browsers import errors_of, needs_browser, open_browser, shortcomings
 from persons import SCRIPT, Person, new_line, running_line
 from running import run_command
+from sealing import make_keys
 import yaml
 
 from checkweigher_production.audit_log import read_log
@@ -27,10 +27,7 @@ def rows_of(person: Person) -> list[list[str]]:
 
 @needs_browser
 def test_a_change_is_seen_in_the_log_and_so_is_a_byte_that_was_changed(tmp_path: Path):
-    key, public = tmp_path / 'key', tmp_path / 'public'
-    subprocess.run(['openssl', 'genpkey', '-algorithm', 'ed25519', '-out', key], check=True)
-    subprocess.run(['openssl', 'pkey', '-in', key, '-pubout', '-out', public], check=True)
-    key.chmod(0o600)
+    key, public = make_keys(tmp_path / 'keys')
     machine = tmp_path / 'machine'
     machine.mkdir()
     (machine / 'recipes.yaml').write_text(yaml.safe_dump({'products': {SCRIPT: {'nominal': 0.2}}}))

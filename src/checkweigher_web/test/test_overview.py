@@ -7,12 +7,10 @@ from operator import itemgetter
 from pathlib import Path
 import re
 import socket
-import subprocess
-import sys
 
 from browsers import check_all_widths, errors_of, needs_browser, shortcomings, text_of, until
 import pytest
-from running import ROOT
+from running import ROOT, start_command
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from served_page import line_of, served
@@ -46,8 +44,8 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         sections = {f'/**/{node}': {'ros__parameters': values} for node, values in nodes.items()}
         (folder / f'{lane}.yaml').write_text(yaml.safe_dump(sections))
     (folder / 'line.yaml').write_text(LINE)
-    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--host', 'hall']
-    line = subprocess.Popen([*words, '--line', str(folder / 'line.yaml')])
+    words = ('run', '--host', 'hall', '--line', folder / 'line.yaml')
+    line = start_command(*words, stdout=None, stderr=None)
     try:
         with served() as (_, found):
             yield found

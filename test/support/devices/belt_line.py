@@ -19,7 +19,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from processes import pids_of
 from rclpy.node import Node
-from running import PATIENCE, free_port, wait_for, words_of
+from running import PATIENCE, free_port, start_command, wait_for
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
@@ -91,16 +91,15 @@ class BeltLine:
         for topic, heard in ((ports.STOP_REQUEST, self.stops), (ports.VERDICT, self.verdicts)):
             node.create_subscription(topic.type, topic.name, heard.append, topic.qos)
         self._reset = node.create_client(Trigger, '/belt/reset_stop_request')
-        self.command: subprocess.Popen[bytes] | None = None
+        self.command: subprocess.Popen[str] | None = None
         self.start()
 
     def start(self) -> None:
         """Start the line by the command run."""
         with self.log.open('a', encoding='utf-8') as file:
-            options = ['--processes'] if self.processes else []
-            params = self.folder / 'line.yaml'
-            self.command = subprocess.Popen(
-                words_of('run', *options, '--namespace', 'belt', '--params', params),
+            self.command = start_command(
+                *('run', '--namespace', 'belt', '--params', self.folder / 'line.yaml'),
+                *(['--processes'] if self.processes else []),
                 stdout=file,
                 stderr=file,
                 env={**os.environ, 'XDG_STATE_HOME': str(self.folder / 'state')},

@@ -14,7 +14,7 @@ from typing import Any
 from calibration_dialogue import Dialogue
 from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
-from graph import call, wait_for
+from graph import call, make_stages, wait_for
 from lines import simulated
 import numpy as np
 from processes import children
@@ -24,7 +24,6 @@ import running  # noqa: F401  sets the domain
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingNode
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.ros import ports
@@ -46,9 +45,7 @@ LINE = {
 @contextmanager
 def line(spinner: Spinner, speed: float) -> Iterator[None]:
     """Run a line on which a product of one mass passes again and again."""
-    nodes = [make({'deadlines': False} if name == 'reject' else None)
-             for name, make in STAGE_NODES.items()]  # fmt: skip
-    nodes.append(DriverNode({**LINE, 'simulator.speed': speed}))
+    nodes = [*make_stages(), DriverNode({**LINE, 'simulator.speed': speed})]
     for node in nodes:
         spinner.add(node)
     try:
@@ -136,20 +133,6 @@ def rms(rows: list[dict[str, str]]) -> float:
     return math.sqrt(np.mean(np.square(errors)))
 
 
-def test_a_recording_that_is_cancelled_before_a_pass_leaves_nothing(tmp_path: Path):
-    with spinning('cancelled') as spinner:
-        spinner.add(DynamicSettingNode({'folder': str(tmp_path)}))
-        technician = Technician(spinner)
-        for values in ({'mass': -1.0, 'passes': 3}, {'mass': 0.1, 'passes': 0}):
-            refused = technician.call(RecordPasses, ports.RECORD_PASSES, **values)
-            assert 'must be above 0' in refused.message
-        assert technician.call(Trigger, ports.CANCEL_PASSES).message == 'nothing is under way'
-        assert technician.call(RecordPasses, ports.RECORD_PASSES, mass=0.1, passes=3).success
-        assert technician.call(Trigger, ports.CANCEL_PASSES).success
-        technician.wait(lambda said: '0 of 3' in said.text)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.soak
 def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Path):
     for number, speed in ((1, 1.0), (2, 1.5)):  # two speeds, two workers
@@ -180,6 +163,7 @@ def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path
         dropped = technician.call(Trigger, ports.CANCEL_PASSES)
         assert dropped.message == f'what was learned is dropped; {file} stays as it was'
         assert not learned.exists()
+        assert technician.call(Trigger, ports.CANCEL_PASSES).message == 'nothing is under way'
         for name in (ports.SHOW_TUNED, ports.ACCEPT_TUNED):
             assert 'nothing that was learned waits' in technician.call(Trigger, name).message
         assert file.read_text() == '# what the line has\n'
@@ -187,10 +171,14 @@ def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path
         learned.write_text(text := '# estimator A\n# hann 60.0 12 0.2 0.3\nhann: 1\n')
         shown = technician.call(Trigger, ports.SHOW_TUNED)
         assert shown.message == 'estimator A\nhann 60.0 12 0.2 0.3'
+        for values in ({'mass': -1.0, 'passes': 3}, {'mass': 0.1, 'passes': 0}):
+            refused = technician.call(RecordPasses, ports.RECORD_PASSES, **values)
+            assert 'must be above 0' in refused.message
         assert technician.call(RecordPasses, ports.RECORD_PASSES, mass=0.1, passes=3).success
         assert technician.call(Trigger, ports.ACCEPT_TUNED).message.startswith('busy')
         assert technician.call(Trigger, ports.CANCEL_PASSES).success
         technician.wait(lambda said: '0 of 3' in said.text)
+        assert list(tmp_path.glob('passes_*')) == []
         taken = technician.call(Trigger, ports.ACCEPT_TUNED)
         assert taken.message == f'{file}, version 2; the line takes it at its next start'
     assert file.read_text() == text

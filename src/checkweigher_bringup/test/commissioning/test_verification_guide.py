@@ -8,17 +8,15 @@ import math
 from pathlib import Path
 
 from calibration_dialogue import Dialogue
-from graph import wait_for
+from graph import make_stages, wait_for
+from here import run_here
 from made_procedure import CELL, GUIDED_LINE, SHORT_PLAN, START
 import numpy as np
 import pytest
-from rclpy.node import Node
 from rclpy.parameter import Parameter
-from running import run_command
 import yaml
 
 from checkweigher_bringup.commissioning.verification_guide import VerificationNode
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.records import NANOSECONDS, Decision, SampleBlock, Verdict
 from checkweigher_core.ros import ports
@@ -34,14 +32,9 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     with AuditLog(audit_log) as log:
         log.append('2026-05-28T20:00:00', '/reject', 'parameter', 'max_speed', 3.0, 'inf')
     with spinning('verified') as spinner:
-        stages = {
-            name: make({'deadlines': False} if name == 'reject' else None)
-            for name, make in STAGE_NODES.items()
-        }
-        nodes: list[Node] = list(stages.values())
-        nodes.append(DriverNode(GUIDED_LINE))
-        for node in nodes:
-            spinner.add(node)
+        nodes = [*make_stages(), DriverNode(GUIDED_LINE)]
+        (reject,) = (node for node in nodes if node.get_name() == 'reject')
+        spinner.add(*nodes)
         dialogue = Dialogue(
             plan, '--output', output, '--namespace', 'verified', '--audit', audit_log,
             command='verify',
@@ -52,7 +45,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
             while 'zero_after' not in question:
                 question = dialogue.asked().splitlines()[-1]
                 if 'zero_2' in question:  # amid the steps the line is made another one
-                    spinner.call(lambda: stages['reject'].set_parameters([wider]))
+                    spinner.call(lambda: reject.set_parameters([wider]))
                     with AuditLog(audit_log) as log:
                         for minute, old, new in ((0, 0.5, 0.6), (1, 0.6, 0.5)):  # and back again
                             log.append(
@@ -107,7 +100,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     assert known['/**/reject']['ros__parameters']['max_speed'] == math.inf
 
     remade = tmp_path / 'again'
-    assert run_command('verify', '--from', output / 'bag', '--output', remade).returncode == 1
+    assert run_here('verify', '--from', output / 'bag', '--output', remade).returncode == 1
     for name in ('report.html', 'report.json'):
         assert (remade / name).read_bytes() == (output / name).read_bytes()
 

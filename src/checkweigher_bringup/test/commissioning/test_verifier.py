@@ -10,15 +10,15 @@ import queue
 import signal
 
 from checkweigher_msgs.srv import AnswerVerification, BeginVerification
-from graph import call, wait_for
+from graph import call, make_stages, wait_for
+from here import run_here
 from made_procedure import GUIDED_LINE, SHORT_PLAN
 from processes import parameter_file
 import pytest
-from running import PATIENCE, run_command
+from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.verifier import VerifierNode
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Process, node_command, running_processes, spinning
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
@@ -68,8 +68,7 @@ def guided(folder: Path) -> Iterator[tuple[Process, Operator]]:
     file = parameter_file(folder / 'node.yaml', {'verifier': {'folder': str(folder)}})
     command = node_command('checkweigher_bringup.commissioning.verifier', LANE, file)
     with spinning(LANE) as spinner, running_processes({'verifier': command}) as started:
-        for name, make in STAGE_NODES.items():
-            spinner.add(make({'deadlines': False} if name == 'reject' else None))
+        spinner.add(*make_stages())
         operator = Operator()
         spinner.add(DriverNode(GUIDED_LINE))
         spinner.add(operator)
@@ -79,7 +78,7 @@ def guided(folder: Path) -> Iterator[tuple[Process, Operator]]:
 
 def check_same(folder: Path, scratch: Path) -> dict[str, object]:
     """Hold a report to the one that its bag gives, and return it."""
-    done = run_command('verify', '--from', folder / 'bag', '--output', scratch)
+    done = run_here('verify', '--from', folder / 'bag', '--output', scratch)
     assert done.returncode == 1, done.stderr
     for name in ('report.html', 'report.json'):
         assert (scratch / name).read_bytes() == (folder / name).read_bytes()
@@ -87,7 +86,7 @@ def check_same(folder: Path, scratch: Path) -> dict[str, object]:
 
 
 def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: Path):
-    with guided(tmp_path / 'machine') as (_, operator):
+    with guided(tmp_path / 'machine') as (verifier, operator):
         assert operator.break_off() == 'nothing is under way'
         assert 'the plan: ' in operator.begin('class: none')
         assert 'no verification goes on' in operator.answer(MAKE)
@@ -108,25 +107,22 @@ def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: 
         operator.wait(lambda said: said.state is ProgressState.IDLE)
         assert operator.said.text.endswith(': incomplete')
         made = tmp_path / 'machine' / 'verifications' / operator.said.name
-    report = check_same(made, tmp_path / 'again')
-    steps = report['steps']
-    assert isinstance(steps, list)
-    assert [(step['name'], step['verdict']) for step in steps] == [
-        ('warm_up_zero_0', 'passed'), ('warm_up_0', 'skipped')
-    ]  # fmt: skip
 
-
-def test_a_procedure_whose_node_ends_has_a_whole_bag(tmp_path: Path):
-    with guided(tmp_path / 'machine') as (verifier, operator):
+        # Another one ends with its node.
         assert not operator.begin()
         operator.asked_for('warm_up_zero_0')
         assert not operator.answer(SKIP, 'no time')
         operator.asked_for('warm_up_0')
         verifier.send_signal(signal.SIGTERM)
         assert verifier.wait(PATIENCE) == 0
-        made = tmp_path / 'machine' / 'verifications' / operator.said.name
+        ended = tmp_path / 'machine' / 'verifications' / operator.said.name
     report = check_same(made, tmp_path / 'again')
-    departures = report['departures']
+    steps = report['steps']
+    assert isinstance(steps, list)
+    assert [(step['name'], step['verdict']) for step in steps] == [
+        ('warm_up_zero_0', 'passed'), ('warm_up_0', 'skipped')
+    ]  # fmt: skip
+    departures = check_same(ended, tmp_path / 'again_ended')['departures']
     assert isinstance(departures, list)
     assert 'Parameters and audit log were not read again after the last step.' in departures
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Changes of a running line: in the audit log before they take effect, or refused."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -24,19 +23,16 @@ from std_srvs.srv import Trigger
 from supervised_line import supervised_line
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import spinning
 from checkweigher_core.health.findings import Level
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_production.audit_log import head_path, read_log
 
 
-@pytest.fixture
-def line(tmp_path: Path) -> Iterator[Line]:
-    with spinning('lane1') as spinner:
-        line = Line(spinner, tmp_path)
-        wait_for(lambda: len(line.entries('found')) == len(STAGE_NODES) + 1)
-        yield line
+@pytest.fixture(name='line')
+def _line(line: Line) -> Line:
+    line.wait_until_found()
+    return line
 
 
 def set_limit(line: Line, value: float, kind: Any = SetParameters) -> Any:
@@ -133,24 +129,19 @@ def test_what_was_announced_and_not_made_is_found(line: Line):
     )
 
 
-@pytest.mark.parametrize(
-    ('kind', 'subject', 'value'),
-    [
+def test_what_is_no_change_of_the_line_is_no_entry(line: Line):
+    before = read_log(line.log).entries
+    for kind, subject, value in (
         ('parameter', '/lane2/reject', '{"upper_limit": 0.2}'),
         ('parameter', '/lane1/nobody', '{"upper_limit": 0.2}'),
         ('parameter', '/lane1/reject', '7'),
         ('parameter', '/lane1/reject', '[' * 100_000),
         ('torn', 'last entry', '{}'),
         ('selection', 'product', '"nuts"'),
-    ],
-)
-def test_what_is_no_change_of_the_line_is_no_entry(line: Line, kind: str, subject: str, value: str):
-    before = read_log(line.log).entries
-    answer = line.call(
-        RecordChange, ports.RECORD_CHANGE, kind=kind, subject=subject, new_value=value
-    )
-    assert not answer.success
-    assert read_log(line.log).entries == before
+    ):
+        change = {'kind': kind, 'subject': subject, 'new_value': value}
+        assert not line.call(RecordChange, ports.RECORD_CHANGE, **change).success, change
+        assert read_log(line.log).entries == before
 
 
 @pytest.mark.soak

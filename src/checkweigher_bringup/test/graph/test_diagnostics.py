@@ -151,7 +151,7 @@ def test_what_is_wrong_with_the_signal_is_told_with_what_to_check(spinner: Spinn
     told.wait('segmenter: Samples', Level.ERROR, 'no samples for')
 
 
-def test_a_best_effort_publisher_is_named_as_long_as_it_is_there(spinner: Spinner):
+def test_who_publishes_or_subscribes_with_another_qos_is_named(spinner: Spinner):
     told = Told(spinner)
     spinner.add(SegmenterNode())
     topic = ports.LOAD_CELL_SAMPLES
@@ -165,10 +165,7 @@ def test_a_best_effort_publisher_is_named_as_long_as_it_is_there(spinner: Spinne
     told.node.destroy_publisher(publisher)
     wait_for(lambda: 'does not fit' not in told.aspect(name)[1])
 
-
-def test_a_subscriber_that_asks_for_more_is_only_warned_of(spinner: Spinner):
-    told = Told(spinner)
-    spinner.add(SegmenterNode())
+    # A subscriber that asks for more is only warned of.
     topic = ports.WEIGH_WINDOW
     told.node.create_subscription(
         topic.type, topic.name, lambda message: None, ports.LOAD_CELL_INFO.qos

@@ -18,24 +18,12 @@ from verdicts import offline_verdicts
 from checkweigher_bringup.spinning import Spinner, node_command, running_processes
 from checkweigher_core.records import Verdict
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.conversion import to_record
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_recording.bags.reading import read_bag
 
 LANE = 'held_up'
 BAG = BAGS / 'paper_30'
 DELAY = 0.15  # s; at full speed that is ten seconds of signal, and edges may be 2 s late
-
-
-class Witness(Node):
-    """Hears the verdicts."""
-
-    def __init__(self) -> None:
-        super().__init__('witness')
-        port = ports.VERDICT
-        self.verdicts: list[Verdict] = []
-        self.create_subscription(
-            port.type, port.name, lambda m: self.verdicts.append(to_record(port, m)), port.qos
-        )
 
 
 class SlowEdges(Node):
@@ -58,7 +46,8 @@ class SlowEdges(Node):
 
 
 def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: Path):
-    witness = Witness()
+    witness, verdicts = PortNode('witness'), list[Verdict]()
+    witness.subscribe(ports.VERDICT, verdicts.append)
     for node in (*make_stages(), witness, SlowEdges()):
         spinner.add(node)
     file = parameter_file(
@@ -69,6 +58,6 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
     driver += ['-r', 'photo_eyes:=camera/photo_eyes']
     expected = offline_verdicts(read_bag(BAG))
     with running_processes({'driver': driver}):
-        wait_for(lambda: len(witness.verdicts) == len(expected), timeout=60.0)
-    found = sorted(witness.verdicts, key=lambda verdict: verdict.item_id)
+        wait_for(lambda: len(verdicts) == len(expected), timeout=60.0)
+    found = sorted(verdicts, key=lambda verdict: verdict.item_id)
     assert [json.loads(json.dumps(asdict(verdict))) for verdict in found] == expected

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A stranger beside the nodes of a line, and a user's node between two of them."""
+"""A stranger beside the nodes of a line."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,13 +8,11 @@ from typing import Any
 
 from checkweigher_msgs.msg import MassEstimate, StopRequest, Verdict
 from graph import heard, wait_for
-from processes import parameter_file
 from rclpy.node import Node
 from running import PATIENCE
 from std_srvs.srv import Trigger
 from supervised_line import supervised_line
 
-from checkweigher_bringup.spinning import node_command, running_processes, spinning
 from checkweigher_core.health.findings import Level
 from checkweigher_core.ros import ports
 
@@ -66,39 +64,3 @@ def test_a_stranger_stops_the_line_and_items_are_faults_until_it_has_gone(tmp_pa
         wait_until_heard(stops, lambda each: each.state == StopRequest.RUN)
         wait_until_heard(told, publishers_aspect(Level.OK))
         line.judge_until(Verdict.ACCEPT)
-
-
-class Filter(Node):
-    """A user's node between denoise and identifier."""
-
-    def __init__(self) -> None:
-        super().__init__('my_filter')
-        port, self.passed = ports.DENOISED_WINDOW, 0
-        self._windows = self.create_publisher(port.type, 'filtered_window', port.qos)
-        self.create_subscription(port.type, port.name, self._on_window, port.stage_qos)
-
-    def _on_window(self, window: Any) -> None:
-        self.passed += 1
-        self._windows.publish(window)
-
-
-def test_a_node_between_two_stages_needs_a_remap_and_no_leave(tmp_path: Path):
-    values = {
-        'driver': {'simulator.count': 0, 'simulator.spacing': 0.5, 'lossless': False},
-        'reject': {'rejector_distance': 3.0},
-    }
-    file = parameter_file(tmp_path / 'line.yaml', values)
-    # As line.launch.py hands it to each node.
-    remap = ['--remap', 'identifier:denoised_window:=filtered_window']
-    commands = {
-        name: [*node_command(module, 'own', file), *remap] for name, module in ports.NODES.items()
-    }
-    with spinning('own') as spinner:
-        own = Filter()
-        verdicts = heard(own, ports.VERDICT)
-        spinner.add(own)
-        with running_processes(commands):
-            found = [wait_until_heard(verdicts, lambda v: v.decision == Verdict.ACCEPT)]
-            found += [verdicts.get(timeout=PATIENCE)[1] for _ in range(4)]
-        assert own.passed >= len(found)
-        assert not any(is_foreign(verdict) for verdict in found)

@@ -5,10 +5,9 @@
 from functools import partial
 from pathlib import Path
 import socket
-import sys
 
 from graph import wait_for
-from running import ROOT
+from running import ROOT, command_line
 
 from checkweigher_bringup.spinning import running_processes, spinning
 from checkweigher_core.ros import ports
@@ -34,8 +33,9 @@ EXPECTED = {f'{lane}/{node}' for lane in ('whole', 'split') for node in ports.NO
 def test_each_host_runs_its_share(tmp_path: Path):
     file = tmp_path / 'line.yaml'
     file.write_text(LINE)
-    run = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--line', str(file)]
-    commands = {host: [*run, '--host', host] for host in ('hall', 'server')}
+    commands = {
+        host: command_line('run', '--line', file, '--host', host) for host in ('hall', 'server')
+    }
     board, passed = StatusBoard(), {'whole': 0, 'split': 0}
     with running_processes(commands) as processes, spinning() as spinner:
         node = PortNode('looker')

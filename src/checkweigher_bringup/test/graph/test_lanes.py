@@ -3,6 +3,7 @@
 """Lanes in one ROS domain: each is a process and a namespace, and none hears of another."""
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 import queue
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.srv import NewBatch, SelectProduct
 from graph import call, wait_for
+from lines import weigh_all
 from processes import LINE, parameter_file
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
@@ -19,12 +21,12 @@ from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
-from checkweigher_core.records import Reference, Verdict
+from checkweigher_core.records import Verdict
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_record
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.audit_log import read_log
-from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 # Of each lane, with its bags: one has no namespace, and one begins with the name of another.
 MASSES = {'': 0.1, 'lane1': 0.15, 'lane11': 0.2}
@@ -100,13 +102,8 @@ class Lane:
     def offline(self, count: int) -> list[Verdict]:
         """Return the first verdicts of the lane without the graph."""
         parameters = SimulationParameters.from_mapping({**simulator(self.mass), 'count': count + 1})
-        simulation = Simulation(parameters)
-        line = WeighingLine(simulation.load_cell, LineParameters.from_file(self.file))
-        found: list[Verdict] = []
-        for event in simulation:
-            if not isinstance(event, Reference):
-                found += [weighing.verdict for weighing in line.add(event)]
-        return found[:count]
+        weighings = weigh_all(simulate(parameters), LineParameters.from_file(self.file))
+        return [weighing.verdict for weighing in islice(weighings, count)]
 
 
 @pytest.fixture

@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a line has learned: kept over a restart, forgotten by a service, in the audit log."""
 
-from collections.abc import Iterator
 from pathlib import Path
-import time
 from typing import Any
 
-from graph import wait_for
+from graph import aspect, wait_for
 from lines import simulated
 from product_line import Line
 import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from checkweigher_bringup.spinning import spinning
 from checkweigher_core.health.findings import Finding, Level
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.outputs import Output
@@ -24,14 +21,8 @@ from checkweigher_validation.accuracy.passes import known_passes
 LEARN = {'learn': True, 'estimator': 'mean', 'learning.fewest': 20}
 
 
-@pytest.fixture
-def line(tmp_path: Path) -> Iterator[Line]:
-    with spinning('lane1') as spinner:
-        yield Line(spinner, tmp_path)
-
-
 def finding(node: Any) -> Finding:
-    return next(each for each in node.diagnose(time.monotonic()) if each.aspect == 'Learning')
+    return aspect(node, 'Learning')
 
 
 def test_what_was_learned_outlives_a_restart_and_not_the_service(

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from checkweigher_msgs.msg import StopRequest, StreamStatus, Verdict
-from graph import heard, wait_for
+from graph import call, heard, wait_for
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
@@ -38,25 +38,17 @@ class Manager:
     """A lifecycle manager of one node."""
 
     def __init__(self, node: Node, name: str) -> None:
-        self._change = node.create_client(ChangeState, f'{name}/change_state')
-        self._state = node.create_client(GetState, f'{name}/get_state')
+        self._node, self._name = node, name
 
     def change(self, transition: int) -> bool:
         """Ask for a transition and return whether it was made."""
-        return bool(
-            _call(self._change, ChangeState.Request(transition=Transition(id=transition))).success
-        )
+        wanted = Transition(id=transition)
+        name = f'{self._name}/change_state'
+        return bool(call(self._node, ChangeState, name, transition=wanted).success)
 
     def state(self) -> str:
         """Return the state by its name."""
-        return str(_call(self._state, GetState.Request()).current_state.label)
-
-
-def _call(client: Any, request: Any) -> Any:
-    wait_for(client.service_is_ready)
-    answer = client.call_async(request)
-    wait_for(answer.done)
-    return answer.result()
+        return str(call(self._node, GetState, f'{self._name}/get_state').current_state.label)
 
 
 def next_of(messages: 'queue.SimpleQueue[Any]') -> Any:

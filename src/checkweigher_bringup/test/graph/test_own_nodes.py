@@ -59,10 +59,10 @@ def test_the_printed_nodes_weigh(tmp_path: Path, spinner: Spinner, start: Start,
     spinner.add(node)
     if corrected:
         start(printed('own_stage', tmp_path))
+    # As line.launch.py hands it to each node.
+    remap = ['--ros-args', '--remap', 'identifier:denoised_window:=corrected_window']
     for stage in ('segmenter', 'denoise', 'identifier', 'reject'):
-        remap = ['--ros-args', '-r', 'denoised_window:=corrected_window']
-        remap = remap if corrected and stage == 'identifier' else []
-        start('-m', f'checkweigher_dsp.nodes.{stage}', *remap)
+        start('-m', f'checkweigher_dsp.nodes.{stage}', *(remap if corrected else ()))
     start(printed('own_driver', tmp_path))
     weighed: list[Verdict] = []
     while len(weighed) < 3:  # one after the other: the first ones come before all stages are there

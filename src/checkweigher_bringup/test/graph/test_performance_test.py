@@ -3,23 +3,21 @@
 """The performance test of a recipe over real DDS: reminder, stop, passes, and its entry."""
 
 from pathlib import Path
-import subprocess
-import sys
 from typing import Any
 
 from checkweigher_msgs.srv import BeginTest
 from graph import wait_for
 from product_line import Line
 import pytest
+from running import start_command
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.ros import ports
-from checkweigher_production.nodes.product import ProductNode
 
 
 class Watched:
-    """A line with the product `tested`, and what it says of test and stop."""
+    """A line with the product `tested`, and what it says of its overdue test and of stop."""
 
     def __init__(self, spinner: Spinner, folder: Path) -> None:
         self.line = Line(spinner, folder, product='tested')
@@ -27,6 +25,7 @@ class Watched:
         self.stops: list[Any] = []
         self.line.listen(ports.PERFORMANCE_TEST, self.tests.append)
         self.line.listen(ports.STOP_REQUEST, self.stops.append)
+        self.wait_for_state('OVERDUE')
 
     def wait_for_state(self, name: str) -> Any:
         wait_for(lambda: self.tests and self.tests[-1].state == getattr(self.tests[-1], name))
@@ -45,9 +44,12 @@ class Watched:
         wait_for(lambda: not self.line.products[-1].performance_test)
 
 
-def test_an_overdue_test_stops_the_line_until_one_has_passed(spinner: Spinner, tmp_path: Path):
-    watched = Watched(spinner, tmp_path)
-    watched.wait_for_state('OVERDUE')
+@pytest.fixture
+def watched(spinner: Spinner, tmp_path: Path) -> Watched:
+    return Watched(spinner, tmp_path)
+
+
+def test_an_overdue_test_stops_the_line_until_one_has_passed(watched: Watched):
     watched.wait_for_stop('PerformanceTest')
     assert not watched.reset().success  # it lasts
     assert not watched.begin(who=' ').success
@@ -72,9 +74,7 @@ def test_an_overdue_test_stops_the_line_until_one_has_passed(spinner: Spinner, t
     assert (ended.subject, ended.new['passed'], ended.new['mass']) == ('tested', True, 0.1)
 
 
-def test_a_failed_test_stops_the_line_and_counts_after_a_restart(spinner: Spinner, tmp_path: Path):
-    watched = Watched(spinner, tmp_path)
-    watched.wait_for_state('OVERDUE')
+def test_a_failed_test_stops_the_line_and_counts_after_a_restart(watched: Watched):
     assert watched.begin().success
     watched.wait_for_state('RUNNING')
     for mass in (0.1002, 0.1006):
@@ -82,24 +82,16 @@ def test_a_failed_test_stops_the_line_and_counts_after_a_restart(spinner: Spinne
     assert '1 of 2 passes of ann beyond 0.5 g' in watched.wait_for_state('FAILED').text
     watched.wait_for_stop('PerformanceTest')
 
-    line, parameters = watched.line, {'recipes': str(watched.line.recipes)}
     watched.wait_until_accepting()
-    spinner.remove(line.product)
-    wait_for(lambda: 'product' not in line.operator.get_node_names())
     watched.tests.clear()
-    line.product = ProductNode({**parameters, 'audit_log': str(line.log)})
-    spinner.add(line.product)
+    watched.line.restart_product()
     assert watched.wait_for_state('FAILED').who == 'ann'
 
 
-def test_the_command_guides_and_ends_with_the_result(spinner: Spinner, tmp_path: Path):
-    watched = Watched(spinner, tmp_path)
-    watched.wait_for_state('OVERDUE')
+def test_the_command_guides_and_ends_with_the_result(watched: Watched):
     for masses, status in (((0.1, 0.1001), 0), ((0.1, 0.102), 1)):
         options = '--who ann --namespace lane1 --timeout 60'
-        cli = [sys.executable, '-m', 'checkweigher_bringup.cli']
-        command = [*cli, 'performance', *options.split()]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as guide:
+        with start_command('performance', *options.split(), stderr=None) as guide:
             watched.wait_for_state('RUNNING')
             for mass in masses:
                 watched.line.judge(mass)

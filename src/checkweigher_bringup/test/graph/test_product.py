@@ -15,14 +15,11 @@ from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, node_command, write_parameter_file
 from checkweigher_core.ros import ports
-from checkweigher_production.nodes.product import ProductNode
 
 
-def test_a_selected_product_has_its_limits_from_the_next_item_on(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
+def test_a_selected_product_has_its_limits_from_the_next_item_on(line: Line):
     answer = line.select('crisps')
     assert (answer.success, answer.message) == (True, '')
     verdict = line.judge(0.147)
@@ -37,8 +34,7 @@ def test_a_selected_product_has_its_limits_from_the_next_item_on(spinner: Spinne
     assert math.isnan(counted.throughput)
 
 
-def test_a_product_of_a_wrong_length_is_a_fault_and_is_counted(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
+def test_a_product_of_a_wrong_length_is_a_fault_and_is_counted(line: Line):
     assert line.select('bars').success
     assert line.judge(0.1).decision == 1  # ACCEPT
     verdict = line.judge(0.1, length=0.16)
@@ -50,8 +46,7 @@ def test_a_product_of_a_wrong_length_is_a_fault_and_is_counted(spinner: Spinner,
     assert line.judge(0.2, length=0.16).decision == verdict.ACCEPT
 
 
-def test_a_product_gets_back_what_another_one_had_set(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
+def test_a_product_gets_back_what_another_one_had_set(line: Line):
     before = line.parameters()
     answer = line.select('snails')
     assert not answer.success
@@ -63,8 +58,7 @@ def test_a_product_gets_back_what_another_one_had_set(spinner: Spinner, tmp_path
     assert line.parameters() == before
 
 
-def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
+def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(line: Line):
     assert line.select('nuts').success
     before = line.parameters()
     # denoise, asked first, takes its part; identifier wants one gain for each speed.
@@ -81,8 +75,7 @@ def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(spinner: Spinne
     assert refused.old == 'half_trained'
 
 
-def test_a_line_that_could_not_go_back_accepts_nothing(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
+def test_a_line_that_could_not_go_back_accepts_nothing(line: Line):
     assert line.select('nuts').success
     denoise, changes = line.stages['denoise'], []
 
@@ -100,10 +93,7 @@ def test_a_line_that_could_not_go_back_accepts_nothing(spinner: Spinner, tmp_pat
     assert line.judge(0.2).decision == 1  # ACCEPT
 
 
-def test_a_limit_that_is_set_holds_until_another_product_is_selected(
-    spinner: Spinner, tmp_path: Path
-):
-    line = Line(spinner, tmp_path)
+def test_a_limit_that_is_set_holds_until_another_product_is_selected(line: Line):
 
     def set_limit(name: str, value: float) -> Any:
         change = Parameter(name, value=value).to_parameter_msg()
@@ -123,8 +113,7 @@ def test_a_limit_that_is_set_holds_until_another_product_is_selected(
     assert line.entries('selection')[-1].old['lower_limit'] == 0.17
 
 
-def test_a_bad_recipe_file_changes_nothing(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
+def test_a_bad_recipe_file_changes_nothing(line: Line):
     before = line.parameters()
     for change, product, complaint in (
         (('nuts:', 'walnuts:'), 'nuts', "has no product 'nuts'; it has crisps, walnuts, tins"),
@@ -167,7 +156,7 @@ def test_a_reject_node_that_is_started_again_has_the_limits_before_its_first_ver
     spinner: Spinner, tmp_path: Path
 ):
     line = Line(spinner, tmp_path, needs_product=True)
-    wait_for(lambda: len(line.entries('found')) == len(STAGE_NODES) + 1)
+    line.wait_until_found()
     verdict = line.judge(0.2)
     assert (verdict.decision, list(verdict.reasons)) == (verdict.FAULT, ['NoProduct'])
     assert line.select('nuts').success
@@ -206,10 +195,7 @@ def test_a_reject_process_that_is_killed_goes_on_with_limits_and_counts(
         line.products.clear()
 
 
-def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(
-    spinner: Spinner, tmp_path: Path
-):
-    line = Line(spinner, tmp_path)
+def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(line: Line):
     assert line.select('crisps').success
 
     line.restart('identifier')
@@ -222,18 +208,10 @@ def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(
     assert (restored.subject, restored.new) == ('identifier', 'crisps')
 
 
-def test_a_product_node_that_is_started_again_keeps_what_is_on_the_line(
-    spinner: Spinner, tmp_path: Path
-):
-    line = Line(spinner, tmp_path)
+def test_a_product_node_that_is_started_again_keeps_what_is_on_the_line(line: Line):
     assert line.select('nuts').success
-    spinner.remove(line.product)
-    wait_for(lambda: 'product' not in line.operator.get_node_names())
 
-    line.product = ProductNode(
-        {'recipes': str(line.recipes), 'audit_log': str(line.log), 'product': 'crisps'}
-    )
-    spinner.add(line.product)
+    line.restart_product(product='crisps')
 
     wait_for(lambda: len(line.entries('selection')) == 2)
     assert line.judge(0.18).decision == 2  # UNDER, for nuts

@@ -23,13 +23,6 @@ from checkweigher_production.nodes.product import ProductNode
 GOOD, LIGHT = 0.102 + 0.004, 0.095 + 0.004
 
 
-def restart_product(line: Line, parameters: dict[str, object]) -> None:
-    line.spinner.remove(line.product)
-    wait_for(lambda: 'product' not in line.operator.get_node_names())
-    line.product = ProductNode(parameters)
-    line.spinner.add(line.product)
-
-
 def judge_by_recipe(line: Line, mass: float) -> Any:
     """Have an item judged once the reject node has its product."""
     line.wait_for_product('tins')
@@ -47,7 +40,6 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     results: list[Any] = []
     line.listen(ports.FILLER_FEEDBACK, feedback.append)
     line.listen(ports.BATCH_RESULT, results.append)
-    everything = {'recipes': str(line.recipes), 'audit_log': str(line.log), **of_batch}
 
     found = [judge_by_recipe(line, GOOD) for _ in range(38)]
     assert {each.decision for each in found} == {found[0].ACCEPT}
@@ -68,15 +60,14 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     assert (again.decision, list(again.reasons)) == (again.UNDER, ['TU1Quota'])
     assert (again.batch_items, again.batch_accepted, again.batch_below_tu1) == (42, 40, 1)
 
-    restart_product(line, everything)
+    line.restart_product(**of_batch)
     again = judge_by_recipe(line, GOOD)
     assert (again.batch, again.batch_items, again.batch_accepted) == ('L1', 43, 41)
     wait_for(lambda: line.statistics[-1].items == 43)
 
     line.spinner.remove(line.product)
     line.restart('reject')
-    line.product = ProductNode({**everything, 'batch': 'other'})
-    line.spinner.add(line.product)
+    line.start_product(**of_batch | {'batch': 'other'})
     again = judge_by_recipe(line, LIGHT)
     assert (again.decision, again.batch, again.batch_items) == (again.UNDER, 'L1', 44)
     wait_for(lambda: line.statistics[-1].items == 44)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node over real DDS: statistics and audit log of a running line."""
 
-import csv
+from collections.abc import Callable
 from dataclasses import asdict
 import json
 import math
@@ -13,14 +13,14 @@ import statistics
 from checkweigher_msgs.msg import StreamStatus
 from checkweigher_msgs.srv import NewBatch, ResetStatistics
 from graph import wait_for
+from here import run_here
 from product_line import Line
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from running import BAGS, PATIENCE, run_command
+from running import BAGS, PATIENCE
 
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import (
@@ -56,9 +56,8 @@ def test_what_becomes_of_the_zero_is_in_the_log(spinner: Spinner, tmp_path: Path
     ]
 
 
-def test_the_audit_log_believes_no_parameter_event(spinner: Spinner, tmp_path: Path):
-    line = Line(spinner, tmp_path)
-    wait_for(lambda: len(line.entries('found')) == len(STAGE_NODES) + 1)
+def test_the_audit_log_believes_no_parameter_event(line: Line):
+    line.wait_until_found()
     events = line.operator.create_publisher(ParameterEvent, '/parameter_events', 1000)
     names = ('upper_limit', 'no_such_parameter')
     for number in range(300):
@@ -87,11 +86,8 @@ def test_a_start_with_a_bad_recipe_is_refused(spinner: Spinner, tmp_path: Path):
         ProductNode({'audit_log': str(log)})
 
 
-def test_a_change_of_a_parameter_is_in_the_log_with_its_old_and_its_new_value(
-    spinner: Spinner, tmp_path: Path
-):
-    line = Line(spinner, tmp_path)
-    wait_for(lambda: len(line.entries('found')) == len(STAGE_NODES) + 1)
+def test_a_change_of_a_parameter_is_in_the_log_with_its_old_and_its_new_value(line: Line):
+    line.wait_until_found()
     values = [Parameter('lower_limit', value=0.13), Parameter('lower_limit', value=0.14)]
     for value in values:
         line.call(SetParameters, 'reject/set_parameters', parameters=[value.to_parameter_msg()])
@@ -101,17 +97,17 @@ def test_a_change_of_a_parameter_is_in_the_log_with_its_old_and_its_new_value(
         ('/lane1/product', '/lane1/reject.lower_limit', '-inf', 0.13),
         ('/lane1/product', '/lane1/reject.lower_limit', 0.13, 0.14),
     ]
-    done = run_command('audit', line.log)
+    done = run_here('audit', line.log)
     assert done.returncode == 0
     assert '/lane1/reject.lower_limit: 0.13 -> 0.14' in done.stdout
     # What was changed in the file is told with its line.
     count = len(read_log(line.log).entries)
     line.log.write_bytes(line.log.read_bytes().replace(b'"new":0.14', b'"new":0.13'))
-    done = run_command('audit', line.log, '--json')
+    done = run_here('audit', line.log, '--json')
     assert done.returncode == 1
     told = json.loads(done.stdout)
     assert (told['problem'], told['bad_line']) == ('changed', count)
-    assert run_command('audit', tmp_path / 'nothing').returncode == 2
+    assert run_here('audit', line.recipes.parent / 'nothing').returncode == 2
 
 
 def test_a_batch_and_a_reset_end_a_count_and_are_in_the_log(spinner: Spinner, tmp_path: Path):
@@ -133,15 +129,15 @@ def test_a_batch_and_a_reset_end_a_count_and_are_in_the_log(spinner: Spinner, tm
     ]
 
 
-def test_the_statistics_of_a_bag_are_those_of_its_csv(spinner: Spinner, tmp_path: Path):
-    bag, path, parameters = BAGS / 'paper_90', tmp_path / 'masses.csv', tmp_path / 'limits.yaml'
+def test_the_statistics_of_a_bag_are_those_of_its_csv(
+    spinner: Spinner, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
+):
+    bag, parameters = BAGS / 'paper_90', tmp_path / 'limits.yaml'
     parameters.write_text(
         '/**/reject:\n  ros__parameters: {lower_limit: 0.14725, upper_limit: 0.169}\n'
         '/**/identifier:\n  ros__parameters: {estimator: hann}\n'
     )
-    run_command('weigh', bag, '--params', parameters, '--csv', path)
-    with path.open(newline='') as file:
-        rows = list(csv.DictReader(file))
+    weighed = rows('weigh', bag, '--params', parameters)
     line = Line(spinner, tmp_path, weighs=True)
     assert line.select('crisps').success
     ends: queue.SimpleQueue[int] = queue.SimpleQueue()
@@ -149,21 +145,21 @@ def test_the_statistics_of_a_bag_are_those_of_its_csv(spinner: Spinner, tmp_path
     spinner.add(DriverNode({'source': 'bag', 'bag.path': str(bag), 'rate': 0.0}))
     while ends.get(timeout=PATIENCE) != StreamStatus.FINISHED:
         pass
-    wait_for(lambda: line.statistics[-1].items == len(rows))
+    wait_for(lambda: line.statistics[-1].items == len(weighed))
     counted = line.statistics[-1]
-    decisions = [row['decision'] for row in rows]
+    decisions = [row['decision'] for row in weighed]
     assert [counted.accepted, counted.under, counted.over, counted.faults] == [
         decisions.count(name) for name in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
     ]
-    masses = [float(r['mass_g']) / 1000 - 0.004 for r in rows if r['decision'] == 'ACCEPT']
+    masses = [float(r['mass_g']) / 1000 - 0.004 for r in weighed if r['decision'] == 'ACCEPT']
     assert len(masses) == 5
     assert counted.mean == pytest.approx(statistics.fmean(masses), abs=1e-12)
     assert counted.std_dev == pytest.approx(statistics.stdev(masses), abs=1e-12)
     assert counted.giveaway == pytest.approx(statistics.fmean(masses) - 0.15, abs=1e-12)
     assert counted.share_below_tu1 == 0.0
-    ends_at = [float(row['t3']) for row in rows]
+    ends_at = [float(row['t3']) for row in weighed]
     span = max(ends_at) - min(ends_at)
-    assert counted.throughput == pytest.approx((len(rows) - 1) * 60 / span, rel=1e-6)
+    assert counted.throughput == pytest.approx((len(weighed) - 1) * 60 / span, rel=1e-6)
     assert not math.isnan(counted.throughput)
     (calibration,) = line.entries('calibration')
     assert calibration.new['counts_per_kg'] == 500000.0

@@ -7,7 +7,6 @@ import subprocess
 
 from checkweigher_msgs.msg import StopRequest, Verdict
 from graph import heard, publish, wait_for
-from rclpy.node import Node
 from reject_line import START, RejectLine, edges
 from running import PATIENCE
 
@@ -16,7 +15,6 @@ from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, node_command
 from checkweigher_core.records import (
     NANOSECONDS,
-    NUMBERS_AT_ONCE,
     Eye,
     EyeEdge,
     StreamState,
@@ -34,17 +32,14 @@ LANE = 'rejecting'
 IN_TIME = {'rejector_distance': 4.0, 'verdict_margin': 2.0}
 
 
-def start(stage: str) -> 'subprocess.Popen[bytes]':
-    return subprocess.Popen(node_command(ports.NODES[stage], LANE))
-
-
 def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
     listener = ResultListener('listener')
     eyes, verdicts = heard(listener, ports.PHOTO_EYES), heard(listener, ports.VERDICT)
     reject = RejectNode(IN_TIME)
     for node in (listener, STAGE_NODES['segmenter'](), STAGE_NODES['denoise'](), reject):
         spinner.add(node)
-    identifier = start('identifier')
+    command = node_command(ports.NODES['identifier'], LANE)
+    identifier = subprocess.Popen(command)
     try:
         spinner.add(DriverNode({'simulator.count': 0}))
 
@@ -58,7 +53,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
         identifier.send_signal(signal.SIGKILL)
         identifier.wait()
         faults = [judged(Verdict.FAULT) for _ in range(2)]
-        identifier = start('identifier')
+        identifier = subprocess.Popen(command)
         _, weighed = judged(Verdict.ACCEPT)
     finally:
         identifier.kill()
@@ -78,59 +73,6 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
         shown.append(listener.weighings.get().verdict.item_id)
     assert {verdict.item_id for _, verdict in faults} <= set(shown)
     assert len(set(shown)) == len(shown)
-
-
-def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: Spinner):
-    node = Node('others')
-    eyes, verdicts = heard(node, ports.PHOTO_EYES), heard(node, ports.VERDICT)
-    reject = RejectNode(IN_TIME)
-    for each in (node, STAGE_NODES['denoise'](), STAGE_NODES['identifier'](), reject):
-        spinner.add(each)
-    segmenter = start('segmenter')
-    judged: list[Verdict] = []
-    items: dict[int, int] = {}
-
-    def judged_items() -> list[int]:
-        # One item at a time is on this belt. What was given up has no t3, what was seen late no t1.
-        while not eyes.empty():
-            _, edge = eyes.get()
-            if edge.blocked:
-                items[stamp_from(edge.header.stamp)] = len(items) // 2
-        stamps = [stamp_from(each.header.stamp) or stamp_from(each.t1) for each in judged]
-        return sorted(items[stamp] for stamp in stamps)
-
-    def judge_until(decision: int) -> None:
-        judged.append(verdicts.get(timeout=PATIENCE)[1])
-        while judged[-1].decision != decision:
-            judged.append(verdicts.get(timeout=PATIENCE)[1])
-
-    try:
-        spinner.add(DriverNode({'simulator.count': 0, 'lossless': False}))
-        judge_until(Verdict.ACCEPT)
-        del judged[:-1]  # those that were on the line at the start
-        judge_until(Verdict.ACCEPT)
-        segmenter.send_signal(signal.SIGKILL)
-        segmenter.wait()
-        judge_until(Verdict.FAULT)
-        judge_until(Verdict.FAULT)
-        segmenter = start('segmenter')
-        judge_until(Verdict.ACCEPT)
-        judge_until(Verdict.ACCEPT)
-        weighed = judged[-1]
-        # Those that it has missed last may still have to be judged.
-        while len(found := judged_items()) < 1 + found[-1] - found[0] and len(judged) < 60:
-            judged.append(verdicts.get(timeout=PATIENCE)[1])
-    finally:
-        segmenter.kill()
-        segmenter.wait()
-    numbers = [verdict.item_id for verdict in judged]
-    assert len(set(numbers)) == len(numbers)
-    # It goes on at the next thousand.
-    before = [verdict.item_id for verdict in judged[: judged.index(weighed)]]
-    assert weighed.item_id // NUMBERS_AT_ONCE > judged[0].item_id // NUMBERS_AT_ONCE
-    assert weighed.item_id > max(before)
-    found = judged_items()
-    assert found == list(range(found[0], found[-1] + 1))  # each has one verdict, and only one
 
 
 def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):

@@ -3,13 +3,12 @@
 """The security policy against the endpoints of a running line, in processes of their own."""
 
 from pathlib import Path
-import sys
 
 from graph import wait_for
 from processes import parameter_file
 import rclpy
 from rclpy.node import Node
-from running import ROOT
+from running import ROOT, command_line
 
 from checkweigher_bringup.running_line import BESIDE
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
@@ -83,13 +82,12 @@ def excess(found: Rights, allowed: Rights) -> Rights:
 
 
 def test_who_looks_on_does_no_more_than_its_policy_allows(tmp_path: Path):
-    cli = [sys.executable, '-m', 'checkweigher_bringup.cli']
     commands = {
         'line': node_command('checkweigher_bringup.line', LANE),
-        'page': [*cli, 'page', '--port', '0'],
-        'status': [*cli, 'status'],
-        'echo': [*cli, 'echo', '--namespace', LANE],
-        'record': [*cli, 'record', '--namespace', LANE, '--output', str(tmp_path / 'bag')],
+        'page': command_line('page', '--port', 0),
+        'status': command_line('status'),
+        'echo': command_line('echo', '--namespace', LANE),
+        'record': command_line('record', '--namespace', LANE, '--output', tmp_path / 'bag'),
     }
     places = {
         'page': '/', 'status': '/', 'echo': f'/{LANE}', 'record': f'/{LANE}',

@@ -5,15 +5,15 @@
 from pathlib import Path
 
 from checkweigher_msgs.msg import Verdict
+from graph import make_stages
+from lines import weigh_all
 import pytest
 from running import PATIENCE, ROOT  # noqa: F401  sets the domain
 from serial_line import SerialDevice, aed_on
 
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
@@ -24,17 +24,13 @@ def test_the_graph_weighs_over_a_port_what_weigh_does_from_the_bag(tmp_path: Pat
     recording = simulate(SimulationParameters(count=COUNT, lead_in=1.1, run_out=0.3))
     cell, port, bag = recording.load_cell, tmp_path / 'port', tmp_path / 'bag'
     write_bag(bag, cell, recording)
-    line = WeighingLine(cell, LineParameters())
-    events = [*recording.blocks, *recording.edges]
-    expected = [done.estimate.mass for event in events for done in line.add(event)]
+    expected = [done.estimate.mass for done in weigh_all(recording)]
     device = SerialDevice(port, '--bag', bag)
     try:
         with spinning('serial') as spinner:
             listener = ResultListener('listener')
             spinner.add(listener)
-            for name, make in STAGE_NODES.items():
-                # However long a busy machine takes for a mass.
-                spinner.add(make({'deadlines': False} if name == 'reject' else None))
+            spinner.add(*make_stages())  # however long a busy machine takes for a mass
             eyes = {'eyes': 'replayed', 'replayed.path': str(bag)}
             spinner.add(DriverNode({**aed_on(port, cell), **eyes}))
             weighings = [listener.weighings.get(timeout=PATIENCE) for _ in range(COUNT)]

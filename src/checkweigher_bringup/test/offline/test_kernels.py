@@ -4,7 +4,7 @@
 
 from dataclasses import astuple, replace
 
-from lines import simulated
+from lines import simulated, weigh_all
 import numpy as np
 import plain_path
 import pytest
@@ -65,7 +65,7 @@ def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag, steps, m
     expected = [weighing for event in events for weighing in one_by_one.add(event)]
     expected += one_by_one.finish()
 
-    found = list(WeighingLine(recording.load_cell, LineParameters()).weigh_all(events))
+    found = list(weigh_all(recording))
 
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
     assert len(found) == 25

@@ -11,14 +11,13 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate
 
-from lines import counts_of, edges_of, simulated
+from lines import counts_of, edges_of, simulated, weigh_all
 import numpy as np
 import pytest
 
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import NANOSECONDS, Reference
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.records.reasons import Reason
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_recording.simulation.simulator import PROFILES, own_values
 from checkweigher_validation.accuracy.passes import ReferenceMasses
 
@@ -85,18 +84,13 @@ def lying(recording: Recording, kind: str, random: np.random.Generator) -> Recor
     return replace(recording, blocks=tuple(blocks))
 
 
-def weigh(recording: Recording) -> list[Weighing]:
-    events = (event for event in recording if not isinstance(event, Reference))
-    return list(WeighingLine(recording.load_cell, LineParameters()).weigh_all(events))
-
-
 def campaign(kind: str, seeds: range) -> Counter[str]:
     """Weigh lines with a lie; print and return the counts of items."""
     found: Counter[str] = Counter()
     for seed in seeds:
         line = line_of(seed)
         masses = ReferenceMasses(line.references)
-        for done in weigh(lying(line, kind, np.random.default_rng([seed, KINDS.index(kind)]))):
+        for done in weigh_all(lying(line, kind, np.random.default_rng([seed, KINDS.index(kind)]))):
             found['tried'] += 1
             estimate = done.estimate
             found['refused'] += Reason.BAD_SIGNAL in done.verdict.reasons
@@ -121,7 +115,10 @@ def test_no_wrong_mass_is_accepted_of_a_converter_that_lies(kind: str, seeds: ra
 )
 def test_no_good_item_is_refused(seeds: range):
     reasons = Counter(
-        reason for seed in seeds for done in weigh(line_of(seed)) for reason in done.verdict.reasons
+        reason
+        for seed in seeds
+        for done in weigh_all(line_of(seed))
+        for reason in done.verdict.reasons
     )
     print(f'\n{COUNT * len(seeds)} items tried, {dict(reasons)}', end='')
     assert reasons[Reason.BAD_SIGNAL] <= COUNT * len(seeds) / 10_000

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import subprocess
-import sys
 import time
 
 import numpy as np
 from processes import resident_memory
 import pytest
-from running import PATIENCE
+from running import PATIENCE, start_command
 
 from checkweigher_core.recording import Event, canonical_order
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
@@ -38,10 +37,7 @@ def noisy_line(seconds: int) -> Iterator[Event]:
 
 def curve(*words: object, every: float = 0.05) -> list[int]:
     """Return the memory of a command in kB from time to time, and at last the most that it had."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)],
-        stdout=subprocess.DEVNULL,
-    )
+    process = start_command(*words, stdout=subprocess.DEVNULL, stderr=None)
     found = [0]
     most = 0
     while process.poll() is None:

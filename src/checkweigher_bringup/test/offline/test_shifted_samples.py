@@ -12,16 +12,16 @@ from dataclasses import replace
 import os
 from pathlib import Path
 
-from lines import simulated
+from lines import simulated, weigh_all
 import numpy as np
 from numpy.typing import NDArray
 import pytest
 from running import BAGS, ROOT
 
 from checkweigher_core.recording import Recording, canonical_order
-from checkweigher_core.records import NANOSECONDS, Reference
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.records.reasons import Reason
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
@@ -57,11 +57,6 @@ def shifted(recording: Recording, shift: float, begin: float = 0.0) -> Recording
     )
 
 
-def weigh(recording: Recording, parameters: LineParameters) -> list[Weighing]:
-    events = (event for event in recording if not isinstance(event, Reference))
-    return list(WeighingLine(recording.load_cell, parameters).weigh_all(events))
-
-
 def errors(weighings: Iterable[Weighing], recording: Recording) -> NDArray[np.float64]:
     """Return how far masses are off, in the standard deviations that they state; NaN of a FAULT."""
     masses = ReferenceMasses(recording.references)
@@ -86,7 +81,7 @@ def campaign(
             for begin in begins:
                 for shift in shifts:
                     moved = shifted(recording, shift, begin)
-                    off = np.abs(errors(weigh(moved, parameters), recording))
+                    off = np.abs(errors(weigh_all(moved, parameters), recording))
                     limit = LIMIT_UNMOVED if abs(shift) < UNMOVED else LIMIT
                     escaped = int(np.sum(off > LIMITS.get(name, limit)))
                     counts['tried'] += len(off)
@@ -133,7 +128,7 @@ def test_a_jitter_of_a_millisecond_is_no_fault(bag: str):
     moved = jittering(recording, np.random.default_rng(1))
     masses = ReferenceMasses(recording.references)
     entries = [edge.stamp for edge in recording.edges if not edge.eye and edge.blocked]
-    weighings = weigh(moved, LineParameters())
+    weighings = list(weigh_all(moved))
 
     assert all(done.estimate.weighed for done in weighings)
     off = [
@@ -147,13 +142,13 @@ def test_a_jitter_of_a_millisecond_is_no_fault(bag: str):
 def test_no_good_item_is_refused_on_simulated_machines(profile: str):
     for speed in (0.5, 1.5):
         line = simulated(profile=profile, speed=speed, count=30, seed=7)
-        assert all(done.estimate.weighed for done in weigh(line, LineParameters()))
+        assert all(done.estimate.weighed for done in weigh_all(line))
 
 
 @pytest.mark.parametrize('speed', [1.0, 1.5])
 def test_what_a_slow_amplifier_makes_of_good_items_is_no_distance_fault(speed: float):
     line = simulated(profile='machine:212', speed=speed, count=30, seed=1)  # it lags by 28 ms
-    weighings = weigh(line, LineParameters())
+    weighings = list(weigh_all(line))
     reasons = {reason for done in weighings for reason in done.estimate.reasons}
     assert reasons == {'EdgeMismatch'}
 
@@ -164,7 +159,7 @@ def test_no_good_item_is_refused_on_machines_that_nobody_modelled():
     parameters = LineParameters().with_estimator('hann')
     items = 0
     for bag in sorted(MACHINES.glob('machine_*/*_[0-9]*')):
-        weighings = weigh(read_bag(bag), parameters)
+        weighings = list(weigh_all(read_bag(bag), parameters))
         items += len(weighings)
         assert not [done.verdict.reasons for done in weighings if not done.estimate.weighed], bag
     print(f'\n{items} items tried, 0 faults', end='')
@@ -176,8 +171,7 @@ def test_no_good_item_is_refused_on_machines_that_nobody_modelled():
 def test_what_a_shift_costs_where_products_ride_on_unevenly(shift: float):
     recordings = map(read_bag, sorted(MACHINES.glob('machine_*/*_[0-9]*')))
     found = [
-        np.abs(errors(weigh(shifted(recording, shift), LineParameters()), recording))
-        for recording in recordings
+        np.abs(errors(weigh_all(shifted(recording, shift)), recording)) for recording in recordings
     ]
     off = np.concatenate(found)
     beyond, largest = int(np.sum(off > LIMIT)), float(np.nanmax(off))
@@ -200,7 +194,7 @@ def test_items_after_the_end_of_a_shift_are_weighed_again():
     moved = Recording.from_events(
         recording.load_cell, [*blocks, *recording.edges, *recording.references]
     )
-    weighings = weigh(moved, LineParameters())
+    weighings = list(weigh_all(moved))
     during = [done for done in weighings if begin + NANOSECONDS < (done.estimate.t1 or 0) < end]
     after = [done for done in weighings if (done.estimate.t1 or 0) > end]
 

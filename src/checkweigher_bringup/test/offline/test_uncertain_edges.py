@@ -10,16 +10,16 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 
-from lines import simulated
+from lines import simulated, weigh_all
 import numpy as np
 from numpy.typing import NDArray
 import pytest
 from running import BAGS
 
 from checkweigher_core.recording import Recording, canonical_order
-from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Reference
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge
 from checkweigher_dsp.denoising.load_rise import load_response
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
@@ -61,9 +61,7 @@ def weighed(recording: Recording, parameters: LineParameters, shift: Shift) -> N
     """Return the masses in g where each edge is later by `shift` s."""
     edges = [replace(e, stamp=e.stamp + round(NANOSECONDS * shift(e))) for e in recording.edges]
     moved = replace(recording, edges=tuple(sorted(edges, key=canonical_order)))
-    events = [event for event in moved if not isinstance(event, Reference)]
-    weighings = WeighingLine(recording.load_cell, parameters).weigh_all(events)
-    return np.array([1e3 * done.estimate.mass for done in weighings])
+    return np.array([1e3 * done.estimate.mass for done in weigh_all(moved, parameters)])
 
 
 def exact(edge: EyeEdge) -> float:

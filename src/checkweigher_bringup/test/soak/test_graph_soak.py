@@ -8,20 +8,16 @@ from contextlib import contextmanager
 import os
 from pathlib import Path
 import time
-from typing import Any
 
-from checkweigher_msgs.msg import StreamStatus
+from lines import simulated, weigh_all
 import numpy as np
 from processes import LINE, parameter_file, resident_memory
 import pytest
-from rclpy.node import Node
 
 from checkweigher_bringup.spinning import Process, node_command, running_processes, spinning
-from checkweigher_core.records import Reference, Verdict
+from checkweigher_core.records import StreamState, StreamStatus, Verdict
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.conversion import to_record
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+from checkweigher_core.ros.port_node import PortNode
 
 # 90 m/min, and each product enters soon after the one before it has left the belt.
 CLOSE: dict[str, object] = {
@@ -43,22 +39,20 @@ PATIENCE = 60.0  # s without a verdict
 PERIOD = 1.0  # s, between two looks at the memory
 
 
-class Witness(Node):
+class Witness(PortNode):
     """Keep the verdicts of a line and how many there should be."""
 
     def __init__(self) -> None:
         super().__init__('witness')
         self.verdicts: list[Verdict] = []
         self.expected: int | None = None
-        self._listen(ports.VERDICT, lambda m: self.verdicts.append(to_record(ports.VERDICT, m)))
-        self._listen(ports.SEGMENTER_STATUS, self._on_status)
+        self.subscribe(ports.VERDICT, self.verdicts.append, qos=ports.VERDICT.qos)
+        port = ports.SEGMENTER_STATUS
+        self.subscribe(port, self._on_status, qos=port.qos)
 
-    def _listen(self, topic: ports.Port, callback: Any) -> None:
-        self.create_subscription(topic.type, topic.name, callback, topic.qos)
-
-    def _on_status(self, message: Any) -> None:
-        if message.state == StreamStatus.FINISHED:
-            self.expected = int(message.items)
+    def _on_status(self, status: StreamStatus) -> None:
+        if status.state is StreamState.FINISHED:
+            self.expected = status.items
 
     @property
     def finished(self) -> bool:
@@ -120,16 +114,9 @@ def line(
         yield processes
 
 
-def offline(count: int) -> Iterator[Verdict]:
+def offline(count: int) -> list[Verdict]:
     """Weigh the same line without the graph."""
-    simulation = Simulation(SimulationParameters.from_mapping({**CLOSE, 'count': count}))
-    weighing = WeighingLine(simulation.load_cell, LineParameters())
-    for event in simulation:
-        if not isinstance(event, Reference):
-            for result in weighing.add(event):
-                yield result.verdict
-    for result in weighing.finish():
-        yield result.verdict
+    return [weighing.verdict for weighing in weigh_all(simulated(**CLOSE, count=count))]
 
 
 def shift(
@@ -167,7 +154,7 @@ def shift(
 
 def test_150_items_have_the_verdicts_of_weigh(tmp_path: Path):
     verdicts, _ = shift(tmp_path, 150, one_process=True)
-    assert verdicts == list(offline(150))
+    assert verdicts == offline(150)
 
 
 @pytest.mark.soak
@@ -179,7 +166,7 @@ def test_a_shift_has_the_verdicts_of_weigh_and_leaks_nothing(
 ):
     verdicts, memory = shift(tmp_path, count, one_process=one_process)
     print(memory.report())
-    assert verdicts == list(offline(count))
+    assert verdicts == offline(count)
     for name in memory.resident:
         assert memory.growth(name) < MAX_GROWTH, f'{name} grows\n{memory.report()}'
 

@@ -3,16 +3,15 @@
 """`tune` and `evaluate` as a user runs them."""
 
 from collections.abc import Callable
-import csv
 import json
 from pathlib import Path
 
+from here import refused
 from lines import simulated
 import numpy as np
 import pytest
-from running import run_command
+from running import read_rows, run_command
 
-from checkweigher_bringup.cli import main
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.writing import write_bag
@@ -133,23 +132,14 @@ def test_without_a_name_the_best_of_all_on_held_out_passes_is_written(
 Refused = Callable[..., str]
 
 
-@pytest.fixture
-def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
-    """Run a command that must be refused and leave nothing; its line is returned.
+@pytest.fixture(name='refused')
+def _refused(tmp_path: Path) -> Refused:
+    """Run a command that must be refused and leave nothing; the output of tune is machine.yaml."""
 
-    The output of tune is machine.yaml.
-    """
-
-    def run(*arguments: object) -> str:
-        if arguments[0] == 'tune':
-            arguments = (*arguments, '--output', tmp_path / 'machine.yaml')
+    def run(command: str, *arguments: object) -> str:
+        output = ('--output', tmp_path / 'machine.yaml') if command == 'tune' else ()
         before = sorted(tmp_path.iterdir())
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        out, errors = capsys.readouterr()
-        assert end.value.code == 2
-        assert out == ''
-        (line,) = errors.strip().splitlines()
+        line = refused(command, *arguments, *output)
         assert sorted(tmp_path.iterdir()) == before
         return line
 
@@ -220,8 +210,7 @@ class TestEvaluation:
         assert done.stderr == ''
         assert 'tvlpf' in done.stdout
         assert '<html' in files['html'].read_text()
-        with files['csv'].open(newline='') as file:
-            rows = list(csv.DictReader(file))
+        rows = read_rows(files['csv'])
         keys = [(row['part'], row['estimator'], row['mass_g'], row['count']) for row in rows]
         expected = [
             (part, estimator, mass, '6')
@@ -251,8 +240,7 @@ class TestEvaluation:
         options = ('--passes', 12, '--estimator', 'mean', 'hann', '--csv', path, '--jobs', 1)
         done = checkweigher('evaluate', '--protocol', 'paper', *options)
         assert 'bound' in done.stdout
-        with path.open(newline='') as file:
-            rows = list(csv.DictReader(file))
+        rows = read_rows(path)
         # Speeds, masses, parts, estimators.
         assert len(rows) == 5 * 5 * 2 * 2
         assert {(row['count'], row['faults']) for row in rows} == {('6', '0')}
@@ -267,8 +255,7 @@ class TestEvaluation:
             '--further', 60, '--mass', 100, 200, '--estimator', 'mean', '--jobs', 1, *outputs,
         )  # fmt: skip
         assert 'attainable A, g' in done.stdout
-        with files['csv'].open(newline='') as file:
-            rows = list(csv.DictReader(file))
+        rows = read_rows(files['csv'])
         kinds = {(row['tuned'], row['estimator'], row['part']) for row in rows}
         assert kinds == {
             ('1', 'attainable', 'test'), ('1', 'mean', 'train'), ('1', 'mean', 'test'),

@@ -7,11 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from here import run_here
 from made_procedure import PLAN
 import numpy as np
 import pytest
 from recorded_steps import record_steps
-from running import run_command
 
 from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands.accuracy import verify as verify_command
@@ -89,7 +89,7 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
     # The same from the bag alone, which lies elsewhere by then.
     plan.unlink()
     (tmp_path / 'out' / 'bag').rename(tmp_path / 'kept')
-    done = run_command('verify', '--from', tmp_path / 'kept', '--output', tmp_path / 'again')
+    done = run_here('verify', '--from', tmp_path / 'kept', '--output', tmp_path / 'again')
     assert done.returncode == 0, done.stderr
     for name in ('report.html', 'report.json'):
         assert (tmp_path / 'again' / name).read_bytes() == (tmp_path / 'out' / name).read_bytes()

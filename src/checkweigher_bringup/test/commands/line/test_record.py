@@ -4,12 +4,10 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-import csv
 from pathlib import Path
 import random
 import signal
 import subprocess
-import sys
 
 from graph import wait_for
 from lines import counts_of, simulated
@@ -17,7 +15,7 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from running import run_command
+from running import read_rows, run_command, start_command
 import yaml
 
 from checkweigher_bringup.spinning import spinning
@@ -28,8 +26,6 @@ from checkweigher_core.ros.conversion import to_message
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
-
-MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
 
 RATE = 4
 COUNT = 12
@@ -47,10 +43,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextmanager
 def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     """Have a command running for as long as the block lasts."""
-    process = subprocess.Popen(
-        [*MODULE, *map(str, arguments)], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+    process = start_command(*arguments)
     try:
         yield process
     finally:
@@ -176,11 +169,6 @@ def check_beginning(rows: list[dict[str, str]], whole: list[dict[str, str]], cou
         for last in (rows[count - 1], expected[-1]):
             del last['t4']  # which may lie behind the cut
     assert rows[:count] == expected
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding='utf-8', newline='') as file:
-        return list(csv.DictReader(file))
 
 
 def passed(line: Recording, moment: int) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 from checkweigher_msgs.msg import Verdict
 from processes import children
 import pytest
-from running import PATIENCE, run_command
+from running import PATIENCE, run_command, start_command
 from served_page import get
 from supervised_line import SupervisedLine, supervised_line
 
@@ -52,10 +52,8 @@ def test_a_line_that_cannot_start_ends_with_its_reason(tmp_path: Path):
 
 
 def test_of_two_lines_that_start_at_once_one_goes_on(tmp_path: Path):
-    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--namespace', 'twice']
-    pipe = subprocess.PIPE
-    runs = [subprocess.Popen([*words, *more], stdout=pipe, stderr=pipe, text=True)
-            for more in ((), ('--processes',))]  # fmt: skip
+    words = ('run', '--namespace', 'twice')
+    runs = [start_command(*words, *more) for more in ((), ('--processes',))]
     try:
         while all(run.poll() is None for run in runs):
             time.sleep(0.05)
@@ -85,11 +83,9 @@ def command_of(pid: int) -> str:
 
 
 def test_the_page_beside_a_line_is_kept_running_and_ends_with_it(tmp_path: Path):
-    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--namespace', 'shown']
-    run = subprocess.Popen(
-        [*words, '--page-port', '0'], text=True, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, env={**os.environ, 'XDG_CONFIG_HOME': str(tmp_path)},
-    )  # fmt: skip
+    environment = {**os.environ, 'XDG_CONFIG_HOME': str(tmp_path)}
+    words = ('run', '--namespace', 'shown', '--page-port', 0)
+    run = start_command(*words, stdout=subprocess.DEVNULL, env=environment)
     try:
         assert run.stderr is not None
         for number in (signal.SIGKILL, 0):

@@ -4,18 +4,14 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-import subprocess
-import sys
+
+from running import run_command
 
 from checkweigher_web.access.users import Role, read_users
 
-COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'user']
-
 
 def run(path: Path, *words: str, password: str = '') -> tuple[int, str]:
-    done = subprocess.run(
-        [*COMMAND, *words, '--users', str(path)], input=password, capture_output=True, text=True
-    )
+    done = run_command('user', *words, '--users', path, input=password)
     return done.returncode, done.stdout + done.stderr
 
 

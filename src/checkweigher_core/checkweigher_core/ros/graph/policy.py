@@ -16,8 +16,8 @@ LINE = 'line'  # the process in which all nodes of a lane may run
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics that observers subscribe to, by node.
-_VIEWED: dict[str, tuple[Port, ...]] = {
+# Topics that observers subscribe to, by node; the page reads its own from here.
+VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
@@ -63,7 +63,7 @@ class Rights:
 
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node of this name in the namespace `lane`."""
-    viewed = _VIEWED.get(node, ())
+    viewed = VIEWED.get(node, ())
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
     reply = {each.name for each in services.SERVICES if each.server == node} | _of(
