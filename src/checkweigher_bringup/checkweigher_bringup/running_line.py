@@ -208,7 +208,7 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End all processes: of the line the driver first and reject last, then the others."""
+    """End the processes of the line, the driver first and reject last, then the others."""
     line = [process for name, process in processes.items() if name not in _NOT_NEEDED]
     beside = [process for name, process in processes.items() if name in _NOT_NEEDED]
     for group in (line[:1], line[1:-1], line[-1:], beside):

@@ -107,7 +107,7 @@ def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, objec
 def start_process(words: Sequence[str]) -> Process:
     """Start nodes in a process that ends with this one.
 
-    Signals of the terminal reach this process alone, which ends the others in order. It uses
+    Signals of the terminal reach only this process, which then ends the others in order. It uses
     SIGTERM, because SIGINT during an import would print a traceback.
     """
     return subprocess.Popen(words, env=child_environment(), process_group=0)

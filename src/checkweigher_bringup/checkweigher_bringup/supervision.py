@@ -23,8 +23,8 @@ class SupervisedProcess:
     """A process that is kept running. Times are in s of a monotonic clock.
 
     It is not started again if it ends with `CANNOT_START` before it has worked. A process without
-    `reports` sends no diagnostics, so nobody sees that it hangs. It counts as having worked if it
-    lived for a while.
+    `reports` sends no diagnostics, so a hang is not detected. Such a process has worked if it ran
+    for at least `STABLE` s.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class SupervisedProcess:
     def _record_end(self, now: float, status: int) -> None:
         at_once = now - self._started < STABLE
         self._delay = min(2 * self._delay, LONGEST_DELAY) if at_once and self._reason else DELAY
-        # Its parameters were good if it has worked, so it is started again.
+        # A process that has worked had valid parameters, so it is started again.
         self._has_worked |= not (self._reports or at_once)
         self._given_up = status == CANNOT_START and not self._has_worked
         self._reason = f'hung: no diagnostics for {SILENCE:g} s' if self._hung else _reason(status)

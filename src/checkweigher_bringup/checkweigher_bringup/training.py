@@ -62,7 +62,7 @@ def read_passes(
     Of several bags, one that cannot be read is reported on stderr and skipped.
 
     Raises `UserError` if a bag has no such pass, or the bags are of different load cells;
-    `BagError` if the only bag, or none of several, can be read.
+    `BagError` if no bag can be read.
     """
     calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
     found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
@@ -98,7 +98,7 @@ def passes_of_bag(
 ) -> BagPasses | BagError:
     """Return the passes of known mass of a bag, or why it cannot be read.
 
-    Of its samples only those of the passes are kept.
+    Only the samples of the passes are kept.
     """
 
     def work(stretches: Iterable[Recording]) -> BagPasses:

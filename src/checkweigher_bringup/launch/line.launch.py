@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start the checkweigher line: driver, segmenter, denoise, identifier, reject and product.
 
-The arguments set what differs from run to run; everything else is in the parameter file, and so
-is what the arguments leave out. With lanes:=FILE host:=NAME the file describes lanes on several
-hosts, and the nodes of one host start: see docs/hosts.md.
+The arguments set values that differ from run to run. All other values, and those of omitted
+arguments, come from the parameter file. With lanes:=FILE host:=NAME the file describes lanes on
+several hosts, and the nodes of one host start: see docs/hosts.md.
 """
 
 from functools import partial
@@ -131,7 +131,7 @@ def remap_arguments(context):
     rules = LaunchConfiguration('remap').perform(context).split()
     for rule in rules:
         node, _, names = rule.partition(':')
-        # ROS would ignore it, and the line would run without the node between two of its own.
+        # ROS would ignore such a rule, and the line would run without the inserted node.
         if node not in NODES or not all(names.partition(':=')):
             known = ', '.join(NODES)
             raise RuntimeError(f'remap: {rule!r} is not NODE:TOPIC:=OTHER, with one of {known}')

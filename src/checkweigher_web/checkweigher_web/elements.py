@@ -84,7 +84,7 @@ class Pulse(ui.element, component='pulse.js'):
 
 
 class Table(_FromText, component='rows.js'):
-    """A table, which is not shown without rows.
+    """Table, hidden while it has no rows.
 
     Each cell has its head as an attribute, which a narrow page shows beside it.
     """

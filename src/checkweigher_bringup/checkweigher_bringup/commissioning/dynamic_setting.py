@@ -242,7 +242,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 stdout=output,
                 stderr=errors,
                 env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
-                process_group=0,  # signals of the terminal reach this node alone, which ends it
+                process_group=0,  # Ctrl-C reaches only this node, which then ends the child
             )
         self._timer.reset()
         if words[0] == 'tune':

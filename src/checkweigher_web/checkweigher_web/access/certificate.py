@@ -73,7 +73,7 @@ def check_pair(certificate: Path, key: Path) -> None:
                 status = os.stat(file.fileno())
         except OSError as error:
             raise CertificateError(f'{path}: {error.strerror or error}') from None
-    # A key of root may be that of a group, as ssl-cert of Debian.
+    # A key that root owns may be readable by its group, such as ssl-cert on Debian.
     mode = 0o640 if status.st_uid == 0 != os.geteuid() else 0o600
     if status.st_mode & 0o777 & ~mode:
         raise CertificateError(

@@ -56,7 +56,7 @@ class Access:
         self.sessions = Sessions(self.users, 60 * site.idle)
         self.throttle = Throttle()
         self._ended: set[str] = set()  # clients whose session had ended at the latest look
-        # Cookies are those of a host: two pages on one host have two names.
+        # Browsers share cookies between the ports of a host, so each page has its own cookie name.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
 
     def session_of(self, client: Client) -> Session | None:

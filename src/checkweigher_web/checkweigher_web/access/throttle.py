@@ -13,10 +13,10 @@ _FORGOTTEN = 3600.0  # s after the last failure
 class Throttle:
     """Waiting times after failures in a row: 1 s after the third, then doubled, at most 5 min.
 
-    A key is an account or an address. A login ends the row of its account and of its address,
-    because at the belt all persons have one address. The row of any other account goes on.
-    Otherwise a user could guess the passwords of other users from the same address. `clock` is in
-    s.
+    A key is an account or an address. A login resets the failures of its account and of its
+    address, because all persons at the belt share one address. The failures of any other account
+    still count. Otherwise a user could guess the passwords of other users from the same address.
+    `clock` is in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import NEW_BAG
 
-# The names are those of ImportParameters, whose defaults hold. Written out, so that --help needs no
-# imports.
+# The options have the names of ImportParameters, and its defaults apply. The names are repeated
+# here so that --help needs no imports.
 OPTIONS = (
     ('log CSV', Path, 'one sample a row'),
     NEW_BAG,
