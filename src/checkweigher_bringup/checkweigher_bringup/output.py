@@ -63,7 +63,7 @@ def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
         write_whole(path, text.getvalue())
 
 
-class Table:
+class ItemTable:
     """Table on the screen with one line per item and a summary at the end.
 
     `origin` is the zero of the column t1 in ns; None stands for the time of the first item, before

@@ -16,7 +16,7 @@ from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.hosts.description import LineDescription
 from checkweigher_bringup.listening import EchoNode
-from checkweigher_bringup.output import Table
+from checkweigher_bringup.output import ItemTable
 from checkweigher_bringup.spinning import (
     asked_to_end,
     memory_file,
@@ -64,7 +64,7 @@ def run_line(
         files = _parameter_files(first, params, last, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
         processes = _processes(modules, files, namespace, page, folder)
-        with spinning(namespace) as spinner, closing(Table()) as table:
+        with spinning(namespace) as spinner, closing(ItemTable()) as table:
             node = EchoNode()
             lane = node.get_namespace().rstrip('/')
             names = (*ports.NODES, *processes)

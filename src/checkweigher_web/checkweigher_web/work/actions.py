@@ -20,7 +20,7 @@ from checkweigher_core.ros.services import SETTER
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.recipes import Product, read_recipes
-from checkweigher_web.work.services import LaneServices, RefusedError
+from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _MANAGED = 'reject', 'driver'  # in the order in which they start
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
@@ -31,7 +31,7 @@ _STEPS = {
 
 
 @dataclass(frozen=True)
-class Limits:
+class MassLimits:
     """Limits of the reject node, kg; infinite where there is none."""
 
     lower: float
@@ -44,13 +44,13 @@ class Limits:
 async def products(services: LaneServices) -> dict[str, Product]:
     """Return the products of the recipe file of a lane, by name.
 
-    Raises `RefusedError` if the lane has no recipe file or it is not on this machine.
+    Raises `ActionRefusedError` if the lane has no recipe file or it is not on this machine.
     """
     path = await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
     try:
         return read_recipes(path)
     except ParameterError as error:
-        raise RefusedError(str(error)) from None
+        raise ActionRefusedError(str(error)) from None
 
 
 async def select_product(services: LaneServices, name: str) -> str:
@@ -69,8 +69,8 @@ async def zero(services: LaneServices) -> str:
     """Set the zero to the next empty belt."""
     try:
         return _in_grams(await services.message(ports.ZERO)) or 'the zero is set'
-    except RefusedError as error:
-        raise RefusedError(_in_grams(str(error))) from None
+    except ActionRefusedError as error:
+        raise ActionRefusedError(_in_grams(str(error))) from None
 
 
 async def reset_stop(services: LaneServices) -> str:
@@ -102,22 +102,22 @@ async def _change(services: LaneServices, node: str, step: int) -> None:
     await services.call(f'{node}/change_state', transition=Transition(id=step))
 
 
-def limits(services: LaneServices) -> Limits:
+def limits(services: LaneServices) -> MassLimits:
     """Return the limits of a lane."""
     in_use = _in_use(services)
-    return Limits(in_use.lower_limit, in_use.upper_limit)
+    return MassLimits(in_use.lower_limit, in_use.upper_limit)
 
 
 def _in_use(services: LaneServices) -> ProductOnLine:
     if services.product is None:
-        raise RefusedError('the node reject has not said its limits yet')
+        raise ActionRefusedError('the node reject has not said its limits yet')
     return services.product
 
 
-async def set_limits(services: LaneServices, wanted: Limits) -> str:
+async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits, or none."""
     if wanted.lower > wanted.upper:  # the node says so in kg
-        raise RefusedError(
+        raise ActionRefusedError(
             f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
             f'{_grams(wanted.upper)}'
         )
@@ -146,11 +146,11 @@ _OPERATION = 'simulator.now.'
 
 
 async def operation(services: LaneServices) -> Operation:
-    """Return the settings of a simulated machine; raise `RefusedError` if it is a real one."""
+    """Return the settings of a simulated machine; raise `ActionRefusedError` if it is a real one."""
     names = [_OPERATION + entry.name for entry in fields(Operation)]
     feed, *others = [*await _parameters(services, 'driver', *names), None][: len(names)]
     if feed is None:
-        raise RefusedError('the machine of this lane is not simulated')
+        raise ActionRefusedError('the machine of this lane is not simulated')
     return Operation(bool(feed), *(float(str(each)) for each in others))
 
 
@@ -169,13 +169,13 @@ async def line_parameters(services: LaneServices) -> LineParameters:
         names = list(getattr(defaults, node).as_mapping())
         values = await _parameters(services, node, *names)
         if len(values) != len(names):
-            raise RefusedError(f'the node {node} is of another version: it lacks parameters')
+            raise ActionRefusedError(f'the node {node} is of another version: it lacks parameters')
         found |= {f'{node}.{name}': each for name, each in zip(names, values, strict=True)}
     found |= flatten({'reject': limits_of(_in_use(services))})
     try:
         return defaults.with_values(found)
     except ParameterError as error:
-        raise RefusedError(str(error)) from None
+        raise ActionRefusedError(str(error)) from None
 
 
 def _grams(limit: float) -> str:
@@ -187,12 +187,12 @@ def _in_grams(text: str) -> str:
 
 
 async def batch_folder(services: LaneServices) -> Path:
-    """Return the folder of the batch records; raise `RefusedError` if there is none."""
+    """Return the folder of the batch records; raise `ActionRefusedError` if there is none."""
     return await _path(services, 'batch_folder', 'keeps no records: set its parameter batch_folder')
 
 
 async def audit_log(services: LaneServices) -> Path:
-    """Return the audit log of a lane; raise `RefusedError` if it has none."""
+    """Return the audit log of a lane; raise `ActionRefusedError` if it has none."""
     path = await _path(
         services,
         'audit_log',
@@ -202,10 +202,10 @@ async def audit_log(services: LaneServices) -> Path:
 
 
 async def _path(services: LaneServices, name: str, missing: str) -> Path:
-    """Return a path parameter of the node product; raise `RefusedError` if it is empty."""
+    """Return a path parameter of the node product; raise `ActionRefusedError` if it is empty."""
     (path,) = await _parameters(services, 'product', name)
     if not path:
-        raise RefusedError(f'the node product {missing}')
+        raise ActionRefusedError(f'the node product {missing}')
     return Path(str(path))
 
 
@@ -213,7 +213,7 @@ async def _set(services: LaneServices, node: str, values: Mapping[str, object]) 
     given = [each.to_parameter_msg() for each in ros_parameters(values)]
     result = (await services.call(f'{node}/{SETTER}', parameters=given)).result
     if not result.successful:
-        raise RefusedError(result.reason)
+        raise ActionRefusedError(result.reason)
 
 
 async def _parameters(services: LaneServices, node: str, *names: str) -> list[object]:

@@ -12,15 +12,15 @@ from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.work import actions
-from checkweigher_web.work.actions import Limits
+from checkweigher_web.work.actions import MassLimits
 from checkweigher_web.work.audit import audit_log
-from checkweigher_web.work.calibration import Calibration
+from checkweigher_web.work.calibration import CalibrationDialog
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number_in
 from checkweigher_web.work.dynamic_setting import DynamicSettingGuide
 from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.performance import performance_test
 from checkweigher_web.work.reports import batch_reports
-from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
+from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 from checkweigher_web.work.simulated_machine import operate
 from checkweigher_web.work.verification import VerificationGuide
 
@@ -83,11 +83,11 @@ async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
         known = await actions.products(services)
         product = known.get(desk.lane.statistics.product) if desk.lane.statistics else None
         desk.needs_reason = product is not None and product.reason
-    except RefusedError:
+    except ActionRefusedError:
         desk.needs_reason = False
     try:
         await begin(desk, services)
-    except RefusedError as error:
+    except ActionRefusedError as error:
         Dialog(label).tell(Outcome(False, str(error)))
 
 
@@ -102,7 +102,7 @@ async def _product(desk: Desk, services: LaneServices) -> None:
     def plan(choice: ui.select) -> tuple[str, Action]:
         name = choice.value
         if name not in known:
-            raise RefusedError('choose a product')
+            raise ActionRefusedError('choose a product')
         return f'select product {name}', partial(actions.select_product, services, name)
 
     text = 'All parameters of the product are set. Change it while the belt is empty.'
@@ -143,18 +143,18 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
 
     def plan(lower: ui.input, upper: ui.input) -> tuple[str, Action]:
         ends = number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
-        wanted = Limits(*ends)
+        wanted = MassLimits(*ends)
         return f'set limits to {wanted}', partial(actions.set_limits, services, wanted)
 
     def limit(label: str, value: float) -> ui.input:
         return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
 
     text = (
-        'Limits of the gross mass; empty for none. The next selection of a product sets those of '
+        'MassLimits of the gross mass; empty for none. The next selection of a product sets those of '
         'its recipe.'
     )
     fields = partial(limit, 'Lower limit', now.lower), partial(limit, 'Upper limit', now.upper)
-    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
+    ask(desk, Role.TECHNICIAN, 'MassLimits', text, 'Set', plan, *fields)
 
 
 # Label, least role and function of each dialog. A further action is a row here.
@@ -168,8 +168,8 @@ _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),
     ('Audit log', Role.OPERATOR, audit_log),
-    ('Limits', Role.TECHNICIAN, _limits),
-    ('Calibration', Role.TECHNICIAN, Calibration.open),
+    ('MassLimits', Role.TECHNICIAN, _limits),
+    ('CalibrationDialog', Role.TECHNICIAN, CalibrationDialog.open),
     ('Dynamic setting', Role.TECHNICIAN, DynamicSettingGuide.open),
     ('Verification', Role.TECHNICIAN, VerificationGuide.open),
 )

@@ -30,10 +30,10 @@ _STEPS = (
 )
 
 
-class Calibration(Guide):
+class CalibrationDialog(Guide):
     """The dialog of a calibration; the readings are kept by the driver."""
 
-    title = 'Calibration'
+    title = 'CalibrationDialog'
     needs = ports.CALIBRATE_ZERO
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:

@@ -15,7 +15,7 @@ from checkweigher_web.access.guard import Access
 from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Lane
 from checkweigher_web.work.audit_view import Auditor
-from checkweigher_web.work.services import LaneServices, Outcome, Person, RefusedError
+from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
 _THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')  # or a decimal comma
@@ -86,7 +86,7 @@ class Dialog:
             self._closing.disable()
             try:
                 await click()
-            except RefusedError as error:
+            except ActionRefusedError as error:
                 self.tell(Outcome(False, str(error)))
             finally:
                 button.props(remove='loading')
@@ -121,7 +121,7 @@ class Guide(Dialog):
 
     @classmethod
     async def open(cls, desk: Desk, services: LaneServices) -> None:
-        """Open the dialog if the service runs; raise `RefusedError` if it does not."""
+        """Open the dialog if the service runs; raise `ActionRefusedError` if it does not."""
         await services.found(cls.needs)
         cls(desk, services)
 
@@ -151,15 +151,17 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
 
 
 def number_in(given: ui.input, *, empty: float | None = None) -> float:
-    """Return the number in a field, or raise `RefusedError` if the text is not a single number."""
+    """Return the number in a field, or raise `ActionRefusedError` if the text is not a single number."""
     text = str(given.value or '').strip()
     if not text and empty is not None:
         return empty
     if not _NUMBER.fullmatch(text):
-        raise RefusedError(f'{given.props["label"]}: {one_line(text)!r} is not a number')
+        raise ActionRefusedError(f'{given.props["label"]}: {one_line(text)!r} is not a number')
     if _THOUSANDS.fullmatch(text):
         either = f'{text.replace(",", ".")} or {text.replace(",", "")}'
-        raise RefusedError(f'{given.props["label"]}: {text} may be {either}: write one of these')
+        raise ActionRefusedError(
+            f'{given.props["label"]}: {text} may be {either}: write one of these'
+        )
     return float(text.replace(',', '.'))
 
 
@@ -175,7 +177,7 @@ def ask(
     """Ask before an action, and return the body of the dialog.
 
     Each of the `fields` adds a field to the dialog and returns its element. `plan` makes of these
-    elements the words for the audit log and the action, or raises `RefusedError` for a field that
+    elements the words for the audit log and the action, or raises `ActionRefusedError` for a field that
     cannot be used.
     """
     dialog = Dialog(title, 'Cancel')

@@ -11,7 +11,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
 from checkweigher_web.elements import Table
 from checkweigher_web.work.dialogs import Desk, Guide, field, number_in, reason_field
-from checkweigher_web.work.services import LaneServices, RefusedError
+from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _PERIOD = 0.2  # s
 _MANY = 100_000  # passes
@@ -87,7 +87,7 @@ class DynamicSettingGuide(Guide):
         """Return the table of parameters that wait to be taken over; empty if there are none."""
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
-        except RefusedError:
+        except ActionRefusedError:
             return []
 
     def _show(self, lines: list[str]) -> None:
@@ -99,7 +99,7 @@ class DynamicSettingGuide(Guide):
     async def _record(self) -> None:
         mass, passes = number_in(self._mass), number_in(self._passes)
         if not (passes.is_integer() and 0 < passes < _MANY):
-            raise RefusedError(f'Passes: {passes:g} is not a number of passes')
+            raise ActionRefusedError(f'Passes: {passes:g} is not a number of passes')
         values = {'mass': mass / GRAMS, 'passes': int(passes)}
 
         async def record() -> str:
@@ -121,7 +121,7 @@ class DynamicSettingGuide(Guide):
         async def end() -> str:
             now = self.services.setting
             if seen is None or now is None or now.state != seen.state:
-                raise RefusedError('it has ended already')
+                raise ActionRefusedError('it has ended already')
             return await self.services.message(ports.CANCEL_PASSES)
 
         await self.perform(f'{self._ending.text.lower()}, dynamic setting', end)
@@ -131,7 +131,7 @@ class DynamicSettingGuide(Guide):
 
         async def take_over() -> str:
             if await self._trained() != seen:
-                raise RefusedError('what was trained is not what the table shows: look again')
+                raise ActionRefusedError('what was trained is not what the table shows: look again')
             return await self.services.message(ports.ACCEPT_TUNED)
 
         await self.perform('take over the trained parameters', take_over)

@@ -13,7 +13,7 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import ShownItem
-from checkweigher_web.work.services import RefusedError
+from checkweigher_web.work.services import ActionRefusedError
 
 HELD = 120.0  # s of samples, which leaves a person time to look at a fault first
 _ELSE = 'record the line, and cut the item out with checkweigher keep'
@@ -56,13 +56,15 @@ class Keeper:
         verdict, estimate = item.verdict, item.estimate
         stamps = [each for each in item.key if each is not None]
         if estimate is None or not stamps:
-            raise RefusedError(f'item {verdict.item_id} has no place in the signal: {_ELSE}')
+            raise ActionRefusedError(f'item {verdict.item_id} has no place in the signal: {_ELSE}')
         if recording is None:
-            raise RefusedError('the page holds no samples yet: it takes them while somebody looks')
+            raise ActionRefusedError(
+                'the page holds no samples yet: it takes them while somebody looks'
+            )
         begin, end = recording.blocks[0].stamp, recording.blocks[-1].stamp
         held = f'the page holds {(end - begin) / NANOSECONDS:.0f} s'
         if min(stamps) < begin:
-            raise RefusedError(f'item {verdict.item_id} came before what {held} of: {_ELSE}')
+            raise ActionRefusedError(f'item {verdict.item_id} came before what {held} of: {_ELSE}')
         try:
             part, result = keep_item(recording, parameters, estimate, verdict)
             when = datetime.fromtimestamp(min(stamps) / NANOSECONDS, UTC)
@@ -70,12 +72,12 @@ class Keeper:
             path = self.folder / '_'.join([*lane.split('/'), name]).lstrip('_')
             write_bag(path, part.load_cell, part, lane)
         except KeepError:
-            raise RefusedError(
+            raise ActionRefusedError(
                 f'{held}, and item {verdict.item_id} is weighed another way in it: what it needs '
                 f'came before, or a parameter was changed since; {_ELSE}'
             ) from None
         except OutputError as error:
-            raise RefusedError(str(error)) from None
+            raise ActionRefusedError(str(error)) from None
         found = result.verdict
         weighed = f'{found.decision.name} {" ".join(found.reasons)}'.strip()
         return (

@@ -65,7 +65,7 @@ _FOLLOWED = {
 }
 
 
-class RefusedError(Exception):
+class ActionRefusedError(Exception):
     """An action that was not done; the message says why."""
 
 
@@ -123,14 +123,16 @@ class LaneServices(PortNode):
         return _ACTING.get()
 
     async def call(self, name: str, **values: Any) -> Any:
-        """Return the answer of a service; raise `RefusedError` if it refuses or does not answer."""
+        """Return the answer of a service; raise `ActionRefusedError` if it refuses or does not answer."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
         acting = _ACTING.get()
         if acting is not None and changes_line(name):
             await self._note(acting, services=[name])
         answer = await self._answer(client, kind.Request(**values), node)
         if not getattr(answer, 'success', True):
-            raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
+            raise ActionRefusedError(
+                getattr(answer, 'message', '') or f'{node} refused; see Diagnostics'
+            )
         return answer
 
     async def message(self, name: str, **values: Any) -> str:
@@ -138,12 +140,12 @@ class LaneServices(PortNode):
         return str((await self.call(name, **values)).message)
 
     async def found(self, name: str) -> Client:
-        """Return the client of a running service; raise `RefusedError` if it does not run."""
+        """Return the client of a running service; raise `ActionRefusedError` if it does not run."""
         client, (_, node) = self._by_name[name], _SERVICES[name]
         deadline = time.monotonic() + _DISCOVERY
         while not client.service_is_ready():
             if time.monotonic() > deadline:
-                raise RefusedError(f'the node {node} does not run in this lane')
+                raise ActionRefusedError(f'the node {node} does not run in this lane')
             await asyncio.sleep(0.05)
         return client
 
@@ -160,14 +162,14 @@ class LaneServices(PortNode):
                 if gone or time.monotonic() - asked > _PATIENCE:
                     client.remove_pending_request(future)
                     why = 'ended before it answered' if gone else 'does not answer'
-                    raise RefusedError(f'the node {node} {why}') from None
+                    raise ActionRefusedError(f'the node {node} {why}') from None
 
     async def act(
         self, person: Person, what: str, reason: str, action: Callable[[], Awaitable[str]]
     ) -> Outcome:
         """Perform an action for a person, with entries in the audit log before and after it.
 
-        `action` returns its outcome in words, or raises `RefusedError`; any other error is reported
+        `action` returns its outcome in words, or raises `ActionRefusedError`; any other error is reported
         and logged as well. Without an audit log nothing is written, but on a lane that has had one
         nothing is done without it.
         """
@@ -175,12 +177,12 @@ class LaneServices(PortNode):
         why = f'; reason: {reason}' if reason else ''
         try:
             await self._note(acting, f'{what}: asked from {person.address}{why}')
-        except RefusedError as error:
+        except ActionRefusedError as error:
             return Outcome(False, f'nothing was done: not in the audit log: {error}')
         token = _ACTING.set(acting)
         try:
             outcome, ending = Outcome(True, await action()), 'done'
-        except RefusedError as error:
+        except ActionRefusedError as error:
             outcome = Outcome(False, one_line(error))
             ending = f'refused: {outcome.text}'
         except Exception as error:  # a mistake in this program
@@ -192,7 +194,7 @@ class LaneServices(PortNode):
         try:
             await self._note(acting)
             await self._note(acting, f'{what}: {ending}')
-        except RefusedError as error:
+        except ActionRefusedError as error:
             text = f'{outcome.text}; its end is not in the audit log: {error}'
             return Outcome(outcome.done, text)
         return outcome

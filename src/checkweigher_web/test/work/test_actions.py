@@ -11,8 +11,8 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 
 from checkweigher_core.records import ProductOnLine
 from checkweigher_web.work import actions
-from checkweigher_web.work.actions import Limits
-from checkweigher_web.work.services import LaneServices, RefusedError
+from checkweigher_web.work.actions import MassLimits
+from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 
 class Services:
@@ -23,7 +23,7 @@ class Services:
 
     async def message(self, name: str) -> str:
         if self._refuse:
-            raise RefusedError(self._text)
+            raise ActionRefusedError(self._text)
         return self._text
 
 
@@ -45,20 +45,24 @@ def test_the_zero_is_told_in_grams(said: str, read: str):
 
 
 def test_why_there_is_no_zero_is_told_in_grams():
-    with pytest.raises(RefusedError, match=r'reads 123\.456 g, beyond zero_range 20 g: not zeroed'):
+    with pytest.raises(
+        ActionRefusedError, match=r'reads 123\.456 g, beyond zero_range 20 g: not zeroed'
+    ):
         zero('the belt reads 0.123456 kg, beyond zero_range 0.02 kg: not zeroed', refuse=True)
 
 
 def test_limits_the_wrong_way_round_are_refused_in_grams():
     services = cast(LaneServices, Services('not asked'))
-    with pytest.raises(RefusedError, match='the lower limit, 200 g, is above the upper one, 100 g'):
-        asyncio.run(actions.set_limits(services, Limits(0.2, 0.1)))
+    with pytest.raises(
+        ActionRefusedError, match='the lower limit, 200 g, is above the upper one, 100 g'
+    ):
+        asyncio.run(actions.set_limits(services, MassLimits(0.2, 0.1)))
 
 
 def test_the_limits_are_those_in_use_and_not_those_of_the_parameters():
     nuts = ProductOnLine(1, 'nuts', lower_limit=0.19)
     assert actions.limits(cast(LaneServices, SimpleNamespace(product=nuts))).lower == 0.19
-    with pytest.raises(RefusedError, match='reject has not said its limits yet'):
+    with pytest.raises(ActionRefusedError, match='reject has not said its limits yet'):
         actions.limits(cast(LaneServices, SimpleNamespace(product=None)))
 
 
@@ -69,5 +73,5 @@ def test_a_lane_without_audit_log_says_what_makes_one():
             value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='')
             return SimpleNamespace(values=[value])
 
-    with pytest.raises(RefusedError, match='no audit log: set its parameter audit_log, or'):
+    with pytest.raises(ActionRefusedError, match='no audit log: set its parameter audit_log, or'):
         asyncio.run(actions.audit_log(cast(LaneServices, Product())))

@@ -16,7 +16,7 @@ from checkweigher_web.access.site import Site
 from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
 from checkweigher_web.lane import Lane
 from checkweigher_web.work.dialogs import Desk, field, number_in
-from checkweigher_web.work.services import LaneServices, RefusedError
+from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 ANNA = User('anna', Role.OPERATOR, hash_password('anna', 'correct horse'))
 
@@ -51,7 +51,7 @@ def test_a_number_is_understood_in_one_way_or_refused(text: str, understood: flo
     if isinstance(understood, float):
         assert number_in(given, empty=7.0) == understood
     else:
-        with pytest.raises(RefusedError, match=f'^Mass: {re.escape(understood)}$'):
+        with pytest.raises(ActionRefusedError, match=f'^Mass: {re.escape(understood)}$'):
             number_in(given)
 
 

@@ -17,7 +17,7 @@ from checkweigher_recording.bags.reading import read_bag
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.work.keeping import HELD, Keeper
-from checkweigher_web.work.services import RefusedError
+from checkweigher_web.work.services import ActionRefusedError
 
 DEFAULTS = LineParameters()
 
@@ -50,16 +50,16 @@ def test_an_item_is_kept_with_what_its_mass_needs(recording: Recording, tmp_path
     assert found.verdict.decision == item.verdict.decision
     assert abs(found.verdict.mass - item.verdict.mass) < 0.1 * item.verdict.std_dev
     assert f'item {found.verdict.item_id} of this bag' in text
-    with pytest.raises(RefusedError, match='exists already'):
+    with pytest.raises(ActionRefusedError, match='exists already'):
         keep(tmp_path, lane, item)
 
 
 def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recording, tmp_path: Path):
     lane = held_of(recording)
     items = lane.items()
-    with pytest.raises(RefusedError, match='weighed another way'):
+    with pytest.raises(ActionRefusedError, match='weighed another way'):
         keep(tmp_path, lane, items[0], DEFAULTS.with_values({'reject.lower_limit': 9.0}))
-    with pytest.raises(RefusedError, match='no place in the signal'):
+    with pytest.raises(ActionRefusedError, match='no place in the signal'):
         keep(tmp_path, lane, replace(items[0], estimate=None))
     # The source is HELD later, less the last 5 s: the first items are forgotten.
     last = recording.blocks[-1]
@@ -68,10 +68,10 @@ def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recordi
     held = lane.recording()
     assert held is not None
     assert held.blocks[-1].stamp - held.blocks[0].stamp <= HELD * NANOSECONDS
-    with pytest.raises(RefusedError, match='came before what the page holds'):
+    with pytest.raises(ActionRefusedError, match='came before what the page holds'):
         keep(tmp_path, lane, items[-1])
     lane.forget_signals()
-    with pytest.raises(RefusedError, match='while somebody looks'):
+    with pytest.raises(ActionRefusedError, match='while somebody looks'):
         keep(tmp_path, lane, items[0])
     assert not list(tmp_path.iterdir())
 
@@ -103,7 +103,7 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
         held = lane.recording()
         assert held is not None
         assert (held.blocks, held.edges, held.references) == (tuple(blocks), (), ())
-        with pytest.raises(RefusedError, match='weighed another way'):
+        with pytest.raises(ActionRefusedError, match='weighed another way'):
             keep(tmp_path, lane, item)
 
 

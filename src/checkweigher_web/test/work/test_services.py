@@ -13,7 +13,7 @@ import rclpy
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
-from checkweigher_web.work.services import LaneServices, Outcome, Person, RefusedError
+from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 ANNA = Person('anna', '127.0.0.1')
 
@@ -38,7 +38,7 @@ async def done() -> str:
 
 
 async def refused() -> str:
-    raise RefusedError('the belt is not empty')
+    raise ActionRefusedError('the belt is not empty')
 
 
 async def failed() -> str:

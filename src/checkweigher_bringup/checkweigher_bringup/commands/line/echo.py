@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Show one line per verdict until interrupted."""
     from checkweigher_bringup.errors import warn
     from checkweigher_bringup.listening import EchoNode
-    from checkweigher_bringup.output import Table
+    from checkweigher_bringup.output import ItemTable
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
 
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_positive(arguments, 'count', 'duration')
     count, end = arguments.count or math.inf, time.monotonic() + (arguments.duration or math.inf)
     with spinning(namespace) as spinner:
-        node, table = EchoNode(), Table()
+        node, table = EchoNode(), ItemTable()
         spinner.add(node)
         try:
             while table.count < count and time.monotonic() < end:

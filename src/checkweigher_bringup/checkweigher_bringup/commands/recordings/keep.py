@@ -23,7 +23,7 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Cut the item out and show it as it is weighed in the small bag."""
     from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.output import Table, read_with_warning
+    from checkweigher_bringup.output import ItemTable, read_with_warning
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_core.whole_file import check_new
     from checkweigher_recording.bags.writing import write_bag
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f'--item {arguments.item}: {arguments.bag} has items 1..{len(results)}')
     part, result = keep_item(recording, parameters, found[0].estimate, found[0].verdict)
     write_bag(arguments.output, part.load_cell, part, arguments.lane or '')
-    Table(part.blocks[0].stamp).show(result)
+    ItemTable(part.blocks[0].stamp).show(result)
     print(
         f'{arguments.output}: item {arguments.item} of {arguments.bag} is item '
         f'{result.estimate.item_id} of this bag'

@@ -115,14 +115,14 @@ def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tu
 
     Nothing is shown until the end of the bag has been read, because an error there voids it all.
     """
-    from checkweigher_bringup.output import Table, with_warning
+    from checkweigher_bringup.output import ItemTable, with_warning
     from checkweigher_validation.accuracy.columns import write_csv
     from checkweigher_validation.accuracy.results import weigh_stretches
 
     stretches = iter(stretches)
     first = next(stretches)
     table, rows = _spool(), _spool()
-    shown = Table(first.blocks[0].stamp, table)
+    shown = ItemTable(first.blocks[0].stamp, table)
     recordings = map(with_warning, chain([first], stretches))
     write_csv(rows, map(shown.show, weigh_stretches(recordings, parameters)))
     shown.close()
