@@ -146,7 +146,7 @@ _OPERATION = 'simulator.now.'
 
 
 async def operation(services: LaneServices) -> Operation:
-    """Return the settings of a simulated machine; raise `ActionRefusedError` if it is a real one."""
+    """Return the settings of a simulated machine; raise `ActionRefusedError` if it is real."""
     names = [_OPERATION + entry.name for entry in fields(Operation)]
     feed, *others = [*await _parameters(services, 'driver', *names), None][: len(names)]
     if feed is None:

@@ -150,7 +150,7 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
         return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
 
     text = (
-        'MassLimits of the gross mass; empty for none. The next selection of a product sets those of '
+        'Limits of the gross mass; empty for none. The next selection of a product sets those of '
         'its recipe.'
     )
     fields = partial(limit, 'Lower limit', now.lower), partial(limit, 'Upper limit', now.upper)

@@ -151,7 +151,7 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
 
 
 def number_in(given: ui.input, *, empty: float | None = None) -> float:
-    """Return the number in a field, or raise `ActionRefusedError` if the text is not a single number."""
+    """Return the number in a field, or raise `ActionRefusedError` if there is not just one."""
     text = str(given.value or '').strip()
     if not text and empty is not None:
         return empty
@@ -177,8 +177,8 @@ def ask(
     """Ask before an action, and return the body of the dialog.
 
     Each of the `fields` adds a field to the dialog and returns its element. `plan` makes of these
-    elements the words for the audit log and the action, or raises `ActionRefusedError` for a field that
-    cannot be used.
+    elements the words for the audit log and the action, or raises `ActionRefusedError` for a field
+    that cannot be used.
     """
     dialog = Dialog(title, 'Cancel')
     with dialog.body:

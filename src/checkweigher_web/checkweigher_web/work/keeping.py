@@ -44,7 +44,7 @@ class Keeper:
 
         Raises
         ------
-        RefusedError
+        ActionRefusedError
             If the recording is too short for the item, or the bag cannot be written.
         """
         async with self._turn:

@@ -123,7 +123,7 @@ class LaneServices(PortNode):
         return _ACTING.get()
 
     async def call(self, name: str, **values: Any) -> Any:
-        """Return the answer of a service; raise `ActionRefusedError` if it refuses or does not answer."""
+        """Return the answer of a service; raise `ActionRefusedError` if there is none."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
         acting = _ACTING.get()
         if acting is not None and changes_line(name):
@@ -169,8 +169,8 @@ class LaneServices(PortNode):
     ) -> Outcome:
         """Perform an action for a person, with entries in the audit log before and after it.
 
-        `action` returns its outcome in words, or raises `ActionRefusedError`; any other error is reported
-        and logged as well. Without an audit log nothing is written, but on a lane that has had one
+        `action` returns its outcome in words, or raises `ActionRefusedError`; any other error is
+        reported and logged as well. Without an audit log nothing is written, but on a lane that has had one
         nothing is done without it.
         """
         acting = person, reason

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     namespace = check_namespace(arguments.namespace)
     recording = output.read_with_warning(arguments.bag, arguments.lane)
     joiner = ResultJoiner(recording.edges, recording.references)
-    table = output.Table(recording.blocks[0].stamp)
+    table = output.ItemTable(recording.blocks[0].stamp)
     driver = {
         'source': 'bag',
         'rate': arguments.rate,
