@@ -154,7 +154,7 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
         'its recipe.'
     )
     fields = partial(limit, 'Lower limit', now.lower), partial(limit, 'Upper limit', now.upper)
-    ask(desk, Role.TECHNICIAN, 'MassLimits', text, 'Set', plan, *fields)
+    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
 
 
 # Label, least role and function of each dialog. A further action is a row here.
@@ -168,8 +168,8 @@ _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),
     ('Audit log', Role.OPERATOR, audit_log),
-    ('MassLimits', Role.TECHNICIAN, _limits),
-    ('CalibrationDialog', Role.TECHNICIAN, CalibrationDialog.open),
+    ('Limits', Role.TECHNICIAN, _limits),
+    ('Calibration', Role.TECHNICIAN, CalibrationDialog.open),
     ('Dynamic setting', Role.TECHNICIAN, DynamicSettingGuide.open),
     ('Verification', Role.TECHNICIAN, VerificationGuide.open),
 )

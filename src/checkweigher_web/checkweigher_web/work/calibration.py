@@ -33,7 +33,7 @@ _STEPS = (
 class CalibrationDialog(Guide):
     """The dialog of a calibration; the readings are kept by the driver."""
 
-    title = 'CalibrationDialog'
+    title = 'Calibration'
     needs = ports.CALIBRATE_ZERO
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:

@@ -170,8 +170,8 @@ class LaneServices(PortNode):
         """Perform an action for a person, with entries in the audit log before and after it.
 
         `action` returns its outcome in words, or raises `ActionRefusedError`; any other error is
-        reported and logged as well. Without an audit log nothing is written, but on a lane that has had one
-        nothing is done without it.
+        reported and logged as well. Without an audit log nothing is written, but on a lane that has
+        had one nothing is done without it.
         """
         acting = person, reason
         why = f'; reason: {reason}' if reason else ''
