@@ -140,11 +140,14 @@ def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
 
 
 def _lacks_newer(own: Typestore, port: Port) -> bool:
+    """Return whether a definition differs only in newer fields, which it lacks."""
     assert port.record is not None
     there = list(own.fielddefs[port.message_type][1])
     here = list(typestore([port]).fielddefs[port.message_type][1])
     newer = conversion.newer_fields(port.record)
-    return there != here and there == [field for field in here if field[0] not in newer]
+    return there != here and there == [
+        field for field in here if field in there or field[0] not in newer
+    ]
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
