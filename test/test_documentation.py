@@ -15,6 +15,7 @@ from checkweigher_core import changes
 from checkweigher_core.parameters import by_node
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_production.audit_log import TORN
 from checkweigher_production.recipes import Product, read_recipes
 
@@ -58,6 +59,10 @@ def test_every_key_of_a_recipe_and_every_kind_of_audit_entry_is_documented():
     kinds = {value for name, value in vars(changes).items() if name.isupper()}
     assert names_in_tables('recipes') == set(plain(Product('any', 1.0)))
     assert names_in_tables('audit_log') >= {*kinds, TORN}
+
+
+def test_the_method_names_every_estimator():
+    assert names_in_tables('method') >= {*ESTIMATORS}
 
 
 def test_the_recipes_to_begin_with_can_be_read():
