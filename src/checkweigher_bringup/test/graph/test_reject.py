@@ -76,7 +76,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
 
 
 def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
-    line = RejectLine(spinner)
+    line = RejectLine(spinner, rejector_distance=1.5)  # 3 s behind the eye: the machine may be busy
     line.pass_item(1)
     assert list(line.verdict().reasons) == ['NoEstimate']
     line.weigh(1)
