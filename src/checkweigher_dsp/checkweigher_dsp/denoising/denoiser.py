@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Denoising of weigh windows by shrinkage of a signal that extends far beyond them."""
+"""Denoising of weigh windows, which are padded and shrunk in wavelet bands."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -159,7 +159,7 @@ class DenoiseParameters(Parameters):
 
 
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
-    """Return the largest time in s that a window takes, if no longer than half the stretch.
+    """Return the largest time per window in s, for windows of at most half the stretch.
 
     The coefficients were measured with blocks of one sample, on one core of a computer of 2024.
     """
@@ -167,16 +167,17 @@ def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
 
 
 class Denoiser:
-    """Stage that denoises weigh windows with the shrinkage of their belt speed.
+    """Stage that denoises weigh windows by the shrinkage for their belt speed.
 
-    The wavelet of level 7 is much longer than any window, so the padding around the window decides
-    the result. The paper leaves it open; docs/method.md compares several ways. With
-    ``continuation``, an own derivation, the response of the platform to the level of the window is
-    subtracted from the signal, which leaves the disturbance from the empty belt before t1 up to t3.
-    The disturbance is extrapolated to both sides by linear prediction, the level is added, and the
-    result is denoised. A wrong level would leave a step, so the level is estimated again from the
-    denoised signal, and t1 and t2 from the signal if they are uncertain. Finally the rise is
-    restored as the share of the product on the belt, by t1 and t2 of the photo-eyes.
+    The wavelet of level 7 is much longer than any window, so the result depends mainly on the
+    padding around the window. The paper leaves it open; docs/method.md compares several methods.
+    With ``continuation``, an own derivation, the response of the platform to the level of the
+    window is subtracted from the signal, which leaves the disturbance from the empty belt before t1
+    up to t3. The disturbance is extrapolated to both sides by linear prediction, the level is
+    added, and the result is denoised. A wrong level would leave a step, so the level is estimated
+    again from the denoised signal. If t1 and t2 are uncertain, they are estimated from the signal.
+    Finally the rise is restored as the share of the product on the belt, by t1 and t2 of the
+    photo-eyes.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
@@ -186,15 +187,15 @@ class Denoiser:
     def denoise(self, window: WeighWindow) -> WeighWindow:
         """Return the window with its `denoised` signal; a fault is returned unchanged.
 
-        The signal is that of t1..t3 with ``continuation``, of t2..t3 otherwise, and NaN elsewhere.
+        The signal covers t1..t3 with ``continuation``, otherwise t2..t3, and is NaN elsewhere.
         """
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
         """Denoise many windows at once, bit for bit as one at a time.
 
-        Windows of equal shape are denoised at once, so memory grows with their number. A hundred at
-        a time are fast.
+        Windows of equal shape are denoised in batches of limited memory. A hundred windows at a
+        time are fast.
         """
         return self._failures.together(
             self._denoise_all,
@@ -251,7 +252,7 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
     found = np.mean(force[:, begin:], axis=-1, keepdims=True)
     for _ in range(parameters.iterations + 1):
         level = found
-        # Both fall with the square root of the moving mass.
+        # Both are proportional to the inverse square root of the moving mass.
         moving = parameters.moving_mass
         ease = np.sqrt(moving / (moving + np.maximum(level, 0.0)))
         platform = natural_frequency * ease, damping_ratio * ease
@@ -291,14 +292,14 @@ def pad(
     method: str = 'level',
     before: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
-    """Pad windows (..., n) on both sides, up to a length that the transform can take.
+    """Pad windows (..., n) on both sides to a length that suits the transform.
 
     Returns the windows in the middle of their padding, (..., m), and the position of their first
-    sample; m is the next multiple of 128 from `min_length` and from ``2 n``. At t3 no later sample
-    exists yet, so the padding after the window is synthetic with every method. With ``level`` both
-    sides are the Hann-weighted mean of the window; with ``mirror`` the window is reflected at its
-    ends repeatedly; with ``signal`` the signal `before`, (..., k), precedes it and its level
-    follows. If `before` is too short, its first sample is repeated.
+    sample. The length m is a multiple of 128, at least `min_length` and ``2 n``. At t3 no later
+    sample exists yet, so every method makes up the padding after the window. With ``level``, both
+    sides are the Hann-weighted mean of the window. With ``mirror``, the window is repeatedly
+    reflected at its ends. With ``signal``, the signal `before`, (..., k), precedes the window and
+    its level follows. If `before` is too short, its first sample is repeated.
 
     Examples
     --------

@@ -1,18 +1,18 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""The times at which products enter, corrected from the signal itself.
+r"""Correction of the times at which products enter, from the signal itself.
 
-Photo-eyes that are polled know t1 and t2 to a millisecond or so. A load that is taken out of the
-signal a millisecond early or late leaves a hump as long as the rise, and a low-pass takes that for
-load. The form of the hump is known, so its size can be fitted where the disturbance n does not
-hide it: [own derivation]
+Polled photo-eyes measure t1 and t2 to about a millisecond. If the load is removed from the signal a
+millisecond early or late, a hump as long as the rise remains, which a low-pass cannot distinguish
+from load. The shape of the hump is known, so its size can be fitted unless the disturbance n hides
+it: [own derivation]
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
-y is the signal, M r the response r of the platform to a load of about M, and m the error of M, of
-which nothing is known. An edge that may lie anywhere within +-u has the variance u^2 / 3. All
-are means of blocks, and a prediction-error filter makes n white.
+y is the signal, M r the response r of the platform to a load of about M, and m the unknown error of
+M. An edge that may lie anywhere within +-u has the variance u^2 / 3. All of these are means of
+blocks, and a prediction-error filter makes n white.
 """
 
 import math
@@ -24,9 +24,9 @@ from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import block_responses
 from checkweigher_dsp.denoising.window_batch import WindowBatch
 
-# White samples that three unknowns are fitted to, at least.
+# Least number of white samples to which the three unknowns are fitted.
 _LEAST_SAMPLES = 8
-# The variance of n is at first that of the whole signal, then that of the residual of the fit.
+# The first round uses the variance of the whole signal for n, the next one that of the residual.
 _ROUNDS = 2
 # Largest shift of an edge, as a multiple of the uncertainty.
 _FURTHEST = 2.0
@@ -35,8 +35,8 @@ _FURTHEST = 2.0
 class EntryFit:
     """Fit of the times at which the products of a batch enter.
 
-    Each of t1 and t2 may be off by `uncertainty` u in s, above 0. `level` is M in kg; frequency in
-    Hz and damping ratio are those of the platform with that load; these three are (windows, 1).
+    Each of t1 and t2 may be off by `uncertainty` u in s, above 0. `level` is M in kg. Frequency in
+    Hz and damping ratio are of the platform with that load. These three are (windows, 1).
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class EntryFit:
         self._platform_taps = np.empty((0, 3))
         if count < _LEAST_SAMPLES:
             return
-        # The blocks end with the signal; those before the entry hold nothing of the load.
+        # The blocks end with the signal; those before the entry contain no load.
         empty = max((batch.entry - batch.force.shape[-1]) // batch.block + count, 0)
         interval = batch.time[:, 1:2] - batch.time[:, :1]
         width = batch.block * interval
@@ -71,9 +71,9 @@ class EntryFit:
     def times(
         self, taps: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the entry of each product as `shift` corrects it, in s.
+        """Return the times of entry as corrected by `shift`, in s.
 
-        These are the time since t1 of the columns of the batch, (windows, n), and t2 - t1,
+        Returns the time since t1 for the columns of the batch, (windows, n), and t2 - t1,
         (windows, 1).
         """
         shift, batch = self.shift(taps), self._batch
@@ -83,14 +83,15 @@ class EntryFit:
     def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """Return the delays of t1 and t2 relative to the photo-eyes: (windows, 2), s.
 
-        `taps`, (windows, p + 1), are the prediction-error filters of the disturbance, on means of
-        the same blocks. With None or order 0 those of a platform under white forces are used.
+        `taps`, (windows, p + 1), are the prediction-error filters of the disturbance, for means of
+        the same blocks. If they are None or of order 0, filters for a platform under white forces
+        are used.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
         for number, (rows, own) in enumerate(zip(self._rows, filters, strict=False)):
             if rows.shape[-1] - len(own) + 1 >= _LEAST_SAMPLES:
-                # All rows at once, without the samples that mix the end of one with the next.
+                # All rows at once; samples that mix two rows are dropped.
                 white = np.convolve(rows.ravel(), own)[: rows.size].reshape(rows.shape)
                 shift[number] = _fit(white[:, len(own) - 1 :], self._uncertainty)
         return shift
@@ -103,8 +104,8 @@ def platform_taps(
 ) -> NDArray[np.float64]:
     """Return the filters that whiten the motion of platforms under white forces.
 
-    They are (windows, 3); interval of the samples in s, frequency in Hz and damping ratio are
-    (windows, 1).
+    The filters are (windows, 3). The interval of the samples in s, the frequency in Hz and the
+    damping ratio are (windows, 1).
 
     Examples
     --------
@@ -121,16 +122,16 @@ def platform_taps(
 
 
 def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
-    """Estimate the shifts of the two times in s from a signal in white noise; 0 if none.
+    """Estimate the shifts of t1 and t2 in s from a signal in white noise; 0 if not possible.
 
-    The rows of `white` (4, n) are response, signal, and the slopes of the signal with the times.
+    The rows of `white` (4, n) are response, signal, and its derivatives to the two times.
     """
-    # Plain floats: arithmetic on arrays of two takes many times as long.
+    # Plain floats, because arithmetic on arrays of two numbers takes many times as long.
     products = white.dot(white.T).tolist()
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = products
     if not size > 0:
         return 0.0, 0.0
-    # The size of the response is free: only the part orthogonal to it depends on the times.
+    # The size of the response is free, so only the part orthogonal to it depends on the times.
     signal, one, two = (share / size for share in shares)
     power -= signal * shares[0]
     b1, b2 = seen[0] - signal * shares[1], seen[1] - signal * shares[2]

@@ -3,9 +3,9 @@
 """Extrapolation of a disturbance beyond the ends of the signal, by linear prediction.
 
 Most of the disturbance of a belt is lines: the rollers, the motor, the oscillation of the platform.
-They continue before and after the known samples, and an autoregressive model of these predicts
-them. Only the lowest bands of the signal matter, so the model is one of block means at
-`PREDICTION_RATE`, and an order of some tens spans the period of a slow line.
+They continue before and after the known samples, and an autoregressive model of these samples
+predicts them. Only the lowest bands of the signal matter, so block means at `PREDICTION_RATE` are
+modelled, for which an order of some tens spans the period of a slow line.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # Hz
-# Fewest samples that a model is fitted to, as a multiple of its order.
+# Least number of samples to which a model is fitted, as a multiple of its order.
 _LEAST_RATIO = 3
 _PREDICTED_AT_ONCE = 4  # samples, see `predict`
 
@@ -24,8 +24,8 @@ def extrapolate(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Continue disturbances to both sides.
 
-    The model is fitted by Burg's method, so it is stable: the continuation dies out or goes on,
-    but does not grow. Backward in time it is the same model. [own derivation]
+    The model is fitted by Burg's method, so it is stable: the continuation decays or persists, but
+    does not grow. The same model is used backward in time. [own derivation]
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def extrapolate(
     before, after : int
         Number of samples to put before the first and after the last one.
     order : int
-        Order of the models, lowered where n is too small for it; below 1 the continuation is 0.
+        Order of the models, lowered if n is too small for it; below 1 the continuation is 0.
     block : int
         Number of samples in one block of the models.
 
@@ -43,8 +43,8 @@ def extrapolate(
     extrapolated : ndarray, (windows, before + n + after) float64
         kg.
     taps : ndarray, (windows, p + 1) float64
-        Prediction-error filters of the block means, from the leading 1 on; that alone if the
-        continuation is 0.
+        Prediction-error filters of the block means, beginning with the leading 1; only that 1 if
+        the continuation is 0.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def extrapolate(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result, np.ones((windows, 1))
-    # The blocks are aligned to the end from which the signal goes on.
+    # The blocks are aligned to the end from which the signal is continued.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
@@ -87,17 +87,17 @@ def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
 def predict(
     signals: NDArray[np.float64], taps: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """Predict the next samples from those before and, further on, from the predicted ones.
+    """Predict the next samples from the known ones and, further on, from predicted ones.
 
-    For each window there are m signals (windows, m, n) of the same model, n at least its order p,
-    which is given by its prediction-error filter `taps`, (windows, p + 1), from the leading 1 on.
-    The result is (windows, m, count).
+    Each window has m signals, (windows, m, n), with the same model, given by its prediction-error
+    filter `taps`, (windows, p + 1), beginning with the leading 1. Its order p is at most n. The
+    result is (windows, m, count).
 
     Notes
     -----
-    Some samples at a time, each of them written as a sum of the last p known ones. Not all at
-    once: for a model of lines, whose response to an impulse grows far beyond the signal before it
-    dies out, rounding would leave nothing of it.
+    A few samples are predicted at a time, each as a weighted sum of the last p known ones. All at
+    once would not work: the impulse response of a model of lines grows far beyond the signal before
+    it decays, so rounding errors would hide the result.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def predict(
     while 2 * weights.shape[1] <= min(order, _PREDICTED_AT_ONCE):
         weights = _twice_as_far(weights)
     windows, width, _ = weights.shape
-    # One row a time, so that the samples which a step reads and writes lie in one piece.
+    # One row per time, so that the samples of a step are contiguous in memory.
     result = np.empty((windows, order + -(-count // width) * width, signals.shape[1]))
     result[:, :order] = signals[..., signals.shape[-1] - order :].swapaxes(1, 2)
     for k in range(order, result.shape[1], width):
@@ -119,7 +119,7 @@ def predict(
 
 
 def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights (windows, 2 n, p) of the last p samples in the next 2 n, from those of n.
+    """Return the weights (windows, 2 n, p) of the last p samples in the next 2 n, from those for n.
 
     The second half is predicted from p samples, the last n of which are the first half.
     """
@@ -130,9 +130,9 @@ def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _between_centres(means: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Return the samples after the first block, on straight lines between the block centres.
+    """Return the samples after the first block, interpolated between the block centres.
 
-    The centres have the values `means` (..., blocks), and the samples end at the last one.
+    The centres have the values `means` (..., blocks), and the last sample is at the last centre.
     """
     # The centre of a block of an even number of samples lies between two of them.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""The load on the belt while a product enters: its share, and the response of the platform.
+r"""Load on the belt while a product enters, and the response of the platform.
 
 Between t1 and t2 a product moves onto the belt at constant speed, so the share of it that rests
-there rises linearly from 0 to 1. The platform of the method answers to that rise with its ringing.
+there rises linearly from 0 to 1. The assumed platform responds to that rise by ringing.
 """
 
 from typing import Any
@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_SHORTEST_RISE = 1e-9  # s, as short as at once
-_SHORTEST_FITTED_RISE = 1e-4  # s, of a rise whose ends are told apart: rounding hides a shorter one
+_SHORTEST_RISE = 1e-9  # s, short enough for a step
+_SHORTEST_FITTED_RISE = 1e-4  # s, of a rise whose ends are fitted; rounding hides a shorter one
 
 
 def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
     """Return the share of a product that rests on the belt: 0 up to t1, 1 from t2 on.
 
-    `time` (..., n) is that since t1 and `rise_time` is t2 - t1, both in s; where that is not
-    positive the load is there at once.
+    `time` (..., n) is the time since t1, and `rise_time` is t2 - t1, both in s. If `rise_time` is
+    not positive, the share is a step.
 
     Examples
     --------
@@ -36,15 +36,15 @@ def load_response(
 ) -> NDArray[np.float64]:
     r"""Return the response of a platform at rest to a product that enters, per kg of product.
 
-    The platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`; to a load that rises
-    by 1 each second from time 0 on it answers with
+    The platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`. Its response to a load
+    that rises by 1 per second from time 0 on is
 
     .. math:: r(t) = t - \frac{2 \xi}{\omega} - \frac{1}{\omega_d} e^{-\xi \omega t}
        \sin(\omega_d t - 2 \arcsin \xi),\quad \omega_d = \omega \sqrt{1 - \xi^2}
 
-    and to a rise that ends after D with (r(t) - r(t - D)) / D. [own derivation]
+    and its response to a rise to 1 that ends after D is (r(t) - r(t - D)) / D. [own derivation]
 
-    `time` (..., n) is that since t1 in s. D = t2 - t1 in s, the natural frequency in Hz and xi,
+    `time` (..., n) is the time since t1 in s. D = t2 - t1 in s, the natural frequency in Hz and xi,
     below 1, are floats or (..., 1). The response is 0 up to t1 and about 1 from t2 on.
 
     Examples
@@ -71,12 +71,11 @@ def load_response(
 def block_responses(
     time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
 ) -> NDArray[np.float64]:
-    r"""Return the means of a response between successive times, and their slopes with t1 and t2.
+    r"""Return the means of a response between successive times, and their derivatives to t1 and t2.
 
-    The three rows, (3, ..., n), are the mean of `load_response` in each block, its derivative to t1
-    with t2 as it is and its derivative to t2 with t1 as it is, 1/s. `time` (..., n + 1) holds the
-    bounds of the blocks at equal intervals; the other parameters are those of `load_response`. [own
-    derivation]
+    The three rows, (3, ..., n), are the mean of `load_response` in each block, and its partial
+    derivatives to t1 and to t2, 1/s. `time` (..., n + 1) contains the bounds of the blocks at equal
+    intervals; see `load_response` for the other parameters. [own derivation]
 
     With the pole :math:`p = -\xi \omega + i \omega_d` and :math:`q = 1 - i \xi \omega / \omega_d`
     the response r and its integral are

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Gains and thresholds of the wavelet shrinkage for each belt speed, Table 1 of the paper first."""
+"""Gains and thresholds of the wavelet shrinkage for each belt speed."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,7 +15,7 @@ SHRUNK_LEVELS = (5, 6, 7)
 
 @dataclass(frozen=True, slots=True)
 class ShrinkageTable:
-    """Shrinkage of the detail bands 5 to 7 by belt speed; the bands above are removed.
+    """Shrinkage of the detail bands 5 to 7 by belt speed; details 1 to 4 are removed.
 
     Raises
     ------
@@ -24,7 +24,7 @@ class ShrinkageTable:
     """
 
     speeds: tuple[float, ...]  # m/s, ascending
-    # gamma and lambda of levels 5, 6 and 7, each one value per speed; lambda has a unit of its own.
+    # gamma and lambda of levels 5, 6 and 7, each with one value per speed; see `at` for the unit.
     gains: tuple[tuple[float, ...], ...]
     thresholds: tuple[tuple[float, ...], ...]
 
@@ -39,8 +39,8 @@ class ShrinkageTable:
         """Return the shrinkage of levels 1 to 7 at a belt speed, None for a level that is removed.
 
         It is interpolated linearly between the speeds of the table, and constant outside. `speed`
-        is in m/s, a float or (windows, 1) as then are gains and thresholds; `unit` is that of the
-        thresholds in the unit of the signal.
+        is in m/s, a float or (windows, 1), and so are gains and thresholds. `unit` is the unit of
+        the thresholds, expressed in the unit of the signal.
 
         Examples
         --------
@@ -76,8 +76,8 @@ TABLE_1 = ShrinkageTable(
 )
 
 # Found on simulated passes of a machine like the paper's, with the disturbance extrapolated around
-# the window: a faster belt leaves a shorter window, and with it more of the disturbance in band 7.
-# No threshold did better than the gain alone; docs/method.md has the figures.
+# the window. On a faster belt the window is shorter, so more of the disturbance is in band 7. No
+# threshold improved on the gain alone; docs/method.md has the figures.
 UNTRAINED = ShrinkageTable(
     speeds=TABLE_1.speeds,
     gains=((0.0,) * 5, (0.0,) * 5, (0.1, 0.25, 0.5, 0.8, 1.0)),

@@ -3,10 +3,9 @@
 r"""Denoising by shrinkage of stationary wavelet coefficients.
 
 On a periodic stretch each band of the stationary wavelet transform (SWT) is a circular
-convolution, and only four bands of the method survive: the approximation and three details. So
-analysis and synthesis are one FFT per band instead of the full transform, and not even that for
-a band without a threshold; they agree with ``pywt.swt`` and ``pywt.iswt`` (``norm=False``) to
-rounding.
+convolution, and the method keeps only four bands: the approximation and three details. So analysis
+and synthesis need one FFT per band instead of the full transform, and none for a band without a
+threshold. They agree with ``pywt.swt`` and ``pywt.iswt`` (``norm=False``) up to rounding.
 """
 
 from collections.abc import Sequence
@@ -25,11 +24,11 @@ LEVELS = 7
 
 @dataclass(frozen=True, slots=True)
 class Shrinkage:
-    """Gain and threshold of one detail band; arrays hold one value for each stretch."""
+    """Gain and threshold of one detail band; arrays have one value per stretch."""
 
     gain: Any  # gamma, 1, or (windows, 1); 0 removes the band
-    # lambda, or (windows, 1), in the unit of the signal as the coefficients of
-    # ``pywt.swt(norm=False)`` scale it. For the float 0 the band takes no transform.
+    # lambda, or (windows, 1), in the unit of the signal, for coefficients scaled as by
+    # ``pywt.swt(norm=False)``. With the float 0 the band needs no transform.
     threshold: Any
 
     @property
@@ -96,7 +95,7 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 @lru_cache(maxsize=8)
 def _syntheses(length: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return the responses of the inverse transform, and what each band adds to the whole gain."""
+    """Return the responses of the inverse transform, and the share of each band in the gain."""
     responses = band_responses(length)
     # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
     scales = 2.0 ** -np.array([*range(1, LEVELS + 1), LEVELS])
@@ -116,9 +115,9 @@ def denoise_periodic(
     Parameters
     ----------
     stretch : ndarray, (..., n) float64
-        n a multiple of ``2**LEVELS``; the end continues at the beginning.
+        n is a multiple of ``2**LEVELS``; the end continues at the beginning.
     details : sequence of Shrinkage or None
-        Shrinkage of each of the `LEVELS`; None sets the whole band to 0.
+        Shrinkage of each of the `LEVELS`; None removes the band.
 
     Returns
     -------
@@ -148,7 +147,7 @@ def denoise_periodic(
     result = spectrum * gain
     shrunk = {band: each for band, each in kept if not each.is_linear}
     if shrunk:
-        # One more axis, that of the bands, before that of time.
+        # One more axis, for the bands, before the axis of time.
         numbers = list(shrunk)
         bands = np.fft.irfft(spectrum[..., np.newaxis, :] * responses[numbers], length)
         for k, shrinkage in enumerate(shrunk.values()):
@@ -167,12 +166,12 @@ def threshold_universally(
     r"""Denoise by hard (HTF) or soft (STF) thresholding of all details, for comparison.
 
     The threshold is the universal one, :math:`\lambda = \sigma \sqrt{2 \ln n}` with
-    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. A soft threshold takes lambda off a
-    coefficient that exceeds it, a hard one leaves it as it is.
+    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. A soft threshold reduces a coefficient that
+    exceeds it by lambda, a hard one leaves it unchanged.
 
-    The coefficients of the part `measured` of the stretch give sigma, and its length is n: the
-    padding around it holds no noise. With `each_level` sigma is that of each level, for noise that
-    is not white; else that of level 1. Stretches and result are those of
+    Only the part `measured` of the stretch determines sigma, and its length is n, because the
+    padding around it contains no noise. With `each_level`, sigma is computed for each level, for
+    noise that is not white; otherwise from level 1 only. Stretches and result are as in
     `denoise_periodic`.
 
     References
@@ -196,7 +195,7 @@ def threshold_universally(
     for band in range(LEVELS):
         coefficients = np.fft.irfft(spectrum * responses[band], length)
         if each_level or band == 0:
-            # The filters of a level are causal here; their middle is half their length later.
+            # The filters of a level are causal here; their centre is half their length later.
             centre = taps // 2 * (2 ** (band + 1) - 1)
             centred = np.roll(coefficients, -centre, axis=-1)
             noise = np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches of windows: those of equal shape as arrays, so that all are denoised at once.
+"""Batches of windows: arrays of windows of equal shape, to denoise them at once.
 
-One window is a batch of one. All operations are along the last axis or element by element, so a
-window has the same bits in any batch.
+A single window is a batch of one. All operations are along the last axis or element by element, so
+the result of a window is the same in any batch, bit for bit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,8 +28,8 @@ _SAMPLES_AT_ONCE = 2**20  # of padded windows in a batch
 class WindowBatch:
     """Windows of equal shape, with the signal before them."""
 
-    positions: tuple[int, ...]  # among the windows that were sorted into batches
-    # (windows, n), kg, from some empty belt before t1 up to t3, and s since t1.
+    positions: tuple[int, ...]  # in the list of windows that were sorted into batches
+    # (windows, n): signal in kg, from the empty belt before t1 up to t3, and time since t1 in s.
     force: NDArray[np.float64]
     time: NDArray[np.float64]
     rise_time: NDArray[np.float64]  # (windows, 1), t2 - t1, s
@@ -47,12 +47,12 @@ class WindowBatch:
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
     """Sort consistent windows by shape into batches, in the order of their first windows.
 
-    A padded window has at least `min_length` samples, at most half of them from before t2.
+    A padded window has at least `min_length` samples, at most half of them before t2.
     """
     times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}
     for position, (window, (lead, time)) in enumerate(zip(windows, times, strict=True)):
-        # Before t1 there is nothing to see.
+        # First sample from t1 on, but not after t2.
         entry = min(int(time.searchsorted(0.0)), lead)
         # No rate of a real load cell is above the limit.
         block = round(min(window.sample_rate, MAX_SAMPLE_RATE) / PREDICTION_RATE)
@@ -96,14 +96,14 @@ def _used_time(window: WeighWindow, min_length: int) -> tuple[int, NDArray[np.fl
 
 
 def rise_time(window: WeighWindow) -> float:
-    """Return t2 - t1 in s, 0 if it is not known."""
+    """Return t2 - t1 in s, 0 if unknown."""
     if window.t1 is None or window.t2 is None:
         return 0.0
     return max(window.t2 - window.t1, 0) / NANOSECONDS
 
 
 def transit(window: WeighWindow) -> float:
-    """Return t3 - t1 in s, NaN if it is not known."""
+    """Return t3 - t1 in s, NaN if unknown."""
     if window.t1 is None or window.t3 is None:
         return math.nan
     return seconds(window.t3 - window.t1)
@@ -126,7 +126,7 @@ def time_since_entry(
 def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the denoised signal of a window in kg and the load on the belt, (n,) each.
 
-    Both are from t1 or t2 up to t3. The load is the share of the product, which is 1 from t2 on.
+    Both cover t1 or t2 up to t3. The load is the share of the product, which is 1 from t2 on.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of the mass in denoised weigh windows by the chosen estimator."""
+"""Identification of the mass in weigh windows by the chosen estimator."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
@@ -63,35 +63,35 @@ _AllParameters: Any = make_dataclass('_AllParameters', _SETS, bases=(_OwnParamet
 
 @dataclass(frozen=True)
 class IdentifierParameters(_AllParameters, _OwnParameters):
-    """The estimator that makes the mass, and a set of parameters for each of `ESTIMATORS`."""
+    """The estimator of the mass, and a set of parameters for each of `ESTIMATORS`."""
 
     @property
     def chosen(self) -> EstimatorParameters:
-        """The parameters of the estimator that makes the mass."""
+        """The parameters of the chosen estimator."""
         return cast(EstimatorParameters, getattr(self, self.estimator))
 
     def with_set(self, estimator: str, parameters: EstimatorParameters) -> Self:
-        """Return the same with other parameters of one estimator."""
+        """Return a copy with other parameters of one estimator."""
         changes: dict[str, Any] = {estimator: parameters}
         return replace(self, **changes)
 
     @property
     def basis(self) -> str:
-        """The estimator and a hash of its parameters: what was learned holds for these alone."""
+        """The estimator and a hash of its parameters, for which alone learned state is valid."""
         values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
         return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
 
 
 class Identifier:
-    """Stage that makes a mass estimate of each denoised window.
+    """Stage that estimates the mass in each denoised window.
 
-    With `IdentifierParameters.learn` it learns from each window for those that follow. `known` is
-    the state that was learned before; it is ignored unless estimator and parameters are the same.
+    With `IdentifierParameters.learn` it learns from each window for later ones. `known` is the
+    state that was learned before; it is ignored unless estimator and parameters are the same.
 
     Attributes
     ----------
     learned : LearnedKinds
-        State that was learned so far. It depends on the windows and their order alone.
+        State that was learned so far. It depends only on the windows and their order.
 
     Examples
     --------
@@ -134,13 +134,13 @@ class Identifier:
         return self._failures.each(self._weigh, self._failed, windows, found)
 
     def learn(self) -> None:
-        """Learn from the last window now; otherwise the next window does it, and takes longer."""
+        """Learn from the last window now; otherwise this delays the next estimate."""
         lesson, self._lesson = self._lesson, None
         if lesson is not None:
             self.learned = learn(self.learned, *lesson, self._parameters.learning)
 
     def forget(self) -> None:
-        """Reset everything that was learned."""
+        """Discard the learned state."""
         self.learned, self._lesson = LearnedKinds(self.learned.basis), None
 
     def _failed(self, window: WeighWindow) -> MassEstimate:
@@ -161,13 +161,13 @@ class Identifier:
         if better is load:
             return estimate
         if not self._known.calibrated:
-            # The gain is that of the estimator, which states how little is known of it.
+            # The gain comes from the estimator, whose variance includes its uncertainty.
             better = replace(better, variance=better.variance + load.variance)
         learned = self._estimate(window, better)
         return estimate if learned.reasons else learned
 
     def _refuse(self, window: WeighWindow) -> MassEstimate | None:
-        """Return the reasons of a window that cannot be weighed as an estimate, None for others."""
+        """Return an estimate with the reasons why a window cannot be weighed, None if it can."""
         if window.reasons:
             return self._record(window, window.reasons)
         count = len(window.denoised)
@@ -202,7 +202,7 @@ class Identifier:
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
         stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
         limit = self._parameters.max_relative_std_dev * abs(mass)
-        # NaN is not certain: neither as mass nor as variance.
+        # A mass or a variance that is NaN is not certain.
         certain = variance >= 0 and math.sqrt(variance) <= limit < math.inf
         if not (stable and certain and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)

@@ -2,22 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Check of the signal of a window against the noise of its own empty belt.
 
-What platform and product add to a signal is smooth: above a quarter of the sample rate there is
-little but the white noise of the electronics, and that does not depend on the load. A high-pass
-filter, scaled to leave the variance of white noise as it is, shows the converter alone. [own
-derivation] Of a converter that works, the filtered signal e
+Platform and product add only smooth components to a signal. Above a quarter of the sample rate
+there is little but the white noise of the electronics, which does not depend on the load. A
+high-pass filter, scaled to keep the variance of white noise, shows the converter alone. [own
+derivation] If the converter works, the filtered signal e
 
-- is no calmer under a load: from t2 to t3 it has at least the variance that it has on the empty
-  belt. Their ratio is distributed as F; e is correlated, so that a sample is 1 over the sum of its
+- is no calmer under a load: its variance from t2 to t3 is at least that on the empty belt. The
+  ratio has an F distribution; because e is correlated, a sample counts as 1 over the sum of its
   squared correlations in degrees of freedom, 0.48 for white noise;
-- has no steps from t1 to t3 beyond what the noise explains and what a product explains: it strikes
-  the belt, in proportion to load and speed, and at t1, t2 and t3 the slope of the load changes;
-- never repeats itself: with white noise of s counts nothing predicts more than a share
-  p = erf(1 / (s sqrt 8)) of the readings. So among N readings a sequence of w is found twice in at
-  most N^2 p^w / 2 of all windows.
+- has no steps from t1 to t3 except those explained by the noise and by the product, which strikes
+  the belt in proportion to load and speed, and changes the slope of the load at t1, t2 and t3;
+- never repeats itself: with white noise of s counts, nothing predicts more than a share
+  p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings occurs
+  twice in at most N^2 p^w / 2 of all windows.
 
-Noise below 0.3 counts is hidden by the rounding: then only the steps are judged, as they are where
-no empty belt is seen. A converter that shows no noise at all is not judged.
+Noise below 0.3 counts is hidden by the rounding. Then, and if no empty belt is seen, only the steps
+are judged. A converter that shows no noise at all is not judged.
 """
 
 from functools import lru_cache, reduce
@@ -29,34 +29,34 @@ from numpy.typing import NDArray
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
 
-# The seventh difference, made flat above a quarter of the sample rate. Of a line at a twentieth of
-# the sample rate, as a platform may ring, 2e-5 is left.
+# The seventh difference, made flat above a quarter of the sample rate. It reduces a line at a
+# twentieth of the sample rate, at which a platform may ring, to 2e-5.
 _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.array([5, 2])] * 3)
-_EDGE = len(_FILTER) - 1  # samples at each end that it cannot be applied to
+_EDGE = len(_FILTER) - 1  # samples at each end that it cannot filter
 _GAIN = math.sqrt(_FILTER @ _FILTER)
-_STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e of a step of 1
-# Largest e where the slope changes by 1 a sample.
+_STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e from a step of 1
+# Largest e from a change of the slope by 1 per sample.
 _SLOPE_GAIN = float(np.max(np.abs(np.cumsum(np.cumsum(_FILTER))))) / _GAIN
 _QUARTILE = 0.3186  # of the absolute values of a normal distribution, standard deviations
 _ROUNDING = 1 / 12  # counts^2
 _FEWEST = 24  # filtered samples of the empty belt that show its noise
-# Sound windows that the first and the third rule refuse by chance, at most.
+# Largest share of sound windows that the first and the third rule refuse by chance.
 _CHANCE = 1e-5
-_CALM = -4.26  # the same as a deviate of the normal distribution
-_OUTLIER = 3.0  # standard deviations, of what shook the belt once
+_CALM = -4.26  # the same as a standard normal deviate
+_OUTLIER = 3.0  # standard deviations; larger values of the empty belt are clipped
 _LAGS = 20  # of the correlation of e
 _STEP = 7.0  # standard deviations of the noise
-_STRIKE = 2e-3  # s/m, of a product, as a step: share of the load for each m/s
+_STRIKE = 2e-3  # s/m, step by the strike of a product: share of the load per m/s
 
 
 def is_plausible(window: WeighWindow) -> bool:
-    """Return whether a consistent window can be the signal of a product on the belt."""
+    """Return whether a consistent window may be the signal of a product on the belt."""
     begin, end = window.window_begin, window.window_end
     entry = int(np.searchsorted(time_since_entry(window, 0, end), 0.0))
     first = min(window.empty_begin, entry)
     counts = window.counts[first:end].astype(np.int64)
     counts -= counts[0]
-    step = int(np.gcd.reduce(counts)) or 1  # of a converter whose lowest bits are always 0
+    step = int(np.gcd.reduce(counts)) or 1  # above 1 if the lowest bits are always 0
     counts //= step
     rapid = np.convolve(counts, _FILTER)[_EDGE:-_EDGE] / _GAIN
     empty, loaded = rapid[: max(entry - first - _EDGE, 0)], rapid[entry - first :]
@@ -69,7 +69,7 @@ def is_plausible(window: WeighWindow) -> bool:
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
     strike = _STRIKE * window.belt_speed * load * _STEP_GAIN
     explained = np.full(len(loaded), strike)
-    # A scale that follows at once shows where the load begins to rise, is complete, and falls.
+    # A scale without lag shows corners where the load begins to rise, is complete, and falls.
     for corner in (0, begin - entry, end - entry):
         near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
         explained[near] += load / max(begin - entry, 1) * _SLOPE_GAIN
@@ -84,9 +84,9 @@ def is_plausible(window: WeighWindow) -> bool:
 
 
 def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
-    """Return whether a signal has less variance than that of the empty belt, by the test of F.
+    """Return whether a signal has less variance than the empty belt, by an F test.
 
-    The ratio becomes a deviate of the normal distribution by the cube roots of Paulson (1942).
+    The cube roots of Paulson (1942) turn the ratio into a standard normal deviate.
     """
     if not len(level):
         return False
@@ -99,7 +99,7 @@ def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
 
 
 def _is_repeated(counts: NDArray[np.int64], noise: float) -> bool:
-    """Return whether a sequence of readings is there twice that is too long for chance."""
+    """Return whether a sequence of readings occurs twice that is too long for chance."""
     predicted = math.erf(1 / (noise * math.sqrt(8)))
     length = math.ceil(math.log(2 * _CHANCE / len(counts) ** 2) / math.log(predicted))
     if length >= len(counts):
@@ -110,5 +110,5 @@ def _is_repeated(counts: NDArray[np.int64], noise: float) -> bool:
 
 @lru_cache(maxsize=64)
 def _factors(length: int) -> NDArray[np.int64]:
-    """Return random factors (length,) that make one number of a sequence of readings."""
+    """Return random factors (length,) by which a sequence of readings is hashed to a number."""
     return np.random.Generator(np.random.PCG64(length)).integers(-(2**62), 2**62, length)

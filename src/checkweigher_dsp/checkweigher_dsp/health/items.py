@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items at each stage: faults, convergence, time taken, verdicts in time."""
+"""Items at each stage: faults, convergence, computing time, timing of verdicts."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOA
 _RECENT = 10  # items
 _USUAL = 300
 _FEWEST_USUAL = 30
-_FREQUENCY_CHANGE = 0.2  # relative; a product of a tenth of the platform lowers it by 5 %
+_FREQUENCY_CHANGE = 0.2  # relative; a product of a tenth of the moving mass lowers it by 5 %
 _SWINGS = 0.5  # damping ratio
 _UNCERTAIN = 0.5  # share of max_relative_std_dev
 _MAX_EDGES = 200
@@ -38,7 +38,7 @@ _NO_MASSES = 3  # items in a row
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
-    """Return the concerns about recent items that failed: an error if all did, else a warning."""
+    """Return the concerns about failed items: an error for many in a row, a warning for a share."""
     in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
     hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
     return [
@@ -52,7 +52,7 @@ def failures(items: RecentItems, what: str) -> list[Concern | None]:
 
 
 class FaultWatch:
-    """Statistics of the items that the segmenter could not cut, by reason."""
+    """Statistics of the items at the segmenter and their faults, by reason."""
 
     def __init__(self) -> None:
         self._items = RecentItems()
@@ -80,7 +80,7 @@ class FaultWatch:
 
 
 class WorkloadWatch:
-    """Statistics of the time that a stage takes for each window."""
+    """Statistics of the time that a stage takes per window."""
 
     def __init__(self) -> None:
         self._taken = RecentValues(_BUSY_SPAN)
@@ -88,7 +88,7 @@ class WorkloadWatch:
         self._last = math.nan
 
     def add(self, now: float, taken: float) -> None:
-        """Add a window that was finished at `now` and took `taken`, both in s."""
+        """Add a window that was finished at `now` and took the time `taken`, both in s."""
         self._count += 1
         self._last = now
         self._taken.add(now, taken)
@@ -124,18 +124,18 @@ class ConvergenceWatch:
         self._usual = RecentValues(60 * MINUTE, _USUAL)
 
     def add(self, now: float, estimate: MassEstimate) -> None:
-        """Add the estimate of a window that the segmenter could cut."""
+        """Add the estimate of a window without faults."""
         self._items.add(now, [reason for reason in estimate.reasons if reason in _NOT_CONVERGED])
         if estimate.weighed and estimate.mass > 0:
             self._relative.add(now, estimate.std_dev / estimate.mass)
-            # The frequency means nothing if no oscillation is left in the signal.
+            # The frequency is meaningless if no oscillation is left in the signal.
             if estimate.damping_ratio < _SWINGS:
                 self._frequency.add(now, estimate.natural_frequency)
                 self._damping.add(now, estimate.damping_ratio)
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence; the parameter is that of the identifier."""
+        """Return the aspect Convergence; `max_relative_std_dev` is as in the identifier."""
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -167,7 +167,7 @@ class ConvergenceWatch:
 
 
 class VerdictTiming:
-    """Latency of the verdicts after their outfeed edges, and margin before their reject times."""
+    """Latency of verdicts after their outfeed edges, and their margin before the reject times."""
 
     def __init__(self) -> None:
         self._edges: dict[int, float] = {}  # arrival of outfeed edges by stamp
@@ -196,11 +196,11 @@ class VerdictTiming:
         self._latency.add(now, now - came)
         if (
             verdict.reject_at is not None and not missing
-        ):  # without a mass it comes at the last moment
+        ):  # without a mass it waits until the last moment
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the aspect Verdicts; the parameters are those of the reject stage."""
+        """Return the aspect Verdicts; the parameters are as in the reject stage."""
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         latency, margin = 1e3 * self._latency.median, self._margin.smallest
@@ -229,7 +229,7 @@ class VerdictTiming:
         return conclude('Verdicts', well, concerns, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the aspect Line; `missing` is the name of a missing stage, empty if none is."""
+        """Return the aspect Line; `missing` is the name of a missing stage, empty if none."""
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
@@ -257,13 +257,13 @@ class RejectorWatch:
         self._count = 0
 
     def add_strays(self, now: float, count: int) -> None:
-        """Add a number of edges of the eye behind the rejector that were near no reject time."""
+        """Add edges of the eye behind the rejector that were near no reject time."""
         if count:
             self._strays.add(now, count)
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector; `confirmed` is whether an eye is behind the rejector."""
+        """Return the aspect Rejector; `confirmed` tells whether an eye is behind the rejector."""
         self._strays.forget(now)
         values: Values = {
             'reject_eye_strays': self._count,

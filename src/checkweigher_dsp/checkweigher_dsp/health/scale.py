@@ -21,7 +21,7 @@ from checkweigher_dsp.segmentation.zero_tracking import Zero
 _HOUR = 3600.0  # s
 _DRIFT_SPAN = 1800.0  # s
 _DRIFT_PERIOD = 10.0  # s, between two readings of the drift
-_SHORTEST_DRIFT = 300.0  # s, below which the noise of the zero passes for a drift
+_SHORTEST_DRIFT = 300.0  # s, below which noise of the zero may look like a drift
 _WARM_UP = 1800.0  # s
 _NEAR_LIMIT = 0.75  # share of zero_range
 _UPDATE_PATIENCE = 120.0  # s of products without a reading of the empty belt
@@ -31,13 +31,13 @@ _LOWEST_FREQUENCY = 2.0  # Hz, below which a variation is drift
 _RECENT_SEGMENTS = 5
 _USUAL_SEGMENTS = 300
 _FEWEST_USUAL = 20
-_NOISY = 3.0  # times the usual noise; half the belt speed is half of it
+_NOISY = 3.0  # times the usual noise, which halves at half the belt speed
 
 
 class ZeroWatch:
     """Distance of the tracked zero from calibration, and its drift.
 
-    Beyond `zero_range`, kg, nothing is weighed. `began` is the start of the line, s.
+    Beyond a distance of `zero_range`, kg, nothing is weighed. `began` is the start of the line, s.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class ZeroWatch:
         self._noted = -math.inf
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
-        """Add the zero at `now`, s; `item` is whether a product has just been cut."""
+        """Add the zero at `now`, s; `item` tells whether it comes with an item."""
         if self._zero is None or zero.counts != self._zero.counts:
             self._updated, self._missed_since = now, math.inf
         elif item:
@@ -75,7 +75,7 @@ class ZeroWatch:
 
     @property
     def drift(self) -> float:
-        """Drift of the zero, kg/h; NaN as long as its noise may be larger."""
+        """Drift of the zero, kg/h; NaN while its noise may be larger."""
         return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
@@ -121,7 +121,7 @@ class ZeroWatch:
 class BeltNoiseWatch:
     """Noise of the empty belt, and its strongest frequency.
 
-    `limit` is the largest standard deviation in kg; 0 compares the noise with its own past only.
+    `limit` is the largest standard deviation in kg; with 0, noise is only compared with its past.
     """
 
     def __init__(self, sample_rate: float, limit: float) -> None:
@@ -146,7 +146,7 @@ class BeltNoiseWatch:
 
     @property
     def frequency(self) -> float:
-        """Frequency of the strongest line, Hz; NaN without one."""
+        """Frequency of the strongest line, Hz; NaN if there is none."""
         lowest = math.ceil(_LOWEST_FREQUENCY * _SPECTRUM / self._rate)
         if not self._power[lowest:].any():
             return math.nan

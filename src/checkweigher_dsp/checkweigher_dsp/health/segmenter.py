@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Health of the line as the segmenter sees it: samples, clock, eyes, zero, noise, items."""
+"""Health of the line at the segmenter: samples, clock, eyes, zero, noise, items."""
 
 import math
 
@@ -14,7 +14,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MILLI = 1e3
-# ms; products that ride on differently change the median of a few items by a third of it.
+# ms; products that enter differently change the median of a few items by a third of this.
 _CHANGED = 1.5
 _LARGE = 2.0  # ms
 _MANY_UNCHECKED = 0.5  # share of the items
@@ -28,7 +28,7 @@ class SegmenterWatch:
         self._parameters = parameters
         self._began = began
         self._load_cell: LoadCell | None = None
-        self._samples: SampleWatch  # set with the first load cell, as the two below
+        self._samples: SampleWatch  # set with the first load cell, like the next two
         self._zero: ZeroWatch
         self._noise: BeltNoiseWatch
         self._eyes = EyeWatch()
@@ -38,7 +38,7 @@ class SegmenterWatch:
         self._stream_began = began
 
     def begin_stream(self, now: float, load_cell: LoadCell) -> None:
-        """Reset the statistics for another stream of a load cell."""
+        """Reset the statistics for a new stream of a load cell."""
         self._end, self._stream_began = None, now
         self._eyes.restart()
         if load_cell == self._load_cell:
@@ -52,7 +52,7 @@ class SegmenterWatch:
         self._noise = BeltNoiseWatch(load_cell.sample_rate, self._parameters.max_belt_noise)
 
     def end_stream(self, *, well: bool, text: str = '') -> None:
-        """End the stream: no more samples are expected."""
+        """End the stream, after which no samples are expected."""
         self._end = well, text
 
     def add(self, now: float, event: SampleBlock | EyeEdge) -> None:
@@ -76,12 +76,12 @@ class SegmenterWatch:
         self._noise.add(now, window.force[begin : max(entry, begin)])
 
     def look(self, now: float, segmenter: Segmenter) -> None:
-        """Add the zero and the noise of an idle belt, for which no window comes."""
+        """Add the zero and the noise of an idle belt, which has no windows."""
         self._zero.add(now, segmenter.zero_keeper.zero, item=False)
         self._noise.add(now, segmenter.idle_belt() / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects; `offset_of_clocks` is the time of day less `now`, s."""
+        """Return all aspects; `offset_of_clocks` is the time of day minus `now`, s."""
         self._eyes.look(now)
         if self._load_cell is None:
             missing = error_if(
@@ -123,7 +123,7 @@ def edges_finding(check: EdgeCheck) -> Finding:
         'items_unchecked': check.unchecked,
     }
     side = 'later' if change > 0 else 'earlier'
-    # With a lag that is too large to be learned each item is a FAULT.
+    # If the lag is too large to be learned, each item is a FAULT.
     too_large = math.isnan(check.learned) and check.checked >= _FEWEST
     beyond = lag if too_large else reference
     is_large = not check.is_stated and abs(beyond) > _LARGE

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The items on the belt and those that left it, and the search for the item of an edge."""
+"""State of item tracking: the items on the belt, and those that have left it."""
 
 from collections import deque
 from collections.abc import Callable
@@ -10,14 +10,14 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_OVERDUE = 1.5  # transits after its entry, an item without its outfeed edge is overdue
-_TOO_EARLY = 0.1  # of a transit before its time, an outfeed edge is of another item
+_OVERDUE = 1.5  # transits after its entry, when an item without an outfeed edge is overdue
+_TOO_EARLY = 0.1  # share of a transit by which an edge may be early
 _KNOWN_ITEMS = 16
-_MOST_ITEMS = 100  # on the belt; with more an eye chatters
+_MOST_ITEMS = 100  # on the belt; more can only be chatter of an eye
 
 
 class UsualTransit:
-    """Time that items take from eye to eye; the parameters are those of `ItemTracker`."""
+    """Time that items take from eye to eye, with parameters as in `ItemTracker`."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -26,16 +26,16 @@ class UsualTransit:
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
-        """Return the expected transit of an item, ns; None if it is not known.
+        """Return the expected transit of an item, ns; None if unknown.
 
-        Before the first whole item it follows from the length of the item itself.
+        Before the first whole item, it is computed from the length of this item.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
         return self.value
 
     def learn(self, item: TrackedItem, transit: int) -> None:
-        """Update the transit by a whole item; by an outlier only if the next one agrees."""
+        """Update the transit by a whole item, or by an outlier that the next item confirms."""
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
             transit <= _OVERDUE * usual and usual <= _OVERDUE * transit for usual in known
@@ -51,7 +51,7 @@ class UsualTransit:
         return transit is not None and stamp - item.entered >= _OVERDUE * transit + item.length
 
     def ends(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether an item must have left just at `stamp`."""
+        """Return whether the t4 of an item is expected at about `stamp`."""
         transit = self.of(item)
         if transit is None or not item.length:
             return False
@@ -70,10 +70,10 @@ class UsualTransit:
 
 
 class Belt:
-    """State of item tracking, which `checkweigher_dsp.items.transitions` changes by edges.
+    """State of item tracking, which `checkweigher_dsp.items.transitions` updates by each edge.
 
-    `unloaded(since, stamp)` returns whether the scale shows that the items which entered since one
-    time have left by another one, both in ns.
+    `unloaded(since, stamp)` returns whether the scale shows that all items that entered after
+    `since` have left by `stamp`, both in ns.
     """
 
     def __init__(
@@ -93,14 +93,14 @@ class Belt:
         # Items that block an eye; an item that is longer than the belt blocks both.
         self.at_infeed: TrackedItem | None = None
         self.at_outfeed: TrackedItem | None = None
-        self.covered = False  # whether an item from before a change of the clock is at the outfeed
+        self.covered = False  # whether an unknown or abandoned item is at the outfeed eye
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        self.begun: TrackedItem | None = None  # item of the last t1, even of another clock
+        self.begun: TrackedItem | None = None  # item of the last t1, even by an earlier clock
         self.freed: int | None = None  # ns, last departure of an unknown item
-        self.cleared_first: int | None = None  # ns, t2 before any t1, which may show a state
-        self.clock_is_new = False  # whether no edge of the infeed eye has come by this clock
-        self.runs_on = False  # whether abandoned items are still on the belt: only the clock jumped
+        self.cleared_first: int | None = None  # ns, t2 before any t1; may only be a state
+        self.clock_is_new = False  # whether the infeed eye had no edge since the clock changed
+        self.runs_on = False  # whether abandoned items are still there, as only the clock jumped
         self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.unsettled: deque[TrackedItem] = deque()  # whose numbers may still change
         self.finished: list[TrackedItem] = []  # to be reported
@@ -119,7 +119,7 @@ class Belt:
         return item
 
     def remove_newest(self) -> TrackedItem:
-        """Remove and return the newest item, which turned out to be none."""
+        """Remove and return the newest item, which was only a flicker."""
         item = self.items.pop()
         self.recent.remove(item)
         self.unsettled.remove(item)
@@ -153,7 +153,7 @@ class Belt:
         return finished
 
     def miss(self, item: TrackedItem, stamp: int) -> None:
-        """Give up an item that was removed from `items`, because its t3 does not come."""
+        """Give up an item that was removed from `items`, because its t3 is missing."""
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
         if item is self.at_infeed:
@@ -169,8 +169,8 @@ class Belt:
     def give_up_unloaded(self, stamp: int) -> None:
         """Give up all items if the scale shows that nothing is left on the belt.
 
-        Otherwise, while no transit is known or a wrong one, the t3 of each item would be taken for
-        that of the item before it as long as products come.
+        Otherwise, if the transit is unknown or wrong, each t3 would be assigned to the previous
+        item as long as products come.
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
@@ -201,7 +201,7 @@ class Belt:
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Discard all times; if the clock may have gone back, also the edges and their items."""
+        """Discard all times; if the clock may have gone back, also the known edges and items."""
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
         for item in self.given_up:
@@ -219,7 +219,7 @@ class Belt:
             item.fault(reason)
 
     def clear(self, edge: EyeEdge) -> None:
-        """Remove the item at an eye. After the outfeed eye, those that entered since are alone."""
+        """Remove the item at an eye. At the outfeed eye, the items behind it are then alone."""
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
             return

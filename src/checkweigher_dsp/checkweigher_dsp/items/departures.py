@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Departures from the belt: which item an edge of the outfeed eye is of, and when the last left."""
+"""Departures from the belt: the item of each outfeed edge, and the time of the last departure."""
 
 import math
 
@@ -9,7 +9,7 @@ from checkweigher_dsp.items.item import TrackedItem
 
 
 def departure_before(belt: Belt, stamp: int) -> int | None:
-    """Return the departure of the item before one that enters at `stamp`, None if not known."""
+    """Return the departure of the item ahead of one that enters at `stamp`, None if unknown."""
     if belt.covered:
         return None
     if belt.at_outfeed is not None:
@@ -27,7 +27,7 @@ def last_departure(belt: Belt, stamp: int) -> int | None:
 
 
 def is_next_departure(belt: Belt, stamp: int) -> bool:
-    """Return whether the next item must have left now, so that its t3 and a t4 were lost."""
+    """Return whether the next item is due to leave now, so that its t3 and a t4 were lost."""
     if not belt.items or belt.items[0] is belt.at_infeed:
         return False
     return belt.transit.ends(belt.items[0], stamp)
@@ -41,9 +41,9 @@ def is_none_due(belt: Belt, stamp: int) -> bool:
 
 
 def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
-    """Remove the item of an outfeed edge from the belt, and give up those before it.
+    """Remove and return the item of an outfeed edge, and give up the items before it.
 
-    It is the item whose transit would be nearest to the usual one.
+    It is the item whose transit is nearest to the usual one.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

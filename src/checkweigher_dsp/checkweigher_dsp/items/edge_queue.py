@@ -72,7 +72,7 @@ class EdgeQueue:
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Remove and return the edges of a clock that jumps to `stamp`, forward or back."""
+        """Remove and return the edges of the new clock, which has jumped to `stamp`."""
         if forward:
             position = bisect_left(self._edges, stamp, key=_STAMP)
             new, self._edges = self._edges[position:], self._edges[:position]

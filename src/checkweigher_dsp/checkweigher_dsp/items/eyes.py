@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Photo-eyes: which edges are new, chatter, or only the state of an eye at start-up."""
+"""Photo-eyes: repeated edges, chatter, and edges that only show the state at start-up."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_dsp.items.item import TrackedItem
 
 _LONG_AGO = -(2**62)  # ns
-_REMEMBERED = 64  # latest edges, among which an edge that comes twice is recognized
+_REMEMBERED = 64  # latest edges, to detect one that comes twice
 
 
 @dataclass(slots=True)
@@ -27,12 +27,12 @@ class Eyes:
 
     def __init__(self, debounce: int, max_transit: int) -> None:
         self.debounce = debounce
-        self.origin: int | None = None  # ns, begin of the stream, when an eye may show its state
+        self.origin: int | None = None  # ns, start of the stream, when an eye may show its state
         self.newest: int | None = None  # ns, stamp of the youngest edge by the present clock
         self._max_transit = max_transit
-        self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # a deque is searched edge by edge
+        self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # faster to search than a deque
         self.youngest: dict[Eye, EyeEdge] = {}
-        self.latest: dict[Eye, EyeEdge] = {}  # by arrival, perhaps late
+        self.latest: dict[Eye, EyeEdge] = {}  # by arrival, late ones included
         self._first: dict[Eye, int] = {}
 
     @property
@@ -41,7 +41,7 @@ class Eyes:
         return any(edge.blocked for edge in self.youngest.values())
 
     def is_new(self, edge: EyeEdge) -> bool:
-        """Return whether an edge has not come before, and remember it."""
+        """Record an edge and return whether it is new."""
         if edge in self._known:
             return False
         self._known[edge] = None
@@ -50,7 +50,7 @@ class Eyes:
         return True
 
     def take(self, edge: EyeEdge) -> EyeEdge | None:
-        """Process the youngest edge of its eye; return the previous one."""
+        """Store the youngest edge of an eye and return the previous one."""
         previous = self.youngest.get(edge.eye)
         self.youngest[edge.eye] = self.latest[edge.eye] = edge
         self._first.setdefault(edge.eye, edge.stamp)
@@ -59,7 +59,7 @@ class Eyes:
     def flickers(self, switch: Switch) -> bool:
         """Return whether an edge is chatter: too soon after the previous one of its eye.
 
-        If the edge between the two was lost, twice the debounce time is too soon.
+        If the edge between them was lost, the limit is twice the debounce time.
         """
         previous = switch.previous
         if previous is None:
@@ -68,7 +68,7 @@ class Eyes:
         return 0 <= switch.stamp - previous.stamp < longest
 
     def shows_state(self, stamp: int) -> bool:
-        """Return whether the first edge of an eye, one that clears, is its state at start-up.
+        """Return whether the first edge of an eye, a clearing one, only shows its initial state.
 
         Such an edge is near the first sample, or within `debounce` of the first edge of the other
         eye.
@@ -81,7 +81,7 @@ class Eyes:
     def forget_clock(self) -> None:
         """Discard all stamps, because the clock has changed.
 
-        The states of the eyes stay, but no later edge is chatter of an earlier one.
+        The states of the eyes are kept, but later edges are not compared with earlier ones.
         """
         self._known.clear()
         self.latest.clear()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Failures of a stage on one item: the item is a FAULT, and the stage goes on with the next one."""
+"""Failures of a stage on an item: the item becomes a FAULT, and the stage continues."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ B = TypeVar('B')
 class Failures:
     """Rule for the exceptions of a stage.
 
-    The stages have all their work on an item done here. Where it raises an exception, `fault` makes
-    the result of the item, with the reason StageFailed, and `report` gets the number of the item
-    and the exception. Two such items in a row stop the line, see `RejectMonitor`.
+    The stages do all their work on items through this class. If the work raises an exception,
+    `fault` makes the result of the item, with the reason StageFailed, and `report` gets the number
+    of the item and the exception. Two such items in a row stop the line, see `RejectMonitor`.
     """
 
     report: Callable[[int, Exception], None]
@@ -51,10 +51,10 @@ class Failures:
         fault: Callable[[A], B],
         items: Sequence[A],
     ) -> list[B]:
-        """Return the results of items that `work`, which has no state, processes at once."""
+        """Return the results of items, which a stateless `work` processes at once."""
         try:
             return list(work(items))
-        except Exception:  # one by one, which finds the item and reports it
+        except Exception:  # one by one, to find and report the item
             return self.each(lambda item: work([item])[0], fault, items)
 
 

@@ -33,13 +33,13 @@ class TrackedItem:
     t4: int | None = None  # is gone
     # Reasons why it cannot be weighed: a set in the order in which they were found.
     faults: dict[Reason, None] = field(default_factory=dict)
-    left_before: int | None = None  # departure of the item before it; after t1 if `others_there`
+    left_before: int | None = None  # departure of the previous item; after t1 if `others_there`
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
-    usual_transit: int | None = None  # from eye to eye, of the last whole item before it
+    usual_transit: int | None = None  # ns from eye to eye, of the last whole item ahead of it
     given_up: int | None = None  # time at which it was given up
-    outlier: bool = False  # much slower or faster than those before: its length may be wrong
+    outlier: bool = False  # much slower or faster than earlier items, so its length may be wrong
     state: State = State.ON_BELT
-    shift: int | None = None  # of the rise after its edges, None before the two were compared
+    shift: int | None = None  # lag of the rise behind its edges; None until they are compared
     doubt: float = 0.0  # s, standard deviation of the shift
 
     @property
@@ -56,12 +56,12 @@ class TrackedItem:
 
     @property
     def length(self) -> int:
-        """Time that it blocks an eye, ns; 0 if that is not known."""
+        """Time for which it blocks an eye, ns; 0 if unknown."""
         return self.t2 - self.t1 if self.t1 is not None and self.t2 is not None else 0
 
     @property
     def departure(self) -> int:
-        """Time at which it has left, ns: t4, or an upper limit if t4 is not known."""
+        """Time at which it has left, ns: t4, or an upper limit if t4 is unknown."""
         if self.t4 is not None:
             return self.t4
         if self.t3 is None and self.given_up is not None:

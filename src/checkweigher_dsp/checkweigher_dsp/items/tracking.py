@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Item tracking: photo-eye edges become items, some of which are faults.
+"""Item tracking: the items to which photo-eye edges belong, and their faults.
 
 The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infeed clears: fully on
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
@@ -20,8 +20,8 @@ from checkweigher_dsp.items.transitions import apply_edge, apply_late_edge, sett
 class ItemTracker:
     """Assigns the edges of the two eyes to items, which leave in the order of their entry.
 
-    If an edge is missing, the transit of the last whole item decides which item an edge belongs to,
-    so that one lost edge costs one item and not all that follow. The rules are the table in
+    If an edge is missing, the transit of the last whole item decides which item the next edge
+    belongs to, so a lost edge costs only one item. The rules are the table in
     `checkweigher_dsp.items.transitions`.
 
     Parameters
@@ -31,9 +31,9 @@ class ItemTracker:
     max_transit : int
         Time after which an item that has not reached the outfeed eye is given up, ns.
     count : int
-        Number of the last item before.
+        Number of the previous item.
     belt_lengths : float
-        Length of the belt in products, 0 if it is not known.
+        Length of the belt in lengths of a product, 0 if unknown.
     unloaded : callable
         Whether the scale shows an empty belt, see `Belt`.
     """
@@ -73,7 +73,7 @@ class ItemTracker:
         return belt.items[0].entered + self._max_transit if belt.items else None
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Process an edge and return the items that it finishes: at t3, or given up."""
+        """Process an edge and return the items that it finishes or that are given up."""
         finished = self.expire(edge.stamp)
         if self.eyes.is_new(edge):
             newest = self.eyes.newest

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Transition table of item tracking: the meaning of each edge, and the new state of its item.
 
-`TRANSITIONS` lists the cases of each kind of edge in the order in which they are tried; the first
-one that holds applies. The reasons, which docs/reasons.md describes, are those that a
-case may give to its item or to others on the belt.
+`TRANSITIONS` lists the cases of each kind of edge. They are tried in order, and the first one that
+holds is applied. A case may give its reasons, described in docs/reasons.md, to its item or to
+others on the belt.
 """
 
 from collections.abc import Callable
@@ -22,15 +22,15 @@ from checkweigher_dsp.items.departures import (
 from checkweigher_dsp.items.eyes import Switch
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_FLICKERS = 2  # debounce times, for which an eye may chatter at the end of an item
+_FLICKERS = 2  # debounce times for which an eye may chatter at the end of an item
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
     """One case of an edge."""
 
-    # Applies the edge if the case holds. Returns the item of the edge, or whether the case holds if
-    # the edge is of no known item.
+    # Applies the edge if the case holds. Returns the item of the edge. If no item is known, it
+    # returns whether the case holds.
     action: Callable[[Belt, Switch], TrackedItem | bool | None]
     state: State | None = None  # next state of the item
     reasons: tuple[Reason, ...] = ()  # that the case may give
@@ -57,14 +57,14 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def settle_first(belt: Belt) -> None:
-    """Add the item of the very first infeed edge, unless that only showed the state of the eye."""
+    """Add the item of the very first infeed edge, unless it only showed the state of the eye."""
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
 
 
 def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
-    """Add an item to the belt that has no t1."""
+    """Add an item without t1 to the belt."""
     item = belt.new_item()
     item.t2 = stamp
     item.fault(reason)
@@ -75,9 +75,9 @@ def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
 def settle(belt: Belt, stamp: int) -> list[TrackedItem]:
     """Return the items whose numbers can no longer change after `stamp`, ns.
 
-    Only the newest item can turn out to be a flicker of the one before it, and only if it has
-    blocked the infeed eye for less than two debounce times. No flicker follows more than two
-    debounce times after that.
+    Only the newest item can turn out to be a flicker of the previous item, and only if it blocked
+    the infeed eye for less than two debounce times. No flicker comes more than two debounce times
+    later.
     """
     settled = []
     while belt.unsettled and _is_settled(belt, belt.unsettled[0], stamp):
@@ -98,7 +98,7 @@ def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
 
 
 def _merge_flicker(belt: Belt) -> None:
-    """Merge an item that is too short into the item before it, which lost its t2."""
+    """Merge an item that is too short into the previous item, whose t2 was lost."""
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
         return
@@ -115,7 +115,7 @@ def _longest_flicker(belt: Belt, item: TrackedItem) -> int:
     return belt.eyes.debounce * (_FLICKERS if Reason.CHATTERING_EYE in item.faults else 1)
 
 
-# Cases of several edges.
+# Cases of several kinds of edges.
 
 
 def _show_state(belt: Belt, switch: Switch) -> bool:
@@ -146,7 +146,7 @@ def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
 
 
 def _reopen_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Continue the entry of the last item, whose eye flickers."""
+    """Continue the entry of the last item, because the eye flickers."""
     item = belt.entered_last if belt.entered_last is not None else belt.begun
     if item is None or not belt.eyes.flickers(switch):
         return None
@@ -204,7 +204,7 @@ def _extend_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _end_reported(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Set the t2 of an item that was reported before."""
+    """Set the t2 of an item that was already reported."""
     blocked = switch.previous is not None and switch.previous.blocked
     item = belt.begun if blocked or belt.clock_is_new else None
     if item is None or item.t2 is not None:
@@ -225,7 +225,7 @@ def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
 
 
 def _cover(belt: Belt, switch: Switch) -> bool:
-    """Cover the eye again by an unknown item, if it flickers."""
+    """Mark the eye as covered by an unknown item again, if it flickers."""
     if belt.left_last is not None or not belt.eyes.flickers(switch):
         return False
     belt.covered = True
@@ -253,14 +253,14 @@ def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Let an item leave that was given up, if no item on the belt can be at the eye yet."""
+    """Begin the exit of an item that was given up, if no item on the belt can leave yet."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
     if not gone or not is_none_due(belt, switch.stamp):
         return None
     item = gone.popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
-    belt.fault_all(Reason.DISTANCE_FAULT)  # it was there as well
+    belt.fault_all(Reason.DISTANCE_FAULT)  # the late item was on the belt, too
     return item
 
 
@@ -286,7 +286,7 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
     if ambiguous and belt.transit.of(item) is None:
         item.fault(Reason.DISTANCE_FAULT)  # nothing shows which of them it is
     if item is belt.at_infeed:
-        # It is longer than the belt, or its t2 was lost. The t2, if it comes, shows which.
+        # It is longer than the belt, or its t2 was lost. A later t2 shows which.
         item.fault(Reason.PRODUCT_TOO_LONG, Reason.MISSING_EDGE)
     before = belt.left_last
     if item.t2 is not None and before is not None and before.departure > item.t2:
@@ -308,7 +308,7 @@ def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _uncover(belt: Belt, switch: Switch) -> bool:
-    """Clear the eye if it shows its state, or an item of another clock covered it."""
+    """Clear the eye if the edge only shows its state, or an unknown item covered it."""
     return (_show_state(belt, switch) or belt.covered) and _free(belt, switch)
 
 
@@ -330,7 +330,7 @@ def _go_beside(belt: Belt, switch: Switch) -> bool:
 
 
 def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Report the item that left without a t3; if another one has left, its t3 may still come."""
+    """Report the item that seems to have left without a t3, which may still come."""
     if not belt.items:
         return None
     _go_before_start(belt, switch)
@@ -348,7 +348,7 @@ def _go_before_start(belt: Belt, switch: Switch) -> None:
 
 
 def _free(belt: Belt, switch: Switch) -> bool:
-    """Set the departure of an item that no eye has seen, or that is of another clock."""
+    """Record the departure of an unknown item, or of one by an earlier clock."""
     belt.freed = switch.stamp
     belt.covered = False
     return True
@@ -390,7 +390,7 @@ TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
 }
 
 
-# An edge comes after a younger one.
+# Late edges: a younger one came first.
 
 
 def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:

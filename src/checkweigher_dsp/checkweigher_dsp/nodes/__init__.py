@@ -4,5 +4,5 @@
 
 import os
 
-# Matrices as small as those of an item are slower on several threads. Before numpy reads it.
+# Several threads slow down the small matrices of an item. Set before numpy reads it.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clock of the deadlines, and the timer that rings at the next of them."""
+"""Clock of the deadlines, and a timer for the next one."""
 
 from collections.abc import Callable
 import time
@@ -15,7 +15,7 @@ class DeadlineTimer:
     Attributes
     ----------
     clock : StreamClock
-        Clock of the stamps. If it is not running, nothing is overdue by the time of the arrivals.
+        Clock of the stamps. If it is not running, nothing becomes overdue on the clock of arrivals.
     """
 
     def __init__(self, node: PortNode, callback: Callable[[], None], *, running: bool) -> None:
@@ -24,12 +24,12 @@ class DeadlineTimer:
 
     @property
     def now(self) -> int | None:
-        """Time of the arrivals in ns, for the deadlines; None if nothing can be overdue."""
+        """Time on the clock of arrivals in ns; None if nothing can be overdue."""
         return time.monotonic_ns() if self.clock.running else None
 
     @property
     def stamp(self) -> int | None:
-        """Time of the stamps, None before the first message."""
+        """Time on the clock of stamps in ns; None before the first message."""
         return self.clock.at(time.monotonic_ns())
 
     def saw(self, stamp: int) -> None:
@@ -37,7 +37,7 @@ class DeadlineTimer:
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to a time of the arrivals or to a stamp, None for neither."""
+        """Set the timer to a time of arrivals, to a stamp, or (both None) to nothing."""
         times = [due if self.clock.running else None]
         if stamp is not None:
             times.append(self.clock.reaches(stamp, time.monotonic_ns()))

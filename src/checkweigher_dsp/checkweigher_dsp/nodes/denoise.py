@@ -37,7 +37,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self._windows.send(denoised)
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the finding on the time that windows take."""
+        """Return the finding on the time per window."""
         return [self._workload.finding(now)]
 
 

@@ -11,21 +11,21 @@ from checkweigher_core.records import NUMBERS_AT_ONCE
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
-_LINE = 100  # bytes, of the identity of the run; each number follows in a line of its own
+_LINE = 100  # bytes, identity of the run; then one line per number
 _NUMBER = 21  # bytes
-_KEPT = 'kept over runs'  # identity of all runs of a file with a path
+_KEPT = 'kept over runs'  # stands for the run in a file with a given path
 
 
 class GivenNumbers:
     """File of the latest numbers that a node of a lane has given.
 
     A run is one process of `run` or `ros2 launch`, which restarts nodes. A restarted node continues
-    the numbers; in another run items count from 1. With a `path` numbers continue over runs.
+    the numbers. In the next run they begin at 1, unless a `path` is set.
 
     Parameters
     ----------
     node : str
-        Full name of the node, empty to keep no numbers.
+        Full name of the node; empty to keep no numbers.
     domain : int
         ROS domain.
     path : str
@@ -38,7 +38,7 @@ class GivenNumbers:
     numbers : frozenset of int
         Numbers that were given before this process began.
     trouble : str
-        Reason why numbers are given again, empty if they are not.
+        Reason why numbers may be given again, empty if they are not.
     """
 
     def __init__(self, node: str = '', domain: int = 0, path: str = '', most: int = 1) -> None:
@@ -62,13 +62,13 @@ class GivenNumbers:
 
     @property
     def last(self) -> int:
-        """Largest number that was given before this process began, 0 for none."""
+        """Largest number that was given before this process began, 0 if none."""
         return max(self.numbers, default=0)
 
     def _begin(self, file: int, run: str) -> bool:
         """Read the numbers of this run, or create the file in its full size.
 
-        Return whether the file was one of this run, with numbers or with none yet.
+        Returns whether the file was of this run, with numbers or still empty.
         """
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
@@ -78,10 +78,10 @@ class GivenNumbers:
             os.pwrite(file, line.encode() + (b' ' * (_NUMBER - 1) + b'\n') * self._most, 0)
         found: dict[int, int] = {}
         for place, text in enumerate(places):
-            with suppress(ValueError):  # torn, or never written
+            with suppress(ValueError):  # incomplete, or never written
                 found[int(text)] = place
         self.numbers = frozenset(found)
-        # Not behind the largest number: the numbers given after it may be smaller.
+        # Not the place after the largest number, because later numbers may be smaller.
         free = [place for place, text in enumerate(places) if not text.strip()]
         oldest = found[min(found)] if found else 0
         self._next = free[0] if free else oldest
@@ -91,9 +91,9 @@ class GivenNumbers:
     def give(self, number: int) -> None:
         """Write a number before it is given.
 
-        The number survives a kill of the process. The file does not grow, so that it works on a
-        full disk. The first number of each thousand is on the disk before it is given, so that none
-        is given twice after a power cut either; the others do not wait for the disk.
+        The number survives a kill of the process. The file does not grow, so it works on a full
+        disk. Only the first number of each thousand waits until it is on the disk, so that no
+        number is given twice after a power cut.
         """
         if self._file is None:
             return
@@ -119,7 +119,7 @@ class GivenNumbers:
 
 
 def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
-    """Return the file of the numbers of a node; the node warns if it cannot be used."""
+    """Return the file of the numbers of a node, and warn if it cannot be used."""
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     numbers = GivenNumbers(name, domain, path, most)
     if numbers.trouble:

@@ -41,17 +41,17 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Begin to work, and record what was learned before."""
+        """Begin to work, and record what is already learned."""
         super().start()
         self._note_learned()
 
     def destroy_node(self) -> None:
-        """Destroy the node, after what it has learned is in its file."""
+        """Destroy the node, after its learned state is in the file."""
         self._record.close()
         super().destroy_node()
 
     def on_parameters(self) -> None:
-        """Use a changed estimator."""
+        """Apply changed parameters."""
         known = self._identifier.learned
         if self.parameters.learn and not known.kinds:
             self._record.close()
@@ -61,7 +61,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             if self._record.trouble:
                 self.warn(self._record.trouble)
         self._identifier = Identifier(self.parameters, known, Failures(self.item_failed))
-        # The usual values of the estimator before are not those of this one.
+        # Usual values are not comparable between estimators.
         self._convergence = ConvergenceWatch()
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -71,7 +71,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._workload.add(now, now - began)
         self._estimates.send(estimate)
         self.count('weighed' if estimate.weighed else 'faults')
-        if not window.reasons:  # which the segmenter has logged already
+        if not window.reasons:  # the segmenter has logged those with reasons
             self._convergence.add(now, estimate)
             for reason in estimate.reasons:
                 self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
@@ -80,7 +80,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             self._note_learned()
 
     async def _on_forget(self, request: Any, response: Any) -> Any:
-        """Delete what was learned, after an entry in the audit log."""
+        """Delete the learned state, after an entry in the audit log."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, 'forgotten'):
             response.message = f'{reason}: not forgotten'
@@ -94,7 +94,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         return response
 
     def _note_learned(self) -> None:
-        """Write what was learned to its file, and changes in its use to the audit log."""
+        """Write the learned state to its file, and changes in its use to the audit log."""
         known = self._identifier.learned
         kept = tuple(part for each in known.kinds for part in (each.fit, each.change))
         if kept == self._kept:
@@ -112,13 +112,13 @@ class IdentifierNode(StageNode[IdentifierParameters]):
                 self.executor.create_task(self._audit(value))
 
     async def _audit(self, value: dict[str, object]) -> None:
-        """Write what was learned to the audit log; a failure does not undo it."""
+        """Write a change of learning to the audit log; a failure does not undo it."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, value):
             self.warn(f'what was learned: {reason}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the findings on the masses, the time they take, and what was learned."""
+        """Return the findings on the masses, their computing time, and learning."""
         known = self.parameters
         return [
             self._convergence.finding(now, known.max_relative_std_dev),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File of what a line has learned, which outlives its process."""
+"""File of the learned state of a line, which outlives its process."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,22 +14,22 @@ NONE = '-'
 
 
 class LearnedRecord:
-    """File of what one node has learned.
+    """File of the learned state of a node.
 
-    A file that cannot be read counts as empty, which does no harm: the line weighs by its estimator
-    and learns again.
+    A file that cannot be read counts as empty. This does no harm, because the line weighs by its
+    estimator and learns again.
 
     Parameters
     ----------
     wanted : str
-        Path of the file; empty for one named after the node, ``-`` for none.
+        Path of the file; if empty, the file is named after the node; ``-`` for no file.
     node : str
         Full name of the node.
 
     Attributes
     ----------
     trouble : str
-        Why the file cannot be used now, empty if it can.
+        Reason why the file cannot be used now, empty if it can.
     """
 
     def __init__(self, wanted: str, node: str = '') -> None:
@@ -39,7 +39,7 @@ class LearnedRecord:
         try:
             if wanted != NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
-        except RuntimeError as error:  # this user has no home folder
+        except RuntimeError as error:  # the user has no home folder
             self._fail(error)
 
     def read(self) -> LearnedKinds | None:
@@ -52,7 +52,7 @@ class LearnedRecord:
         return None
 
     def write(self, known: LearnedKinds, *, now: bool = False) -> None:
-        """Replace the content of the file: soon, or with `now` before this returns."""
+        """Replace the content of the file, in the background or with `now` before returning."""
         if self._path is not None:
             written = self._writer.submit(self._write, self._path, known)
             if now:

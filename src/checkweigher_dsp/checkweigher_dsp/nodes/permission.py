@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the permission by the node reject, ten times a second and at each change."""
+"""Output of the permission by the node reject, ten times per second and at each change."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,7 +13,7 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
 _PERIOD = round(0.1 * NANOSECONDS)
-# s. The stages show every 0.2 s that they work, the segmenter at long blocks less often.
+# s. The stages send a sign of life every 0.2 s; with long blocks the segmenter sends fewer.
 _FRESH_TIME = 0.4
 _MARGIN = round(0.001 * NANOSECONDS)
 
@@ -21,8 +21,8 @@ _MARGIN = round(0.001 * NANOSECONDS)
 class PermissionGiver:
     """Output of the permission of a lane.
 
-    It sends nothing while a callback of the process has the lock, so a node that hangs gives no
-    permission.
+    It sends nothing while a callback of the process has the lock, so a node that hangs does not
+    give permission.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class PermissionGiver:
     is_stopped : callable
         Returns whether a stop is requested.
     deadlines : bool
-        Whether the permission runs out.
+        Whether the permission expires.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class PermissionGiver:
 
     def _repeat(self) -> None:
         self.give()
-        # At most until a sign is not fresh.
+        # It lasts at most until a sign is no longer fresh.
         now = time.monotonic_ns()
         left = self.rule.fresh_for(now)
         self._timer.set(now + (left + _MARGIN if 0 < left < _PERIOD else _PERIOD))
@@ -73,7 +73,7 @@ class PermissionGiver:
     def give(self) -> None:
         """Send the permission, or its withdrawal."""
         for stage, entry in self._stages.items():
-            if entry.makers:  # a stage of this process needs no sign
+            if entry.makers:  # stages of this process need no sign
                 self._add_sign(stage, None)
         present = {name: entry.count() > 0 for name, entry in self._publishers.items()}
         run = self.rule.may_run(present, time.monotonic_ns(), stopped=self._is_stopped())

@@ -13,7 +13,7 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 
 
 class ProductInUse:
-    """Product of the reject stage: limits of the parameters until the line has a product."""
+    """Product of the reject stage; until the line has one, the limits in the parameters."""
 
     def __init__(self, node: StageNode[RejectParameters], stage: RejectStage) -> None:
         self._node, self._stage = node, stage
@@ -22,7 +22,7 @@ class ProductInUse:
         node.subscribe(ports.PRODUCT_ON_LINE, self._on_product)
 
     def use_parameters(self) -> None:
-        """Use the limits that are parameters now, until the next product."""
+        """Use the present limits of the parameters, until the next product."""
         if self._stage.product.stamp:
             self._stage.product = replace(self._stage.product, **limits_of(self._node.parameters))
         self.show()
@@ -35,7 +35,7 @@ class ProductInUse:
             self._output.send(shown)
 
     def _on_product(self, product: ProductOnLine) -> None:
-        """Use the limits of a product, or only its counts if the product is in use."""
+        """Use the limits of a product, or only its counts if it is already in use."""
         node, in_use = self._node, self._stage.product
         if not (node.parameters.needs_product or in_use.stamp):
             node.get_logger().warning(
@@ -44,7 +44,7 @@ class ProductInUse:
             )
         if product.stamp == in_use.stamp:
             product = replace(in_use, **BatchTally.of(product).counts)
-        else:  # so that limits which are set later are checked against these
+        else:  # limits that are set later are checked against these
             node.parameters = replace(node.parameters, **limits_of(product))
         self._stage.product = product
         self.show()

@@ -37,9 +37,9 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 class RejectNode(ManagedStageNode[RejectParameters]):
     """Node that gives every announced item its verdict in time for the rejector.
 
-    While it is not active, it asks the line to stop. With `keep_numbers` or the parameter `numbers`
-    it keeps the numbers of the items with a verdict in a file. The node that takes its place reads
-    that file and the latched announcements, and judges the items that this one has missed.
+    While it is not active, it requests a stop of the line. With `keep_numbers` or the parameter
+    `numbers` it keeps the numbers of judged items in a file. A node that takes its place reads
+    this file and the latched announcements, and judges the items that this node has missed.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         )
         self._timer = DeadlineTimer(self, self._tick, running=self.parameters.deadlines)
         self._stream = 0
-        # Before the estimates, so that of waiting messages the product comes first.
+        # Before the estimates, so that a waiting product is processed first.
         self._product = ProductInUse(self, self._stage)
         load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
@@ -86,7 +86,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._stops.show()
 
     def activate(self) -> None:
-        """Begin to judge, and take back the request to stop."""
+        """Begin to judge, and withdraw the stop request."""
         self._monitor.restart()
         self._stops.begin()
         self._verdicts.send(self._stage.judge_complete(self._timer.now))
@@ -136,7 +136,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._go_on()
 
     def _on_record(self, record: Item | MassEstimate) -> None:
-        """Judge by an announcement, or by an estimate if the node is active."""
+        """Process an announcement, or an estimate if the node is active."""
         stage = self._stage
         if isinstance(record, MassEstimate):
             if not self._stops.active:
@@ -170,7 +170,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._update()
 
     def _go_on(self) -> None:
-        """Judge the items that can wait no longer, if the node is active."""
+        """Judge the items that are due, if the node is active."""
         if not self._stops.active:
             return
         unknown = self._stage.early.unknown
@@ -181,7 +181,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _tick(self) -> None:
-        """Judge by the time that has passed, and by the eye behind the rejector."""
+        """Judge the items that are due, and check the eye behind the rejector."""
         self._go_on()
         stamp = self._timer.stamp
         if stamp is not None and (strays := self._monitor.advance(stamp)):
@@ -191,7 +191,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _update(self) -> None:
-        """Pass on what the parts know of each other, and set the timer to the next deadline."""
+        """Exchange the state of the parts, and set the timer to the next deadline."""
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)
         stamp = self._timer.stamp

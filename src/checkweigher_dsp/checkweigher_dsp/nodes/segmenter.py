@@ -35,15 +35,15 @@ from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-_MAX_EARLY = 1_000  # samples and edges that are kept until load_cell/info comes, which is latched
-# The status comes with the samples and not by a timer, because the driver of a replay follows its
-# pace, and the permission of reject runs out without it.
+_MAX_EARLY = 1_000  # samples and edges to keep until the latched load_cell/info comes
+# The status is sent with the samples, not by a timer: the driver of a replay follows its pace, and
+# the permission of reject expires without it.
 _STATUS_INTERVAL = 0.2  # s of signal
 _STATUS_BLOCKS = 100  # blocks, if they are short
 _ANSWER_PERIOD = 0.01  # s
-_ZERO_PATIENCE = 15.0  # s, after which the service zero answers even without samples
-_STALL_TIME = 0.1  # s without samples, after which items are tracked by the eyes alone
-_END_PATIENCE = 2.0  # s of silence, after which missing records of an ended stream are lost
+_ZERO_PATIENCE = 15.0  # s after which the service zero answers even without samples
+_STALL_TIME = 0.1  # s without samples after which items are tracked by the eyes alone
+_END_PATIENCE = 2.0  # s of silence after which missing records of an ended stream are lost
 
 
 class SegmenterNode(StageNode[SegmenterParameters]):
@@ -54,10 +54,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     ) -> None:
         self._numbers = GivenNumbers()  # before the parameters, which may be refused
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
-        self._count = 0  # number of the last item before the present stream
+        self._count = 0  # number of the last item of earlier streams
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers)
-        if self._numbers.last:  # continue at the next thousand, which shows the restart
+        if self._numbers.last:  # continuing at the next thousand shows the restart
             thousands = self._numbers.last // NUMBERS_AT_ONCE + 1
             self._count = thousands * NUMBERS_AT_ONCE - 1
         self._segmenter: Segmenter | None = None
@@ -95,7 +95,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         super().destroy_node()
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
-        """Set the zero by the next empty belt at rest, and answer then."""
+        """Set the zero by the next empty belt at rest, then answer."""
         if self._segmenter is None:
             response.message = 'no load_cell/info has come: not zeroed'
             return response
@@ -103,7 +103,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             response.message = f'{reason}: not zeroed'
             return response
         answer: Future = Future()
-        # A source completes it in a thread of its own, while the executor may wait.
+        # Another thread completes the answer while the executor may be waiting.
         answer.add_done_callback(lambda _: self.executor.wake())
         self._zero_requests.append(answer)
         self._segmenter.zero_keeper.request()
@@ -160,7 +160,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (
             signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
             or self._blocks_since_report >= _STATUS_BLOCKS
-            # reject gives an item that leaves without an announcement a verdict of its own.
+            # reject itself judges an item that leaves without an announcement.
             or segmenter.leaving_since not in (None, leaving)
         ):
             self._publish_status(StreamState.RUNNING)
@@ -187,10 +187,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         elif status.stream != self._stream:
             self._begin_stream(status.stream)
         elif not self._announced:
-            self._publish_status(StreamState.RUNNING)  # the driver asks
+            self._publish_status(StreamState.RUNNING)  # the driver waits for it
 
     def _begin_stream(self, stream: int) -> None:
-        # The first stream may have begun before its announcement came.
+        # Samples of the first stream may come before its announcement.
         follows, self._stream = self._stream != 0, stream
         self._end = None
         self._end_timer.clear()
@@ -203,7 +203,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._answer_timer.set(_in(_ANSWER_PERIOD))
 
     def _answer(self) -> None:
-        """Notify the driver that its stream can begin, once no record of it would be lost.
+        """Notify the driver that its stream can begin, once no record can be lost.
 
         The driver knows whether its publishers have matched these subscriptions, but only this node
         knows whether the subscriptions have matched the publishers.
@@ -216,7 +216,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)
 
     def _finish_if_ended(self) -> None:
-        """Finish the stream once all records that were sent have been processed."""
+        """Finish the stream once all sent records have been processed."""
         if self._end is None or self._segmenter is None:
             return
         if (self._segmenter.samples, self._segmenter.edges) == self._end:
@@ -242,10 +242,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._publish_status(StreamState.FINISHED)
 
     def _publish(self, segmenter: Segmenter, windows: list[WeighWindow]) -> None:
-        """Publish the announcements of items, then windows."""
+        """Publish the announcements of items, then the windows."""
         for item in segmenter.take_announced():
             if not item.complete:
-                self._numbers.give(item.item_id)  # on disk before it is published
+                self._numbers.give(item.item_id)  # written before it is published
             self._items.send(replace(item, stream=self._stream))
         for window in windows:
             self._windows.send(window)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Stop request of a lane: its output, the reasons for it that last, and its reset."""
+"""Stop request of a lane: its output, its lasting reasons, and its reset."""
 
 from collections.abc import Callable
 import time
@@ -27,11 +27,11 @@ _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
 class StopRequests:
-    """Output of the stop request that a monitor has, and the service that resets it.
+    """Output of the stop request of a monitor, and the service that resets it.
 
-    A node that is not `active` requests a stop. `driver` is the input of the status of the driver.
-    `update` is called after each change of a reason and has to call `show`, `shown` after each
-    message.
+    A node that is not `active` requests a stop. `driver` is the input with the status of the
+    driver. `update` is called after each change of a reason and must call `show`. `shown` is called
+    after each message.
     """
 
     def __init__(
@@ -59,14 +59,14 @@ class StopRequests:
         return self._monitor.request if self.active else _NOT_READY
 
     def begin(self) -> None:
-        """Begin to request stops for the line, and no longer because the node is not active."""
+        """Begin to monitor the line, because the node is now active."""
         self.active = True
         self._shown = self.request
         self.output.send(self._shown)
         self._on_shown()
 
     def end(self) -> None:
-        """Request a stop, because the node is not active any more."""
+        """Request a stop, because the node is no longer active."""
         self.active = False
         self.show()
 
@@ -101,7 +101,7 @@ class StopRequests:
         self._check()
 
     def _look(self) -> None:
-        """Check for strangers, and the end of a grace period."""
+        """Check for strangers, and for the end of a grace period."""
         self._monitor.strangers = self.strangers.look()
         self._check()
 
@@ -114,7 +114,7 @@ class StopRequests:
         """Clear the stop request, unless a reason for it lasts."""
         cleared, shown = self._monitor.request, self._shown
         self._monitor.strangers = self.strangers.look()
-        # The last message of a publisher that has gone does not count.
+        # The last message of a publisher that is gone does not count.
         if not self._driver.count():
             self._monitor.trouble = ''
         if not self._conditions.count():
@@ -126,7 +126,7 @@ class StopRequests:
         self.show()
         request = self.request
         if request is not None and request == shown:
-            # Again, because the driver waits for an answer to the reset.
+            # Sent again, because the driver waits for an answer to the reset.
             self.output.send(request)
         response.success = request is None
         if request is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that publish a topic of the line beside the node of the line that makes it."""
+"""Strangers: other nodes that publish a topic of a node of the line."""
 
 from collections.abc import Iterable
 
@@ -12,26 +12,26 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import full_name
 
 _WATCHED = tuple(port for port in ports.ALL if port.maker in ports.NODES)
-_UNNAMED = '_NODE_NAME_UNKNOWN_'  # of an endpoint that DDS has found before its node
+_UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of an endpoint that DDS finds before its node
 
 
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
-    """Return the names among the publishers of a topic that are not its maker's.
+    """Return the names of publishers of a topic other than its `maker`.
 
-    A single name is the maker, whatever it is. Endpoints are not counted: DDS lists a maker that
-    was killed beside the one in its place until its lease ends.
+    A single name counts as the maker. Endpoints are not counted, because DDS lists a killed maker
+    beside its successor until its lease ends.
     """
     names = set(publishers)
     return sorted(names - {maker}) if len(names) > 1 else []
 
 
 class StrangerWatch:
-    """Watch of who publishes the topics of the line of a node.
+    """Watch of the publishers of the topics of a node.
 
     Attributes
     ----------
     found : str
-        Strangers at the last look, each with its topics; empty if there is none.
+        Strangers at the last look, each with its topics; empty if there are none.
     """
 
     def __init__(self, node: Node) -> None:
@@ -43,10 +43,10 @@ class StrangerWatch:
         self.found = ''
 
     def look(self) -> str:
-        """Read from the graph who publishes now, and return the strangers."""
+        """Read the present publishers from the graph, and return the strangers."""
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
-            if self._node.count_publishers(topic) < 2:  # faster than their names
+            if self._node.count_publishers(topic) < 2:  # faster than reading their names
                 continue
             listed = self._node.get_publishers_info_by_topic(topic)
             names = [full_name(each) for each in listed if each.node_name != _UNNAMED]

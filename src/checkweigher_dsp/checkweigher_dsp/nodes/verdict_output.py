@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the verdicts, with their numbers in a file, and what they say about the line."""
+"""Output of the verdicts, with their numbers in a file, and findings on the line from them."""
 
 from collections.abc import Callable
 import time
@@ -19,8 +19,8 @@ from checkweigher_dsp.rejection.items import PendingItems
 class VerdictOutput:
     """Output of the verdicts of a lane, which counts, logs and diagnoses them.
 
-    The numbers of items with a verdict are in `numbers`; some of the `items` have theirs under
-    another number. `sent` is called with each verdict after it was published.
+    The numbers of judged items are in `numbers`; `items` knows those judged under another number.
+    `sent` is called with each verdict after it was published.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class VerdictOutput:
         self._watch.add_edge(time.monotonic(), stamp)
 
     def send(self, verdicts: list[Verdict]) -> None:
-        """Publish the verdicts that the stage has given."""
+        """Publish verdicts of the stage."""
         passed_over, self._items.passed_over = self._items.passed_over, []
         for number in passed_over:
             self._numbers.give(number)
@@ -48,8 +48,8 @@ class VerdictOutput:
 
     def _send(self, verdict: Verdict) -> None:
         node, item = self._node, f'item {verdict.item_id}'
-        self._numbers.give(verdict.item_id)  # before it is published, so that none is given twice
-        self.output.send(verdict)  # before all else, because the rejector waits
+        self._numbers.give(verdict.item_id)  # before it is published, so that none is used twice
+        self.output.send(verdict)  # first, because the rejector waits
         self._watch.add(time.monotonic(), verdict)
         node.count(verdict.decision.name)
         if not verdict.estimate_id:

@@ -42,12 +42,12 @@ class LineParameters:
     def from_file(cls, path: Path, lane: str | None = None) -> Self:
         """Read the parameters of the stages from a ROS parameter file.
 
-        `lane` is the namespace of the line, where the file addresses several.
+        `lane` is the namespace of the line, if the file addresses several.
 
         Raises
         ------
         ParameterError
-            If the file cannot be read or a value in it cannot be used; nothing is then taken.
+            If the file cannot be read, or a value in it cannot be used.
         """
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
         with opened(path) as sections:
@@ -59,7 +59,7 @@ class LineParameters:
                 raise in_section(error, sections) from None
 
     def with_values(self, changes: Mapping[str, object]) -> Self:
-        """Return a copy with some values changed, named as in ``denoise.stretch``.
+        """Return a copy with some values changed, with names such as ``denoise.stretch``.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class LineParameters:
 
 @dataclass(frozen=True, slots=True)
 class Weighing:
-    """Estimate and verdict of one item, and its window if it was cut in this process."""
+    """Estimate and verdict of an item, and its window if it was cut in this process."""
 
     estimate: MassEstimate
     verdict: Verdict
@@ -116,7 +116,7 @@ class WeighingLine:
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
         """Yield the items of a whole stream, equal to those of `add` and `finish`.
 
-        The masses of many windows are estimated at once, which takes less time.
+        The masses of many windows are estimated at once to save time.
         """
         steps: list[Item | WeighWindow] = []
         samples = 0
@@ -156,6 +156,6 @@ def estimate_masses(
     return identifier.estimate_all(windows)
 
 
-# Most records and samples that `weigh_all` collects, to limit the memory for a long recording.
+# Largest numbers of records and samples that `weigh_all` collects, which limit its memory.
 _STEPS_AT_ONCE = 1500
 _SAMPLES_AT_ONCE = 2**20

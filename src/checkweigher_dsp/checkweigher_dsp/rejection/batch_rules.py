@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The packers' rules over a running batch: EU Directive 76/211/EEC, Annex I, section 1.
 
-Both rules hold after each item, not at the end of the batch alone. An item below TU1 is accepted
-only if the share of such items among the accepted ones stays within the quota. Where the mean value
-is required, an item below the nominal weight is accepted only if the mean of the accepted ones
-stays at or above that.
+Both rules hold after each item, not only at the end of the batch. An item below TU1 is accepted
+only if the share of such items among the accepted ones stays within the quota. If the mean value
+is required, an item below the nominal weight is accepted only if the mean of the accepted items
+stays at or above the nominal weight.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from typing import Any
 from checkweigher_core.records import Decision, ProductOnLine, Verdict
 from checkweigher_core.records.reasons import Reason
 
-# Relative tolerance, so that no rounding error puts a mass below a limit that it is equal to.
+# Relative tolerance, so that rounding never puts a mass below a limit that it equals.
 ROUNDING = 1e-9
 _COUNTS = ('items', 'accepted', 'below_tu1', 'surplus')
 
@@ -32,7 +32,7 @@ class BatchTally:
     accepted : int
         Number of accepted items.
     below_tu1 : int
-        Number of accepted items below TU1, where the recipe has a quota.
+        Number of accepted items below TU1, if the recipe has a quota.
     surplus : float
         Sum of the masses of the accepted items above the nominal weight in kg.
     """
@@ -61,22 +61,22 @@ class BatchTally:
         return self.product, self.batch
 
     def has_room(self, quota: float) -> bool:
-        """Return whether the next item may be below TU1; `quota` is the largest share of them."""
+        """Return whether the next item may be below TU1; `quota` is their largest share."""
         return self.below_tu1 + 1 <= quota * (self.accepted + 1) * (1 + ROUNDING)
 
 
 class BatchRules:
     """Rules over the running batches, with the counts of each batch.
 
-    The counts of a batch only grow. Of several tallies of one batch (of the product node, of the
-    verdicts before a restart) the one with the most items is therefore the latest.
+    The counts of a batch only grow. If one batch has several tallies (from the product node, from
+    verdicts before a restart), the one with the most items is therefore the latest.
     """
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[str, str], BatchTally] = {}
 
     def remember(self, tally: BatchTally) -> BatchTally:
-        """Return the latest counts of a batch: these ones, or those known before."""
+        """Return the later counts of a batch: `tally`, or the counts known so far."""
         known = self._tallies.get(tally.key, tally)
         latest = self._tallies[tally.key] = known if known.items >= tally.items else tally
         return latest

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""When the verdict on an item has to be there, so that its rejector can be told in time."""
+"""Deadlines of the verdicts, so that the rejector can be told in time."""
 
 import math
 
@@ -13,9 +13,9 @@ from checkweigher_dsp.rejection.timing import ArrivalClock
 # Times in ns.
 _PATIENCE = NANOSECONDS // 10  # for the mass of an item without a reject time
 _PATIENCE_GIVEN_UP = NANOSECONDS  # for the mass of an item that the segmenter has given up
-# For an announcement; longer than a segmenter waits for stalled samples.
+# For an announcement; longer than the segmenter waits when samples stall.
 _PATIENCE_UNTAKEN = 3 * NANOSECONDS // 10
-PATIENCE_UNHEARD = 5 * NANOSECONDS  # for the first announcement, or that of an estimate
+PATIENCE_UNHEARD = 5 * NANOSECONDS  # for the first announcement, or for the item of an estimate
 _MAX_EDGES = 1_000
 
 
@@ -29,7 +29,7 @@ class Deadlines:
     parameters : RejectParameters
         Places and times; may be replaced at any time.
     newest : int
-        Stamp of the samples that the segmenter has.
+        Stamp of the newest samples in the segmenter.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -78,8 +78,8 @@ class Deadlines:
     def of_edge(self, edge: OutfeedEdge, speed: float) -> tuple[int, int | None]:
         """Return the deadline of a verdict by an outfeed edge, and its reject time if known.
 
-        `speed` is that of its item in m/s, NaN if it is not known. A stage that has just been
-        started waits for the latched announcements.
+        `speed` is the belt speed of its item in m/s, NaN if unknown. A stage that has just started
+        waits for the latched announcements.
         """
         if self._heard is None:
             return edge.came + PATIENCE_UNHEARD, None
@@ -92,10 +92,10 @@ class Deadlines:
         return max(due, history), reject_at
 
     def await_devices(self, pending: PendingItem, over: int | None, now: int | None) -> bool:
-        """Return whether a verdict waits for the inspection devices, and set until when.
+        """Return whether a verdict waits for inspection devices; sets its deadline.
 
-        It waits until the stamp `over` at which all of them have answered, but not beyond the
-        deadline of the item.
+        It waits until the stamp `over`, when all of them have answered, but not beyond the deadline
+        of the item.
         """
         ready = None if over is None else self._arrivals.at(over)
         if now is None or ready is None or ready <= now:
@@ -113,7 +113,7 @@ class Deadlines:
             return late_from is not None and now > late_from
         if late_from is None:
             late_from = self._arrivals.at(reject_at)
-        if late_from is None:  # in a stage that has just been started
+        if late_from is None:  # in a stage that has just started
             return reject_at < self.newest
         lead = reject_at - verdict.station_at if verdict.station_at else 0
         return now > late_from - lead

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rejects by other inspection devices of the line: metal detector, X-ray, vision.
 
-A device stands at its distance from the infeed eye, before or behind it. It answers for an item at
-the latest its answer time after the item has passed it. The verdict on an item waits until all
-devices have had that time, and an item that one of them rejects is a FAULT with the device's
-reason. An item is NotInspected if the rejector cannot wait that long, or if a device did not run.
-So each item has one verdict, which is never changed.
+A device stands at a distance before or behind the infeed eye. It answers for an item within its
+answer time after the item has passed. The verdict on an item waits until this time is over for all
+devices, and an item that one of them rejects is a FAULT with the device's reason. An item is
+NotInspected if the rejector cannot wait that long, or if a device did not run. So each item has one
+verdict, which never changes.
 """
 
 from collections import deque
@@ -35,13 +35,13 @@ _MAX_SIGNALS = 1_000
 _MAX_JUDGED = 400
 _MAX_OUTAGES = 100
 _NAMED_PATIENCE = NANOSECONDS  # for the verdict on an item that a device names
-_SLOWEST_BELT = 0.1  # m/s; an item on a slower belt has no place
+_SLOWEST_BELT = 0.1  # m/s; on a slower belt the place of an item is unknown
 _LATENESS = 2 * NANOSECONDS  # of edges behind their samples
 _EVER = 2**62  # ns, beyond any stamp
 
 
 class Passage(NamedTuple):
-    """Way of an item over the weigh belt; times in ns."""
+    """Passage of an item over the weigh belt; times in ns."""
 
     t1: int
     length: int  # t2 - t1
@@ -50,7 +50,7 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, item: Item, weigh_length: float | None) -> 'Passage | None':
-        """Return the passage of an item, None if a part of it is not known."""
+        """Return the passage of an item, None if it is not fully known."""
         if item.t1 is None or item.t2 is None or item.t3 is None or not weigh_length:
             return None
         return cls(item.t1, item.t2 - item.t1, item.t3 - item.t1, weigh_length)
@@ -65,7 +65,7 @@ class Span(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Signal:
-    """Reject by a device; its item has to come before `forget_at`, on the clock of arrivals."""
+    """Reject by a device, missed if its item has not come by `forget_at`; clock of arrivals."""
 
     reject: ExternalReject
     forget_at: int
@@ -82,7 +82,7 @@ class Inspections:
     parameters : RejectParameters
         Places and times of the devices.
     judged : deque of (Verdict, Passage or None)
-        Latest verdicts of this stream, which are final, with the ways of their items.
+        Latest verdicts of this stream, which are final, with the passages of their items.
     missed : list of StopRequest
         Requests to stop for rejects that came too late or belong to no item. The caller empties it.
     """
@@ -92,14 +92,14 @@ class Inspections:
         self.missed: list[StopRequest] = []
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
-        # The devices do not run until they say so. The last outage may last.
+        # The devices count as not running until they report it. The last outage may be open.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
-        """Set whether all devices run at `stamp`, and a node is `heard` that publishes rejects."""
+        """Set whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
-        # An outage may have begun before the latest edges.
+        # The outage may have begun before the latest edges came.
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:
@@ -128,11 +128,11 @@ class Inspections:
         self._signals.append(_Signal(reject, now + patience))
 
     def over_at(self, passage: Passage | None) -> int | None:
-        """Return the stamp at which all devices have answered for an item, None if none has to."""
+        """Return the stamp at which all devices have answered for an item, None without devices."""
         return max((span.end for _, span in self._spans(passage)), default=None)
 
     def _spans(self, passage: Passage | None) -> Iterator[tuple[str, Span]]:
-        """Yield each device with the time in which it answers for an item."""
+        """Yield each device with the period in which it answers for an item."""
         if passage is None:
             return
         known = self.parameters
@@ -147,8 +147,8 @@ class Inspections:
     def heed(self, verdict: Verdict, passage: Passage | None, over: bool | None) -> Verdict:
         """Return the verdict on an item, a FAULT if a device rejects it; the mass stays.
 
-        `over` is whether the devices have had their time, None where no time runs. An item without
-        a `passage` is a FAULT anyway, and gets the reasons of devices that name it.
+        `over` is whether the answer times are over, None without a clock. An item without a
+        `passage` is a FAULT anyway, and gets the reasons of devices that name it.
         """
         reasons = []
         for signal in self._signals:

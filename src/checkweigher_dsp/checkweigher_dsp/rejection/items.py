@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items that wait for their verdict, the numbers of those that have it, and early estimates."""
+"""Items that wait for their verdict, numbers of judged items, and early estimates."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-MAX_JUDGED = 1_024  # numbers; more than the port `items` keeps for a node that is started again
+MAX_JUDGED = 1_024  # numbers; more than the port `items` keeps for a restarted node
 _MAX_OWN = 1_000  # numbers
 
 
@@ -22,7 +22,7 @@ class PendingItem:
     due: int | None = None  # latest time of the verdict
     late_from: int | None = None  # time after which the verdict is late
     ready: int | None = None  # time at which all inspection devices have answered
-    by_mass: Verdict | None = None  # verdict by the mass, which waits for them
+    by_mass: Verdict | None = None  # verdict by the mass, which waits for the devices
 
 
 class PendingItems:
@@ -31,7 +31,7 @@ class PendingItems:
     Parameters
     ----------
     judged : iterable of int
-        Numbers that have a verdict already, of a stage before this one.
+        Numbers with a verdict from an earlier process.
 
     Attributes
     ----------
@@ -40,19 +40,19 @@ class PendingItems:
     largest : int
         Largest number so far, 0 if there is none.
     passed_over : list of int
-        Numbers of items that have their verdict under another number. The caller empties it.
+        Numbers of items that were judged under another number. The caller empties it.
     """
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
         self.pending: dict[int, PendingItem] = {}
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:])  # in the order of the verdicts
         self.passed_over: list[int] = []
-        self._forgotten = 0  # largest number with a verdict that is not kept any more
+        self._forgotten = 0  # largest judged number that is no longer kept
         self._own: deque[int] = deque(maxlen=_MAX_OWN)  # of items that no segmenter announced
         self.largest = max(self._judged, default=0)
 
     def announce(self, item: Item) -> PendingItem | None:
-        """Add an announcement; return its item, None if that has its verdict."""
+        """Add an announcement; return its item, None if it was already judged."""
         pending = self.pending.get(item.item_id)
         if pending is not None:
             pending.item = item
@@ -64,7 +64,7 @@ class PendingItems:
         return pending
 
     def has_verdict(self, number: int) -> bool:
-        """Return whether the item of a number has its verdict."""
+        """Return whether an item has its verdict."""
         return number in self._judged or number <= self._forgotten
 
     def judge(self, number: int) -> None:
@@ -78,16 +78,16 @@ class PendingItems:
             self._forgotten = max(self._forgotten, forgotten)
 
     def pass_over(self, number: int) -> None:
-        """Remove an item whose product has its verdict under another number."""
+        """Remove an item that was already judged under another number."""
         self.judge(number)
         self.passed_over.append(number)
 
     def unannounced(self, stamp: int, after: int) -> PendingItem | None:
-        """Return an item that no segmenter announces, None if there is no number for it.
+        """Return an item that no segmenter announces, None if no number is free.
 
-        Its number is the next one after `after`, the largest number when the item left. A segmenter
-        that is started again goes on at the next multiple of `NUMBERS_AT_ONCE`, so the numbers
-        below that are free. Before the first announcement it would begin at 1, so none is free.
+        Its number is the next free one after `after`, the largest number when the item left. A
+        restarted segmenter continues at the next multiple of `NUMBERS_AT_ONCE`, so the numbers
+        below are free. Before the first announcement it would begin at 1, so none is free.
         """
         number = after + 1
         while self.has_verdict(number) or number in self.pending:
@@ -103,7 +103,7 @@ class PendingItems:
         return number in self._own
 
     def on_belt(self, before: int | None = None) -> list[PendingItem]:
-        """Return the incomplete items, the oldest first, with numbers below `before` if given."""
+        """Return the incomplete items, oldest first, with numbers below `before` if given."""
         return [
             each
             for number, each in sorted(self.pending.items())
@@ -116,12 +116,12 @@ class PendingItems:
 
 
 class EarlyEstimates:
-    """Estimates of items that are not complete, by number; times in ns.
+    """Estimates of items that are not complete yet, by number; times in ns.
 
     Attributes
     ----------
     unknown : int
-        Number of estimates whose items were never announced, and have no verdict.
+        Number of estimates that were dropped, because their items never became complete.
     """
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class EarlyEstimates:
         self._waiting: dict[int, tuple[MassEstimate, int | None]] = {}
 
     def add(self, estimate: MassEstimate, until: int | None) -> None:
-        """Add an estimate that waits `until` a time on the clock of arrivals, None for ever."""
+        """Add an estimate that waits `until` a time on the clock of arrivals; for ever if None."""
         self._waiting[estimate.item_id] = estimate, until
 
     def take(self, number: int) -> MassEstimate | None:
@@ -139,13 +139,13 @@ class EarlyEstimates:
 
     @property
     def due(self) -> int | None:
-        """Time at which the next estimate has waited long enough, None if there is none."""
+        """Time at which the next estimate expires, None if there is none."""
         return min(
             (until for _, until in self._waiting.values() if until is not None), default=None
         )
 
     def advance(self, now: int) -> None:
-        """Drop the estimates that have waited long enough."""
+        """Drop the estimates that have expired."""
         for number, (_, until) in list(self._waiting.items()):
             if until is not None and until <= now:
                 del self._waiting[number]

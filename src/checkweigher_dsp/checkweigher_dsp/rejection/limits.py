@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Judging an item by the limits of the product."""
+"""Verdict on an item by the limits of the product."""
 
 from dataclasses import replace
 import math
@@ -9,17 +9,17 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-_NOISE = 1e-3  # kg, largest standard deviation of a mass that is smaller than that
+_NOISE = 1e-3  # kg, largest standard deviation of any smaller mass
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Return the verdict on an estimate by the limits of the product.
 
-    An item that was not weighed is a FAULT. So is one of a wrong length or speed, or of a mass
-    without a usable standard deviation, but it keeps its mass.
+    An item that was not weighed is a FAULT. An item with a wrong length or speed, or without a
+    usable standard deviation, is also a FAULT, but keeps its mass.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
-    if product.performance_test:  # a pass without a mass is a pass of the test as well
+    if product.performance_test:  # passes without a mass also count for the test
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     decision = decide(estimate.mass, product.lower_limit, product.upper_limit)
     return Verdict(
@@ -38,7 +38,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
 
 
 def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) -> Verdict:
-    """Return the verdict on an item whose mass did not come in time."""
+    """Return the verdict on an item whose mass is overdue."""
     test = (Reason.PERFORMANCE_TEST.value,) if product.performance_test else ()
     return Verdict(
         item.item_id,
@@ -60,9 +60,9 @@ def refused(verdict: Verdict) -> Verdict:
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
-    """Return the reasons against an item that was weighed, apart from the limits of its mass.
+    """Return the reasons to reject a weighed item, apart from the limits of its mass.
 
-    An unknown length or speed is outside any range that is set.
+    An unknown length or speed is outside every range that is set.
     """
     length = estimate.product_length
     found = [] if _is_certain(estimate) else [Reason.NO_CONVERGENCE]
@@ -81,13 +81,13 @@ def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
 
 
 def _is_certain(estimate: MassEstimate) -> bool:
-    """Return whether there is a mass, and a standard deviation that says something about it."""
+    """Return whether there is a mass with a plausible standard deviation."""
     largest = max(abs(estimate.mass), _NOISE)
-    return math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest  # NaN is not
+    return math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest  # False for NaN
 
 
 def tolerance(product: ProductOnLine) -> float:
-    """Return half of the range of accepted masses, or from nominal to its lower end, kg."""
+    """Return half of the accepted range, or the distance from nominal to its lower end, kg."""
     allowed = (product.upper_limit - product.lower_limit) / 2
     below = product.nominal - product.lower_limit if product.nominal else math.inf
     return max(min(allowed, below), 0.0)

@@ -42,24 +42,24 @@ class RejectMonitor:
     """Comparison of the verdicts with the edges of the eye behind the rejector.
 
     An edge of that eye belongs to the item with the nearest reject time, within
-    ``confirmation_time``. It is evaluated when no nearer item can come any more.
+    ``confirmation_time``. It is evaluated once no nearer item can follow.
 
     Attributes
     ----------
     parameters : RejectParameters
-        May be replaced at any time.
+        Parameters of the stage; may be replaced at any time.
     request : StopRequest or None
         First reason to stop since the last reset.
     trouble : str
         Trouble of the driver, empty for none.
     conditions : MachineConditions
-        Conditions by the inputs of the machine.
+        Conditions that the inputs of the machine show.
     test : PerformanceTest or None
         State of the performance test.
     strangers : str
         Strangers that publish topics of the line, empty for none.
     zero_step : str
-        Step of the zero since the belt was zeroed last, empty for none.
+        Step of the zero since the last zeroing, empty for none.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -95,14 +95,14 @@ class RejectMonitor:
         self._failed_in_a_row = failed * (self._failed_in_a_row + 1)
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
-        # An item that a station takes off does not come to the eye behind the rejector.
+        # An item that a station removes does not reach the eye behind the rejector.
         if self._window and verdict.reject_at is not None and not (rejected and verdict.station):
             self._expected.append(_Expected(verdict.item_id, verdict.reject_at, rejected))
 
     def add_zero(self, estimate: MassEstimate, tolerance: float) -> None:
-        """Request a stop if the zero has stepped since the item before.
+        """Request a stop if the zero has stepped since the previous item.
 
-        The step may be no larger than `tolerance` of the product, kg, and what drifts.
+        The largest step is `tolerance` of the product, kg, plus an allowance for drift.
         """
         if estimate.t1 is None or not math.isfinite(estimate.zero):
             return
@@ -116,7 +116,7 @@ class RejectMonitor:
             self.stop(StopReason.ZERO_STEP, estimate.item_id, text=self.zero_step)
 
     def add_zero_change(self, change: ZeroChange) -> None:
-        """Accept the zero that was set."""
+        """Accept a zero that was set on request."""
         self.zero_step = ''
         self._zero = change.zero, change.stamp
 
@@ -129,7 +129,7 @@ class RejectMonitor:
         """Request a stop if a reason for one lasts; `now` in ns of the system clock."""
         if self.trouble:
             if self.request is not None and self.request.reason is StopReason.DRIVER_TROUBLE:
-                self.request = None  # the text may be another one now
+                self.request = None  # its text may have changed
             self.stop(StopReason.DRIVER_TROUBLE, text=self.trouble)
         if not self.conditions.known:
             self.stop(StopReason.DRIVER_TROUBLE, text='the machine inputs are not read')
@@ -151,7 +151,7 @@ class RejectMonitor:
     def advance(self, now: int) -> int:
         """Evaluate the edges and items whose window is over at `now`, ns of the stamps.
 
-        Returns the number of edges that were near no reject time.
+        Returns the number of edges without a reject time near them.
         """
         window = self._window
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
@@ -163,7 +163,7 @@ class RejectMonitor:
         return near.count(False)
 
     def restart(self) -> None:
-        """Drop the edges and items, because the stamps of a new stream have no relation to them."""
+        """Drop the edges and items, because the stamps of a new stream are unrelated to them."""
         self._expected, self._edges = [], []
 
     def reset(self, now: int) -> None:

@@ -8,7 +8,7 @@ import math
 
 from checkweigher_core.records import Eye, EyeEdge, Item
 
-# An eye that was clear for less is flickering (more than the debounce_time of any line).
+# An eye that clears for less flickers; longer than the debounce_time of any line.
 FLICKER = 20_000_000  # ns
 _MOST = 1_000
 
@@ -19,7 +19,7 @@ class OutfeedEdge:
 
     stamp: int
     came: int  # on the clock of arrivals
-    after: int  # largest number of an item by then
+    after: int  # largest item number by then
 
 
 class OutfeedWatch:
@@ -30,12 +30,12 @@ class OutfeedWatch:
     Attributes
     ----------
     open : list of OutfeedEdge
-        Edges of no announced item, which the segmenter has not taken.
+        Edges that belong to no announced item, and that the segmenter has not processed.
     """
 
     def __init__(self) -> None:
         self.open: list[OutfeedEdge] = []
-        # t1 and t3 of verdicts on items that the segmenter had not completed.
+        # t1 and t3 of items that were judged before the segmenter completed them.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
         self._explained: deque[int] = deque(maxlen=_MOST)
         self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
@@ -64,16 +64,16 @@ class OutfeedWatch:
             self.remove(t3)
 
     def take_to(self, stamp: int, count: int) -> None:
-        """Remove the last `count` edges up to a stamp, which the segmenter has taken."""
+        """Remove the last `count` edges up to a stamp, which the segmenter has processed."""
         first = -math.inf
-        if 0 < count < len(self._stamps):  # a segmenter that was started after this stage
+        if 0 < count < len(self._stamps):  # the segmenter was started after this stage
             known = sorted(each for each in self._stamps if each <= stamp)
             first = known[-count] if count < len(known) else first
         self._taken = first, stamp
         self.open = [each for each in self.open if not self._is_taken(each.stamp)]
 
     def remove(self, stamp: int) -> None:
-        """Remove the edge of a stamp."""
+        """Remove the edge with a stamp."""
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def judge(self, t1: int | None, t3: int) -> None:
@@ -88,7 +88,7 @@ class OutfeedWatch:
         )
 
     def restart(self) -> None:
-        """Begin a new stream, of which the segmenter has taken no edge."""
+        """Begin a new stream, without edges that the segmenter has processed."""
         self._taken = math.inf, -math.inf
         self._clear_since = None
         self._stamps.clear()

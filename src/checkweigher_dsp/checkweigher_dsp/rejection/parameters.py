@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the reject stage: limits of the line, place of the rejector and of others."""
+"""Parameters of the reject stage: limits of the line, and places of rejector and stations."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
@@ -21,7 +21,7 @@ _speed = partial(parameter, unit='m/s', minimum=0)
 
 @dataclass(frozen=True)
 class RejectParameters(Parameters):
-    """Limits of a line without recipes, and where the rejector stands."""
+    """Limits of a line without recipes, and the place of the rejector."""
 
     node: ClassVar[str] = 'reject'
 
@@ -130,7 +130,7 @@ class RejectParameters(Parameters):
             raise ParameterError(f'reject.inspections: {self.inspections!r} has a device twice')
         if len(takes) > MAX_STATIONS:
             raise ParameterError(f'reject.stations: {len(takes)}, at most {MAX_STATIONS}')
-        _ = self.all_stations  # raises for a station that makes no sense
+        _ = self.all_stations  # raises if a station is invalid
         self._check_limits()
 
     def _check_limits(self) -> None:
@@ -180,9 +180,9 @@ class RejectParameters(Parameters):
         )
 
     def earliest_lead(self, speed: float) -> int:
-        """Return the largest time in ns by which a station is told before the rejector.
+        """Return the longest time in ns by which a station must be told before the rejector.
 
-        `speed` is the belt speed in m/s. The result is 0 if all are told after it.
+        `speed` is the belt speed in m/s. The result is 0 if all stations are told after it.
         """
         if not speed > 0:
             return 0
@@ -193,10 +193,10 @@ class RejectParameters(Parameters):
         return round(NANOSECONDS * max((0.0, *leads)))
 
     def reject_time(self, t3: int | None, speed: float) -> int | None:
-        """Return the time in ns at which to tell the rejector of an item, None if it is not known.
+        """Return the time in ns at which to tell the rejector of an item, None if unknown.
 
-        It is t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s,
-        because the leading edge of the item is at the outfeed eye at t3.
+        The leading edge of the item is at the outfeed eye at t3, so the time is
+        t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s.
         """
         if t3 is None or not _SLOWEST <= speed <= _FASTEST:
             return None
@@ -204,12 +204,12 @@ class RejectParameters(Parameters):
         return t3 + way - round(NANOSECONDS * self.actuator_delay)
 
 
-# Limits of the line, which the product on it replaces.
+# Limits of the line, which a product replaces.
 LIMITS = tuple(
     entry.name for entry in fields(ProductOnLine) if entry.name in RejectParameters.entries()
 )
 
 
 def limits_of(source: RejectParameters | ProductOnLine) -> dict[str, Any]:
-    """Return the limits of parameters or of a product, by name."""
+    """Return the limits in parameters or in a product, by name."""
     return {name: getattr(source, name) for name in LIMITS}

@@ -24,16 +24,16 @@ class PermissionRule:
     fresh_time : float
         Largest age of a fresh sign in s.
     stages : iterable of str
-        Stages that show by signs of life that they work. The samples show it of the segmenter.
+        Stages that send signs of life. The segmenter shows by its samples that it works.
     deadlines : bool
-        Whether the permission runs out. If not, only a stop request withdraws it.
+        Whether the permission expires. If not, only a stop request withdraws it.
     """
 
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:
         self.deadlines = deadlines
         self._fresh_time = round(NANOSECONDS * fresh_time)
-        self._progress = (0, 0)  # stream and samples that the segmenter has taken
-        self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))  # time of the last
+        self._progress = (0, 0)  # stream and number of samples that the segmenter has processed
+        self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))  # latest, ns
         self._missing: tuple[str, ...] = ()
         self._given = False
 
@@ -50,7 +50,7 @@ class PermissionRule:
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
         """Return whether the line may run.
 
-        `present` is whether ``eyes`` and ``load cell`` are there, `stopped` whether a stop is
+        `present` tells whether ``eyes`` and ``load cell`` are there, `stopped` whether a stop is
         requested.
         """
         old = now - self._fresh_time
@@ -60,7 +60,7 @@ class PermissionRule:
         return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return the time for which all signs stay fresh without further ones, 0 if not fresh."""
+        """Return the time until the first sign is no longer fresh, 0 if one is not."""
         oldest = min(sign or 0 for sign in self._signs.values())
         return max(oldest + self._fresh_time - now, 0)
 
@@ -69,6 +69,6 @@ class PermissionRule:
         concerns = [
             Concern(Level.WARN, f'withdrawn: no {name}', _HINTS.get(name, _STAGE_HINT))
             for name in self._missing
-            if self.deadlines and self._signs[_SAMPLES] is not None  # a line that starts is well
+            if self.deadlines and self._signs[_SAMPLES] is not None  # not while the line starts
         ]
         return conclude('Permission', 'given' if self._given else 'withdrawn', concerns)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict on each item, and the time by which the rejector needs it.
 
-The segmenter announces the items, with their numbers. An item whose mass does not come, because a
-stage hangs or has died, is a FAULT in time for the rejector.
+The segmenter announces the items with their numbers. If the mass of an item does not come, because
+a stage hangs or has died, the item becomes a FAULT in time for the rejector.
 """
 
 from collections.abc import Iterable
@@ -22,15 +22,15 @@ from checkweigher_dsp.rejection.timing import belt_speed
 
 
 class RejectStage:
-    """Stage that gives every announced item one verdict, a FAULT if its mass does not come in time.
+    """Stage that gives each announced item one verdict, a FAULT if its mass is overdue.
 
     Announcements, edges and estimates may come in any order; an estimate waits for the
     announcement of its item. The argument `now` of the methods is the time of arrival, in ns of any
     clock that never steps back. The time of an item runs from the undelayed arrival of its t3 edge.
     Without `now` nothing is ever overdue, and the verdicts depend on stamps alone.
 
-    An item that leaves while the segmenter is dead or behind is a FAULT at its deadline. It is the
-    oldest announced item that has not left, or else an item with the next free number.
+    If an item leaves while the segmenter is dead or behind, it becomes a FAULT at its deadline. It
+    is the oldest announced item that has not left, or otherwise an item with the next free number.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class RejectStage:
     weigh_length : float, optional
         Distance between the eyes in m.
     judged : iterable of int
-        Numbers of items that have a verdict by a stage before this one.
+        Numbers of items with a verdict from an earlier process.
 
     Attributes
     ----------
@@ -54,14 +54,14 @@ class RejectStage:
     early : EarlyEstimates
         Estimates that wait for their items.
     late_estimates : int
-        Number of estimates that came after the verdict on their item, or twice, and were dropped.
+        Number of estimates that were dropped, because they came twice or after the verdict.
     late_items : int
-        Number of announcements that came after the verdict on their item, and were dropped.
+        Number of announcements that were dropped, because they came after the verdict.
     foreign : bool
         Whether edges and estimates may come from a stranger. Each verdict is then a FAULT.
     out_of_numbers : bool
-        Whether an item has left that can have no number of its own. The line then has to stop, and
-        the caller clears it.
+        Whether an item has left for which no number is free. The caller must stop the line and
+        clear the flag.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class RejectStage:
     def take(
         self, record: Item | EyeEdge | MassEstimate | StreamStatus, now: int | None = None
     ) -> list[Verdict]:
-        """Process a record and return the verdicts that follow; a status is of the segmenter."""
+        """Process a record (a status is the segmenter's) and return the verdicts that follow."""
         if isinstance(record, Item):
             return self._add_item(record, now)
         if isinstance(record, MassEstimate):
@@ -142,10 +142,10 @@ class RejectStage:
         return verdicts if estimate is None else verdicts + self._add_estimate(estimate, now)
 
     def _judge_lost(self, leaving: PendingItem, now: int | None) -> list[Verdict]:
-        """Return the verdicts on items before one that leaves, whose segmenter was killed.
+        """Return the verdicts on items ahead of a leaving one, lost when a segmenter was killed.
 
-        Items leave in the order in which they enter. The segmenter that was started again may have
-        seen the oldest of them leave, without having seen it enter.
+        Items leave in the order in which they enter. The restarted segmenter may have seen the
+        oldest of them leave, but not enter.
         """
         if leaving.item.t3 is None or now is None:
             return []
@@ -173,7 +173,7 @@ class RejectStage:
         return [] if waits else [self._give(pending, now)]
 
     def advance(self, now: int | None) -> list[Verdict]:
-        """Return the verdicts that can wait no longer."""
+        """Return the verdicts that are due."""
         if now is None:
             return []
         pending = self.items.pending.values()
@@ -181,7 +181,7 @@ class RejectStage:
         verdicts = [self._give(item, now) for item in overdue]
         verdicts += self._judge_unannounced(now)
         self.early.advance(now)
-        self.inspections.advance(now)  # after the verdicts that have waited for it
+        self.inspections.advance(now)  # after the verdicts, which have waited for the devices
         return verdicts
 
     def _judge_unannounced(self, now: int) -> list[Verdict]:
@@ -212,7 +212,7 @@ class RejectStage:
         return self._deadlines.of_edge(edge, belt_speed(t1, edge.stamp, self.weigh_length))
 
     def judge_complete(self, now: int | None = None) -> list[Verdict]:
-        """Return the verdicts on complete items, whose masses may have been missed."""
+        """Return the verdicts on complete items, because their masses may have been missed."""
         pending = list(self.items.pending.values())
         return [self._give(each, now) for each in pending if each.item.complete]
 

@@ -4,7 +4,7 @@
 
 A station takes the items with one of its decisions or reasons, and the accepted items in one of its
 ranges of masses in kg, such as ``0.150..0.155``. An item goes to the first station that takes it.
-Other rejected items go to the rejector, and so do all items without a known place.
+Other rejected items, and all items without a known place, go to the rejector.
 """
 
 from dataclasses import dataclass, replace
@@ -19,18 +19,18 @@ MAX_STATIONS = 16
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A station: its place, and the items that it takes.
+    """Place of a station, and the items that it takes.
 
     Attributes
     ----------
     distance : float
         Distance from the outfeed eye in m.
     delay : float
-        Time from telling the station to its action in s.
+        Time from the signal to the station until its action in s.
     words : frozenset of str
         Decisions and reasons of the items that it takes.
     ranges : tuple of (float, float)
-        Masses in kg of the accepted items that it takes, without the upper end.
+        Ranges of masses in kg of accepted items that it takes, without the upper ends.
     """
 
     distance: float
@@ -50,7 +50,7 @@ class Station:
 
 
 def station_of(text: str, distance: float, delay: float, name: str) -> Station:
-    """Return the station of a line of words; `ParameterError` names the first bad one."""
+    """Return the station described by a line; `ParameterError` names the first bad word."""
     words, ranges = set[str](), list[tuple[float, float]]()
     for word in text.split():
         if '..' in word:
@@ -97,7 +97,7 @@ def _range(name: str, word: str) -> tuple[float, float]:
 def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verdict:
     """Return a verdict with the station that takes its item and the time at which to tell it.
 
-    `speed` is the belt speed in m/s, NaN if it is not known.
+    `speed` is the belt speed in m/s, NaN if unknown.
     """
     if verdict.t3 is None or not speed > 0 or not _NO_PLACE.isdisjoint(verdict.reasons):
         return verdict

@@ -6,21 +6,21 @@ import math
 
 from checkweigher_core.records import NANOSECONDS
 
-# Faster than any clock of a machine runs away from another one.
+# Relative drift between two clocks, larger than in any machine.
 _DRIFT = 500e-6
-# Stamps further back than this are of a new stream.
+# Stamps that are further back belong to a new stream.
 RESTART = 2 * NANOSECONDS
 
 
 def belt_speed(t1: int | None, t3: int | None, length: float | None) -> float:
-    """Return the belt speed in m/s by two edges in ns that are `length` m apart, NaN if unknown."""
+    """Return the belt speed in m/s from edges in ns at a distance of `length` m, NaN if unknown."""
     if t1 is None or t3 is None or t3 <= t1 or length is None:
         return math.nan
     return length * NANOSECONDS / (t3 - t1)
 
 
 class StreamClock:
-    """Clock of the stamps. If it is not `running` between the messages, it has the newest stamp."""
+    """Clock of the stamps. If it is not `running`, it shows the stamp of the last message."""
 
     def __init__(self, *, running: bool) -> None:
         self.running = running
@@ -38,9 +38,10 @@ class StreamClock:
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return the time in ns at which the clock shows `stamp`, at the earliest `now`.
+        """Return the time in ns at which the clock shows `stamp`, not before `now`.
 
-        None if it needs another message. Both times are on the clock of the arrivals.
+        Returns None if only another message can move the clock there. Result and `now` are on the
+        clock of arrivals.
         """
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
@@ -51,19 +52,19 @@ class StreamClock:
 class ArrivalClock:
     """Clock of arrivals: the time at which an edge would have come without a delay.
 
-    After a halt of a process or of the network, edges come when their products have long passed the
-    rejector. Delays are relative to the fastest edge so far, because the clocks of stamps and
-    arrivals may differ by anything, and drift.
+    After a halt of a process or of the network, edges may come long after their products have
+    passed the rejector. Delays are relative to the fastest edge so far, because the clocks of
+    stamps and arrivals may differ by any amount, and drift.
     """
 
     def __init__(self) -> None:
-        self._least = 0  # of arrival less stamp
+        self._least = 0  # least arrival minus stamp
         self._newest: tuple[int, int] | None = None
 
     def came(self, stamp: int, now: int) -> int:
-        """Return the undelayed arrival of an edge that came at `now`, at the latest `now`.
+        """Return the undelayed arrival of an edge that came at `now`; it is not after `now`.
 
-        Times in ns, `now` of a clock that never steps back.
+        Times are in ns, on a clock that never steps back.
         """
         lag = now - stamp
         if self._newest is None or stamp < self._newest[0] - RESTART:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edge check: the load of an item rises at its edges, except for a constant lag.
 
-The filter of an amplifier, two clocks, and an eye that is displaced or debounced move the samples
-against the edges. A window that is cut by the edges then contains a part of the rise or of the
-fall. The rise in the signal confirms the edges of each item.
+The filter of an amplifier, different clocks, or a displaced or debounced eye shift the samples
+relative to the edges. A window that is cut by the edges then contains a part of the rise or of the
+fall. So the edges of each item are compared with the rise in the signal.
 """
 
 from collections import deque
@@ -15,16 +15,17 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
 
 _SURE = 4.0  # standard deviations
-# Standard deviations within which an item has the usual lag: if its own lag is not sure, or is.
+# Largest deviation from the usual lag, in standard deviations, at which it replaces the lag of an
+# item: if that lag alone moves no window, and if it does.
 _LIKELY = 2.5
 _ALIKE = 1.0
 _LEAST_SHIFT = 6e-4  # s; a platform without ringing lags 5e-4 less than the usual one
 _SHARE = 0.02  # of t2 - t1, variation of the rise from item to item
-# Largest distance from the stated lag while none is learned, s, and as a share of t2 - t1: for
-# filters and displaced eyes, and for a kind of product whose rise is uneven.
+# Largest distance from the stated lag: in s, because of filters and displaced eyes, plus a share of
+# t2 - t1, because some kinds of products rise unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
-_FEWEST = 5  # items from which a lag is learned, and the most
+_FEWEST = 5  # fewest and most items from which a lag is learned
 _MOST = 25
 _LAST = 3  # items in the median of the latest lags
 _RECENT = 8  # items that show a lasting change
@@ -35,16 +36,16 @@ _SAME = 0.1  # relative difference of equal belt speeds and lengths
 class EdgeCheck:
     """Comparison of the rise of each item with its edges. Lags are relative to the stated lag, s.
 
-    If the stated lag is known, it holds from the first item on. Otherwise the median of the first
-    items of one speed and length is the lag of this machine. It is learned again if the speed or
-    the length changes.
+    If the stated lag is known, it is used from the first item on. Otherwise the lag of the machine
+    is learned, as the median of the first items of one speed and length. It is learned again if the
+    speed or the length changes.
 
     Attributes
     ----------
     learned : float
-        Learned lag, NaN before that.
+        Learned lag; NaN until it is learned.
     checked, unchecked : int
-        Number of items whose rise was seen, and of those whose rise was not.
+        Numbers of items whose rise was seen, and not seen.
     doubt : float
         Standard deviation of the last shift, s. It includes the difference between the shifts with
         and without the bend of the products, between which any shift is equally likely.
@@ -57,7 +58,7 @@ class EdgeCheck:
         self.forget()
 
     def forget(self) -> None:
-        """Discard the learned lag, because the source has started again."""
+        """Discard the learned lag, and the speed and length that it belongs to."""
         self.learned = math.nan
         self._kind: tuple[float, float] | None = None  # belt speed and length
         self._first: list[RiseLag] = []
@@ -75,16 +76,16 @@ class EdgeCheck:
 
     @property
     def reference(self) -> float:
-        """Lag with which items are compared, NaN as long as it is not learned."""
+        """Lag with which items are compared, NaN until it is learned."""
         return 0.0 if self.is_stated else self.learned
 
     @property
     def change(self) -> float:
-        """Change of the lag from the reference to the last items, NaN if it is not known."""
+        """Change of the lag from the reference to the last items, NaN if unknown."""
         return self.lag - self.reference if len(self._recent) == _RECENT else math.nan
 
     def check(self, seen: RiseLag, speed: float, length: float) -> float | None:
-        """Check an item and return the shift of its window after its edges, s.
+        """Check an item and return the shift of its window behind its edges, s.
 
         The shift is 0 if edges and rise agree, and None if they contradict each other. `speed` is
         the belt speed in m/s, `length` the length of the item in m.
@@ -108,7 +109,7 @@ class EdgeCheck:
         bend, doubt = self._bend()
         sure = math.hypot(std_dev, doubt)
         likely = _ALIKE if self._sure_shift(_without(lag, bend), sure) else _LIKELY
-        if abs(self._usual - lag) <= likely * std_dev:  # of few items it is NaN
+        if abs(self._usual - lag) <= likely * std_dev:  # false if NaN
             lag, sure = self._usual, sure / math.sqrt(_LAST)
         shift = self._sure_shift(_without(lag, bend), sure)
         between = self._sure_shift(lag - bend, sure) - shift
@@ -132,7 +133,7 @@ class EdgeCheck:
         return median(last) if len(last) == _LAST else math.nan
 
     def _bend(self) -> tuple[float, float]:
-        """Return the part of the lag that is the bend of the products, and its standard deviation.
+        """Return the lag that the bend of the products causes, and its standard deviation.
 
         The bend does not move a window. A known lag contains it already.
         """

@@ -17,10 +17,10 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 
 
 class ItemSource:
-    """Source of items from edges, which first wait for the samples of their time.
+    """Source of items, from edges that wait for the samples of their time.
 
     Items are returned as copies, which later edges do not change. Each item is announced twice:
-    once its number is settled, and once it is complete.
+    when its number is settled, and when it is complete.
     """
 
     def __init__(
@@ -72,9 +72,10 @@ class ItemSource:
         return items
 
     def _forget_after(self, limit: int) -> list[TrackedItem]:
-        """Drop edges after `limit`, ns, and return the items that this costs.
+        """Drop edges after `limit`, ns, and return the items that are lost by it.
 
-        If such edges were tracked already, no true edge would be the youngest any more.
+        If such edges were already tracked, tracking begins again, because each correct edge would
+        be older than they are.
         """
         self.queue.drop_after(limit)
         if self.tracker.eyes.newest is None or self.tracker.eyes.newest <= limit:
@@ -122,7 +123,7 @@ class ItemSource:
         return Item(item.entered, 0, item.item_id, *edges, speed, complete, reasons)
 
     def _is_unloaded(self, since: int, stamp: int) -> bool:
-        """Return whether the items that entered since a time have left by another one, ns."""
+        """Return whether the items that entered after `since` have left by `stamp`, both in ns."""
         buffer = self._buffer
         if buffer.empty:
             return False

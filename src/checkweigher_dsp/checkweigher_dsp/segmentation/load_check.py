@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 # Largest change as a share of the load; the ring-down after the entry explains up to 6 %.
 _SHARE = 0.08
 _VIBRATION = 6.0  # largest change by vibration, in median changes of the empty belt
-_MEMORY = 0.98  # by which that median decreases at each further item
+_MEMORY = 0.98  # factor by which that median decreases at each item
 _FEWEST = 8  # samples
 
 
 class LoadCheck:
-    """Check whether a load is steady, or another item came or left meanwhile.
+    """Check whether a load is steady, so that no other item came or left meanwhile.
 
     The check compares the mean of the last quarter of a window with that of its first half. The
-    effect of vibration on this difference is the median over all segments of the empty belt of the
-    same length, because another item may have left meanwhile. If the empty belt is shorter than a
-    window, the previous value holds; if there is none, that of shorter segments, which vary more.
-    If no empty belt was seen yet, no vibration is assumed.
+    effect of vibration on this difference is measured on all segments of the empty belt that have
+    the same length. Their median is used, because another item may have left meanwhile. If the
+    empty belt is shorter than a window, the previous value is kept; without one, shorter segments
+    are used, which vary more. Until an empty belt is seen, no vibration is assumed.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class LoadCheck:
         self._is_of_window = False  # else of shorter segments
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
-        """Return whether the load of a window, (n,) counts from t2 to t3, is that of one item.
+        """Return whether a window, (n,) counts from t2 to t3, contains the load of one item only.
 
         `empty` are the counts of the empty belt before t1, shape (m,); `zero` is its reading.
         """
@@ -53,7 +53,7 @@ class LoadCheck:
         if size < _FEWEST or (self._is_of_window and not whole):
             return
         counts = empty.astype(np.float64)
-        if not whole:  # while something leaves that no eye has seen, the load falls evenly
+        if not whole:  # remove the even fall of the load while an unseen item leaves
             time, power = _time(size)
             counts -= time * (time @ counts) / power
         changes = _changes(counts, size)
@@ -76,7 +76,7 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
 
 
 def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return last quarter less first half of each segment of `size` samples, (n - size + 1,)."""
+    """Return the mean of last quarter minus first half of each `size` samples, (n - size + 1,)."""
     half, quarter = size // 2, size // 4
     number = len(counts) - size + 1
     sums = np.zeros(len(counts) + 1)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Belt speed and product length from the eyes, and whether this line can have them."""
+"""Belt speed and product length from the eyes, and the check whether they are plausible."""
 
 import math
 
@@ -9,29 +9,29 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-_STOPPED = 0.5  # share of the usual speed, below which the belt has stood still during a pass
+_STOPPED = 0.5  # share of the usual speed below which the belt has stopped during a pass
 
 
 class MotionCheck:
     """Check of the speed and length of items.
 
-    The belt speed is compared with that of the items before, because edges that were lost between
-    two items can turn them into one slow, long item. A change of the belt speed costs one item: the
-    next one of the same speed is weighed. `weigh_length` is the distance of the eyes in m.
+    The belt speed is compared with the speed of earlier items, because lost edges can turn two
+    items into one slow, long item. A change of the belt speed costs one item; the next one of the
+    same speed is weighed. `weigh_length` is the distance between the eyes in m.
     """
 
     def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
         self._weigh_length = weigh_length
         self._limits = parameters
         self._usual: float | None = None  # speed of the last sound item, m/s
-        self._last: float | None = None  # of the last one that was sound or only had another speed
+        self._last: float | None = None  # of the last item that was sound or only had another speed
 
     def forget(self) -> None:
         """Discard the speed of the belt, because the source has started again."""
         self._usual = self._last = None
 
     def measure(self, item: TrackedItem) -> tuple[float, float]:
-        """Return belt speed in m/s and product length in m, NaN where an edge is missing."""
+        """Return belt speed in m/s and product length in m, NaN if an edge is missing."""
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
         speed = self._weigh_length / seconds(item.t3 - item.t1)
@@ -69,10 +69,10 @@ class MotionCheck:
             item.fault(Reason.BELT_SPEED_CHANGED)
 
     def _check_length(self, item: TrackedItem, length: float) -> None:
-        """Compare the length with that of the recipe.
+        """Compare the length with `product_length`.
 
-        The eyes see the extent along the belt. For a rectangle at an angle that is between its
-        shorter side and its diagonal.
+        The eyes measure the extent along the belt. For a rectangle at an angle, it is between the
+        shorter side and the diagonal.
         """
         expected, tolerance = self._limits.product_length, self._limits.length_tolerance
         width = self._limits.product_width or expected

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, SampleBlock
 
-# Tolerance in samples: an edge at the instant of a sample falls on the same side of it however the
-# blocks were cut, although the stamp of each block is rounded to a nanosecond.
+# Tolerance in samples. With it, an edge at the instant of a sample falls on the same side of it for
+# blocks of any size, although their stamps are rounded to nanoseconds.
 _INSTANT = 1e-3
 _ROUNDING = 1  # ns, largest difference between the stamps of blocks of one clock
-_BEGINNING = 1.0  # s after the begin of a stream, to which a recording in a loop returns
+_BEGINNING = 1.0  # s from the start of a stream, in which a looped recording starts again
 _UNDER_WAY = 2.0  # s, largest delay of a block
-_AHEAD = 0.25  # s of samples behind the newest ones, after which the newest ones were wrong
+_AHEAD = 0.25  # s of successive old samples that prove the newest indices wrong
 
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """Index and time of a sample, from which those of later samples follow."""
+    """Index and time of a sample, from which the times of later samples follow."""
 
     first_index: int
     stamp: int
@@ -32,9 +32,9 @@ class _Anchor:
 class SampleBuffer:
     """Ring of the last samples of a stream, of `duration` s at `sample_rate` Hz, with its gaps.
 
-    A block is no longer than that. Blocks may come twice or overlap: samples that are there already
-    are ignored. If a source starts again, which `is_restart` detects, the caller must clear the
-    buffer.
+    No block may be longer than that. Blocks may come twice or overlap: samples that are already
+    there are ignored. If `is_restart` detects that a source has started again, the caller must
+    clear the buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
@@ -47,10 +47,10 @@ class SampleBuffer:
     def clear(self) -> None:
         """Remove all samples, and forget their clock."""
         self.start = self.end = 0  # index of the oldest sample, and of the next one to come
-        self.origin: int | None = None  # ns, time of the first sample of all, None if empty
+        self.origin: int | None = None  # ns, time of the first sample of the stream
         self._anchors: list[_Anchor] = []
         self._gaps: list[tuple[int, int]] = []
-        self._first = 0  # index of the first sample of all
+        self._first = 0  # index of the first sample of the stream
         self._behind = (0, 0)  # number of ignored samples in successive blocks, and their end
 
     @property
@@ -82,9 +82,9 @@ class SampleBuffer:
     def is_restart(self, block: SampleBlock) -> bool:
         """Return whether the source has started again.
 
-        It has if a block is later in time but not in index; if it has the indices of the begin of
-        the stream long after that, as a recording in a loop; or if blocks continue far behind the
-        newest samples, whose indices were wrong then.
+        It has if a block is later in time but not in index, if the indices of the start of the
+        stream return long afterwards (a looped recording), or if blocks continue far behind the
+        newest samples (whose indices were then wrong).
         """
         if self.empty or block.first_index >= self.end:
             return False
@@ -111,7 +111,7 @@ class SampleBuffer:
         lost = first_new - self.end
         if lost > 0:
             self._gaps.append((self.end, first_new))
-        # Otherwise the time of a sample would depend, by rounding, on how the blocks were cut.
+        # A smaller difference is rounding, and would make the times depend on the size of blocks.
         late = block.stamp - self.stamp_at(block.first_index) if self._anchors else math.inf
         if abs(late) > _ROUNDING:
             self._anchors.append(_Anchor(block.first_index, block.stamp))
@@ -144,7 +144,7 @@ class SampleBuffer:
         return there and not any(lost < end and begin < found for lost, found in self._gaps)
 
     def whole_from(self, begin: int, end: int) -> int:
-        """Return the smallest index from `begin` on, between which and `end` no sample is lost."""
+        """Return the smallest index from `begin` on after which no sample before `end` is lost."""
         whole = max(begin, self.start)
         for lost_from, lost_to in self._gaps:
             if lost_from < end and lost_to > whole:

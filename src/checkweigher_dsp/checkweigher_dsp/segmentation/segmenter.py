@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Cutting the stream of samples into one weigh window for each item."""
+"""Cutting of one weigh window per item from the stream of samples."""
 
 from collections.abc import Iterator
 
@@ -25,7 +25,7 @@ from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.window_cutter import WindowCutter
 from checkweigher_dsp.segmentation.zero_keeper import Span, ZeroKeeper
 
-_LONGEST_PIECE = NANOSECONDS  # of a block that is processed at once, ns
+_LONGEST_PIECE = NANOSECONDS  # ns, longest part of a block to process at once
 
 
 class Segmenter:
@@ -42,9 +42,9 @@ class Segmenter:
     parameters : SegmenterParameters
         Parameters of the stage.
     item_count : int
-        Number of the last item before: the next one is ``item_count + 1``.
+        Number of the previous item; the next one is ``item_count + 1``.
     failures : Failures
-        Report of the exceptions that items cause.
+        Rule for exceptions in the work on an item.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Segmenter:
         return self.cutter.cut()
 
     def idle_belt(self) -> NDArray[np.int32]:
-        """Return the last samples of an empty and settled belt, shape (n,); n is 0 without any."""
+        """Return the last samples of an empty and settled belt, shape (n,); n is 0 if none."""
         begin, end = self._empty_span() or (0, 0)
         begin = max(begin, end - round(self._parameters.zero_time * self.load_cell.sample_rate))
         whole = begin < end and self._buffer.is_whole(begin, end)
@@ -150,7 +150,7 @@ class Segmenter:
         return windows
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
-        """Clear the buffer if the source or its clock starts again; return the items it costs."""
+        """Clear the buffer if the source or its clock starts again; return the lost items."""
         buffer = self._buffer
         if len(block.counts) == 0 or buffer.empty:
             return []
@@ -163,7 +163,7 @@ class Segmenter:
         windows = self.give_up(Reason.SOURCE_RESTARTED if restarted else Reason.CLOCK_JUMP)
         self._source.queue.put_back(later)
         self._source.tracker.forget(backwards=not forward)
-        if restarted:  # after a jump of the clock the belt still has its speed
+        if restarted:  # a jump of the clock does not change the speed of the belt
             self.cutter.motion.forget()
             self.cutter.edge_check.forget()
         buffer.clear()
@@ -173,7 +173,7 @@ class Segmenter:
         return windows
 
     def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
-        """Yield parts of a block, so short that none leaves the buffer before it was processed."""
+        """Yield parts of a block, short enough to be processed before they leave the buffer."""
         rate, counts = self.load_cell.sample_rate, block.counts
         size = max(1, int(rate * seconds(_LONGEST_PIECE)))
         for begin in range(0, len(counts), size):
@@ -181,7 +181,7 @@ class Segmenter:
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
 
     def _give_up_without_samples(self, limit: int) -> list[WeighWindow]:
-        """Return the items before `limit`, ns, as faults: their samples do not come any more."""
+        """Return the items before `limit`, ns, as faults, because their samples are lost."""
         self.cutter.take(self._source.track_before(limit))
         late = self.cutter.fault_waiting(Reason.SAMPLES_LOST, limit)
         return self.cutter.cut(wait=False) if late else []
@@ -201,7 +201,7 @@ class Segmenter:
 def _history(load_cell: LoadCell, parameters: SegmenterParameters) -> float:
     """Return the duration of the samples to keep, s."""
     transit = parameters.max_transit(load_cell.weigh_length)
-    # An item takes no longer to leave than from eye to eye.
+    # An item leaves in no more time than it takes from eye to eye.
     trail = min(round(NANOSECONDS * parameters.trail_time), transit)
     lateness = round(NANOSECONDS * parameters.edge_lateness)
     behind = transit + trail + max(2 * lateness, _LONGEST_PIECE)

@@ -23,14 +23,14 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 
-_BEFORE_RISE = 0.4  # s before t1, from which on a rise is searched
+_BEFORE_RISE = 0.4  # s before t1 at which the search for a rise begins
 
 _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Edges of an item, and their indices in the samples after they were moved by its shift."""
+    """Edges of an item, and the indices of their samples after the shift."""
 
     t1: int
     t2: int
@@ -39,14 +39,14 @@ class _Place:
     begin: int  # index of t2
     end: int  # index of t3
     trail_end: int  # end of the samples to wait for after t3
-    shift: int  # ns, of the rise after the edges
+    shift: int  # ns, lag of the rise behind the edges
 
 
 class WindowCutter:
     """Cutter of weigh windows from items; `count` is the number of windows so far.
 
-    An item waits until its samples are there. Before its window is cut, the zero follows the empty
-    belt before the item.
+    An item waits until its samples are there. Before its window is cut, the zero is updated by the
+    empty belt before the item.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class WindowCutter:
         return self._zero.update(seconds(place.t1), empty, settled)
 
     def _make_window(self, item: TrackedItem, place: _Place) -> WeighWindow:
-        """Return the window of an item whose samples are sound, a fault if zero or load are not."""
+        """Return the window of an item with sound samples, or a fault if zero or load are not."""
         zero = self._zero_before(item, place)
         if not zero.trusted:
             return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
@@ -193,7 +193,7 @@ class WindowCutter:
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
     def _check_rise(self, item: TrackedItem, place: _Place) -> Reason | None:
-        """Find the shift of the window of an item after its edges.
+        """Determine how far the window of an item is shifted behind its edges.
 
         Returns the reason if the rise and the edges contradict each other.
         """
@@ -221,7 +221,7 @@ class WindowCutter:
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
     def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
-        """Return the lag of the rise in the samples before t3; not known if others were there."""
+        """Return the lag of the rise in the samples before t3; unknown if others were there."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)
@@ -234,7 +234,7 @@ class WindowCutter:
         return rise_lag(force, time, seconds(place.t2 - place.t1), seconds(place.t3 - place.t1))
 
     def _alone_from(self, item: TrackedItem, first: int, begin: int, shift: int = 0) -> int:
-        """Return the index from which on the item before had left, `first` if there was none."""
+        """Return the index at which the previous item had left, `first` if there was none."""
         if item.left_before is None:
             return begin if item.others_there else first
         return self._buffer.index_at(item.left_before + shift)
@@ -286,10 +286,10 @@ class WindowCutter:
 
 
 def _zero_std_dev(window: NDArray[np.int32], place: _Place, zero: Zero, doubt: float) -> float:
-    """Return the standard deviation of the zero in counts, including the effect of a doubt in s.
+    """Return the standard deviation of the zero in counts, including the effect of `doubt`, s.
 
-    A load that is removed from the signal too early or late by a time d leaves its area, M d, which
-    smoothing distributes over about twice the transit.
+    If a load M is removed from the signal too early or late by a time d, the area M d remains.
+    Smoothing spreads it over about twice the transit.
     """
     if not doubt:
         return zero.std_dev

@@ -63,7 +63,7 @@ class ZeroKeeper:
         return self._tracker.update(time, counts, settled)
 
     def request(self) -> None:
-        """Set the zero by the next empty belt at rest, from now on."""
+        """Request that the next empty belt at rest sets the zero."""
         self._requested = 0 if self._buffer.empty else self._buffer.end
         self._why_not = 'the belt was not empty'
         self.answer = None

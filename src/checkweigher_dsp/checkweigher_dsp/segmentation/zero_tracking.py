@@ -16,14 +16,14 @@ _SHORTEST_AVERAGE = 0.1  # s; a shorter average contains vibration of the belt
 # signal has no noise.
 _LEAST_NOISE = 1e-8
 _JUMP = 4.0  # standard deviations
-# A part of a segment is an outlier if its distance from the median is more than this number of
-# median distances plus this share of the initial standard deviation.
+# A part of a segment is an outlier if its distance from the median exceeds the first number times
+# the median distance, plus the second one times the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # s
 _FEWEST_PARTS = 5
 _MEMORY = 0.95  # weight of the previous scatter at each segment
 _EVIDENCE_MEMORY = 0.98  # weight of the previous likelihoods at each segment
-_DRIFT_TIME = 600.0  # s, correlation time of a drift: temperatures settle
+_DRIFT_TIME = 600.0  # s, correlation time of a drift by temperature
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ class ZeroLimits:
 class _Motion:
     """Kalman filter of a zero with a random walk and a drift, an Ornstein-Uhlenbeck process.
 
-    In counts and s. The variances are those of the initial zero, of the random walk in a second,
-    and of the drift.
+    Units are counts and s. `initial_variance` is the variance of the initial zero, `walk_variance`
+    that of the random walk per second, and `drifts` that of the drift.
     """
 
     def __init__(
@@ -91,14 +91,14 @@ class _Motion:
             self.variance = self._initial_variance
 
     def log_likelihood(self, reading: float, noise: float) -> float:
-        """Return the log-likelihood of a reading of variance `noise`, except for a constant."""
+        """Return the log-likelihood of a reading of variance `noise`, up to a constant."""
         variance = self.variance + noise
         return -0.5 * ((reading - self.value) ** 2 / variance + math.log(variance))
 
     def correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> float:
         """Correct zero and drift by a reading. Returns the remaining variance of the zero.
 
-        The zero is held at the limits of the `allowed` range. Its variance is not reduced then.
+        The zero is held at the limits of the `allowed` range; its variance is then not reduced.
         """
         innovation, variance = reading - self.value, self.variance + noise
         gain, drift_gain = self.variance / variance, self._covariance / variance
@@ -118,13 +118,13 @@ class ZeroTracker:
     A filter without a drift lags behind a drifting zero; a filter with a drift is less certain of a
     zero that does not drift. So both run, weighted by the likelihood of the readings so far.
 
-    Each empty segment of belt is one measurement, its Hann-weighted mean. Its variance follows
-    from the difference between the means of the two halves of a segment, pooled over the segments
-    so far, which is valid for any mixture of lines and noise. Averaging continues from product to
-    product, so that the short segments between dense products are enough.
+    Each segment of empty belt gives one measurement, its Hann-weighted mean. The variance is
+    estimated from the difference between the means of the two halves, pooled over all segments so
+    far. This is valid for any mixture of lines and noise. Averaging continues from product to
+    product, so the short segments between dense products are enough.
 
-    A zero that has moved further than it can have drifted is accepted when a second segment
-    confirms it, because an unseen object may have been on the belt. Until then it is not trusted.
+    A zero that has moved further than drift explains is not trusted until a second segment
+    confirms it, because an unseen object may have been on the belt.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class ZeroTracker:
     limits : ZeroLimits
         Limits of the tracking, as in OIML R 51.
     drift : float
-        Standard deviation of the drift in counts/s, 0 for no filter with a drift.
+        Standard deviation of the drift in counts/s; 0 to use no filter with a drift.
 
     References
     ----------
@@ -196,9 +196,9 @@ class ZeroTracker:
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Update the zero by the samples of an empty segment, shape (n,), which ends at `time`, s.
 
-        Segments of fewer than two samples and unstable ones are ignored: the zero is predicted.
-        Segments that have not settled have the variance of their samples, because the effect of one
-        oscillation on the mean is alike at each product and does not average out.
+        If a segment is unstable or shorter than two samples, the zero is only predicted. A segment
+        that has not settled gets the variance of its samples, because the ring-down shifts the mean
+        alike after each product and does not average out.
         """
         allowed = -math.inf, math.inf
         if self._stamp is not None:
@@ -261,7 +261,7 @@ class ZeroTracker:
         return max(off) <= _OUTLYING * median(off) + least
 
     def _parts(self, counts: NDArray[np.float64], duration: float) -> list[float]:
-        """Return the means of at least two parts of a segment, each of a duration, s."""
+        """Return the means of at least two parts of a segment, each about `duration` s long."""
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
@@ -275,8 +275,8 @@ class ZeroTracker:
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
         """Set the zero by an empty segment, regardless of the previous zero.
 
-        Returns the reading in counts, which becomes the zero if it is within the range; None if the
-        segment is not stable, so that the zero stays.
+        Returns the reading in counts, which becomes the zero if it is within the range. Returns
+        None and keeps the zero if the segment is not stable.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Autoregressive (AR) models of a disturbance, :math:`\sum_{i=0}^{p} c_i e(k-i) = w(k)`, c_0 = 1.
 
-The coefficients c are at the same time the taps of the prediction-error filter, which turns the
-disturbance into the white innovation w.
+The coefficients c are also the taps of the prediction-error filter, which turns the disturbance
+into the white innovation w.
 """
 
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of an energy that has to be left for the next ones to follow from it: three digits are lost.
+# Least remaining share of an energy for the recursion to continue from it: three digits are lost.
 _LEFT = 1e-3
 
 
@@ -20,7 +20,7 @@ def burg(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     r"""Fit an AR model by Burg's method.
 
-    It minimises forward and backward prediction error together:
+    It minimises forward and backward prediction errors together:
 
     .. math:: k_m = -2 \frac{\sum f_{m-1}(n) b_{m-1}(n-1)}
        {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2},\quad c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
@@ -37,17 +37,17 @@ def burg(
     Returns
     -------
     coefficients : ndarray, (p + 1,) float64
-        From the leading 1 on.
+        Beginning with the leading 1.
     reflections : ndarray, (p,) float64
-        k_1 to k_p, each within -1..1. The first m of them are those of the model of order m.
+        k_1 to k_p, each within -1..1. The first m of them belong to the model of order m.
 
     Notes
     -----
-    A signal of some hundred samples costs calls rather than sums. So both errors go through the
-    lattice as one matrix, and behind the signal, at a distance above the order, an impulse goes
-    with them: its response is the coefficients. The energy below the fraction is that of the order
-    before times 1 - k^2, less the squares of the two errors that have no partner in the next
-    order; where rounding would show it is summed again.
+    For a signal of some hundred samples, calls take longer than sums. So both errors go through the
+    lattice as one matrix, followed at a distance above the order by an impulse, whose response is
+    the coefficients. The energy in the denominator is that of the previous order times 1 - k^2,
+    minus the squares of the two errors without a partner in the next order. If rounding would
+    matter, it is summed again.
 
     References
     ----------
@@ -75,7 +75,7 @@ def burg(
     for used in range(count - 1, count - 1 - order, -1):
         forward, backward = errors[:used], errors[size : size + used]
         if energy <= least:
-            # A signal that is predicted to the last bit has nothing left to reflect.
+            # An exactly predicted signal leaves no energy.
             energy = float(forward.dot(forward) + backward.dot(backward)) or 1.0
             least = _LEFT * energy
         reflection = -2.0 * float(forward.dot(backward)) / energy
@@ -94,8 +94,8 @@ def burg(
 def akaike_order(powers: NDArray[np.float64], count: int) -> int:
     """Choose the order of an AR model by Akaike's information criterion, n ln(power) + 2 m.
 
-    `powers` (p + 1,) is the prediction error power of each order m = 0 to p, not negative, of
-    models that were fitted to n = `count` samples. Of equally good orders the lowest is chosen.
+    `powers` (p + 1,) is the prediction error power of each order m = 0 to p, not negative, for
+    models fitted to n = `count` samples. Of equally good orders the lowest is chosen.
 
     References
     ----------
@@ -106,7 +106,7 @@ def akaike_order(powers: NDArray[np.float64], count: int) -> int:
     >>> akaike_order(np.array([4.0, 1.0, 0.99]), 100)  # the second order is worth 1, not 2
     1
     """
-    # A power below what rounding leaves of the signal's is no evidence for a higher order.
+    # A power below the rounding error of the signal is no evidence for a higher order.
     least = max(_ROUNDING * float(powers[0]), float(np.finfo(np.float64).tiny))
     criterion = count * np.log(np.maximum(powers, least)) + 2 * np.arange(len(powers))
     return int(np.argmin(criterion))
@@ -123,7 +123,7 @@ def pooled_autocovariance(
     Parameters
     ----------
     segments : iterable of ndarray, (n,) float64
-        Successive samples each; n may differ, and be 0.
+        Successive samples of each segment; n may differ, and may be 0.
     count : int
         Number of lags, from 0 on.
 

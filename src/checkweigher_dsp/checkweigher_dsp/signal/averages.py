@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-BATCHES = 10  # of the method of batch means
+BATCHES = 10  # number of batches in the method of batch means
 
 
 def batch_mean_std_error(samples: NDArray[np.float64]) -> float:
     """Return the standard error of the mean of successive samples, for noise of any spectrum.
 
-    By the method of batch means: those of ten successive batches are as good as independent.
+    By the method of batch means: the means of ten successive batches are nearly independent.
 
     Parameters
     ----------
@@ -34,9 +34,8 @@ def batch_mean_std_error(samples: NDArray[np.float64]) -> float:
 def hann_mean(samples: NDArray[np.float64]) -> Any:
     """Average each window with the weights of a Hann window without its two zeros.
 
-    Unbiased for a constant load. A line that goes through two or more periods is reduced to less
-    than 3 % wherever in a period the samples begin and end; a plain mean does so only for whole
-    periods.
+    The mean is unbiased for a constant load. It reduces a line with two or more periods in the
+    window to less than 3 %, at any phase; a plain mean does so only for whole periods.
 
     Parameters
     ----------

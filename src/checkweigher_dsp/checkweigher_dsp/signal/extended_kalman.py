@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 class Noise:
     """Variances of the filter, without a unit; the signal is normalised to 1."""
 
-    measurement: float  # R of a sample, as a multiple of a variance that the signal shows itself
-    process: float  # Q[0, 0], that of x per step, as a multiple of R; coefficients are constant
+    measurement: float  # R of a sample, as a multiple of a variance measured in the signal
+    process: float  # Q[0, 0], of x per step, as a multiple of R; coefficients are constant
     coefficients: float  # P0 of a1 and a2
     initial: float = 1.0  # P0 of x(k), x(k-1) and b1
 
@@ -33,8 +33,8 @@ class Identification:
     a1: NDArray[np.float64]
     a2: NDArray[np.float64]
     b1: NDArray[np.float64]  # in the unit of the signal
-    gain: NDArray[np.float64]  # b1 / (1 + a1 + a2), in that unit; NaN where there is none
-    variance: NDArray[np.float64]  # of `gain`, from that of the coefficients to first order
+    gain: NDArray[np.float64]  # b1 / (1 + a1 + a2), in that unit; NaN if there is none
+    variance: NDArray[np.float64]  # of `gain`, propagated to first order from the coefficients
 
     def in_unit(self, scale: NDArray[np.float64]) -> Self:
         """Return the result for the signals before they were divided by `scale`, (windows,)."""
@@ -60,25 +60,25 @@ def identify(
     .. math:: F = \begin{pmatrix} -a_1 & -a_2 & -x(k) & -x(k-1) & u \\ 1 & 0 & 0 & 0 & 0 \\
        0 & 0 & 1 & 0 & 0 \\ 0 & 0 & 0 & 1 & 0 \\ 0 & 0 & 0 & 0 & 1 \end{pmatrix}
 
-    and C = [1 0 0 0 0], written out in scalars for the upper triangle of the symmetric covariance:
-    a matrix library spends more on calls of 5 x 5 than on arithmetic.
+    and C = [1 0 0 0 0], written out in scalars for the upper triangle of the symmetric covariance,
+    because for 5 x 5 matrices the calls of a library take longer than the arithmetic.
 
     Parameters
     ----------
     samples : ndarray, (windows, n) float64
-        Responses, normalised so that the steady state for u = 1 is about 1: start and covariance
-        have no unit, so without that the result would depend on the unit of the samples.
+        Responses, normalised so that the steady state for u = 1 is about 1. Start and covariance
+        have no unit, so otherwise the result would depend on the unit of the samples.
     variance : ndarray, (windows,) float64
-        What R is a multiple of, in the unit of `samples` squared. R is 1e-14 at least, which keeps
-        the filter regular where a signal has no noise.
+        Variance of which R is a multiple, in the unit of `samples` squared. R is at least 1e-14,
+        which keeps the filter regular if a signal has no noise.
     noise : Noise
         R, Q and P0.
     inputs : ndarray, (windows, k) float64, optional
-        u of the steps that lead to the first k samples, k at most n; then it is 1.
+        u of the steps that lead to the first k samples, k at most n; after that u is 1.
     counts : ndarray, (windows,) int, optional
-        Number of samples of each window; what its row holds after them is not used. By default n.
+        Number of samples of each window; the rest of its row is ignored. By default n.
     rise : float or ndarray, (windows,)
-        R where u is below 1, as a multiple of R elsewhere.
+        Factor of R while u is below 1.
     start_from_samples : bool
         Whether x(0) and x(-1) are the first two samples, with P0 = R, and the filter begins with
         the third one; otherwise X0 = 0.
@@ -154,7 +154,7 @@ def _filter(
     """Return the state after all samples; every number is a float or an array (windows,)."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
-    # No assignment is in place: arrays would change under their other names.
+    # No in-place assignments, because several names share an array.
     for z, u, r in zip(samples, inputs, measurement, strict=False):
         # Row 1 of F P, then with it the first element of F P F' + Q; row 2 of that is row 1 of P.
         g1 = u * p15 - a1 * p11 - a2 * p12 - x * p13 - y * p14
@@ -185,7 +185,7 @@ def _filter(
         p44 = p44 - k * g4
         p45 = p45 - k * g5
         p55 = p55 - f * g5 * g5
-        h = r * f  # 1 less the gain of x, without the cancellation
+        h = r * f  # 1 minus the gain of x, without cancellation
         p11, p12 = h * g0, h * g1
         p13, p14, p15 = h * g3, h * g4, h * g5
     return (
@@ -200,5 +200,5 @@ def _identified(state: _State) -> tuple[Any, ...]:
     # d gain / d (a1, a2, b1) = (-gain, -gain, 1) / total, once divided by total
     gain = b1 / total
     spread = gain * gain * (p33 + 2 * p34 + p44) - 2 * gain * (p35 + p45) + p55
-    nothing = total / total - 1.0  # NaN where the total is 0 or not finite
+    nothing = total / total - 1.0  # NaN if the total is 0 or not finite
     return a1, a2, b1, gain + nothing, spread / total / total + nothing

@@ -1,16 +1,16 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""The response of the weighing platform to a product that rides on, in closed form.
+r"""Response of the weighing platform to a product that rides on, in closed form.
 
 The platform is a second-order system whose mass changes with the load on it. In kilograms of
 static reading, with w the natural frequency and xi the damping ratio of the empty platform,
 
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
-where m0 is the moving mass, m(t) the load on it and f(t) the force over g. As the product enters
-the load grows linearly; its mass is taken as constant over short stairs, and within a stair the
-response to a linear force is known in closed form. So any sample of the response is found without
-integration from one to the next. [own derivation]
+where m0 is the moving mass, m(t) the load on it and f(t) the force divided by g. As the product
+enters, the load grows linearly. Its mass is taken as constant over short stairs, because within a
+stair the response to a linear force has a closed form. So any sample of the response is computed
+without numerical integration. [own derivation]
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _STAIRS = 8
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """A platform: `natural_frequency` in Hz, `damping_ratio` (below 1), `moving_mass` in kg."""
+    """Platform with `natural_frequency` in Hz, `damping_ratio` (below 1), `moving_mass` in kg."""
 
     natural_frequency: float
     damping_ratio: float
@@ -47,13 +47,13 @@ class Crossing:
 def responses(
     platform: Platform, mass: float, crossing: Crossing, time: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the responses that make up the signal of a pass of a product, (5, n).
+    """Return the responses whose combinations make up the signal of a pass, (5, n).
 
-    The mass in kg moves with the platform. `time` (n,), s, ascends; its first is not after
-    ``on_end``. The rows are the response to the load of the product over its mass, 1 at rest; free
-    oscillation that is 1 with no slope at ``time[0]``, and one that is 0 with the slope of the
-    natural frequency, both of the empty platform; the same two from ``on_begin`` on, which together
-    are the oscillation after a short impact of any shape.
+    `mass`, in kg, moves with the platform. `time`, (n,) in s, ascends and begins no later than
+    ``on_end``. The first row is the response to the load of the product, divided by its mass, which
+    is 1 at rest. The next two are free oscillations of the empty platform: one is 1 with slope 0 at
+    ``time[0]``, the other is 0 with the slope of the natural frequency. The last two are the same
+    from ``on_begin`` on; together they describe the oscillation after a short impact of any shape.
 
     Examples
     --------
@@ -70,8 +70,8 @@ def responses(
     entry = int(np.searchsorted(time, crossing.on_begin))
     start = float(time[0])
     result[1:3, :entry] = _oscillations(time[:entry] - start, omega, decay, damped)
-    # From the entry on the two oscillations are a combination of those that begin there, by their
-    # values and their slopes over omega there.
+    # From the entry on, the two oscillations are combinations of those that begin there, with their
+    # values and slopes (divided by omega) at the entry as coefficients.
     one, other = _oscillations(crossing.on_begin - start, omega, decay, damped)
     slopes = -other, one - 2 * platform.damping_ratio * other
     stairs = np.array(_stairs(platform, mass, crossing)).T
@@ -91,7 +91,7 @@ def responses(
 
 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
-    """Return the free oscillations of the empty platform that are 1 at first, and as steep."""
+    """Return the two free oscillations of the empty platform: from value 1, from slope omega."""
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
     return cosine + decay / damped * sine, omega / damped * sine
@@ -100,9 +100,9 @@ def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tupl
 def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
     """Return the solution on each segment of constant mass from the entry on.
 
-    That is begin, decay and damped frequency; constant and rate of the forced part; cosine and sine
-    of the response to the load, and of the oscillations that begin at the entry with value 1 and
-    with the slope of the natural frequency.
+    Each has begin, decay and damped frequency; constant and rate of the forced part; and the cosine
+    and sine coefficients of the response to the load, and of the oscillations that begin at the
+    entry with value 1 and with the slope of the natural frequency.
     """
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
@@ -132,7 +132,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
 
 
 def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
-    """Return begin, length, load at the begin, its rate and the mean load of each segment."""
+    """Return begin, length, initial load, its rate and the mean load of each segment."""
     segments = []
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):

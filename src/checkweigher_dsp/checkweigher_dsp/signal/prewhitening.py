@@ -1,13 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Prewhitening of coloured noise, so that least squares on it has the smallest variance.
+r"""Prewhitening of coloured noise, so that least squares has the smallest variance.
 
-The noise is an autoregression, held by its reflection coefficients: any that lie in -1..1 are a
-stable model, so that those of two belt speeds may be interpolated. Its prediction-error filter
-turns the noise into white noise. The first samples, which have fewer before them than the order
-of the model, are predicted by the models of lower order that the Levinson recursion passes
-through: that is the exact Cholesky factor of the noise's covariance, not an approximation, and no
-sample is lost.
+The noise is an autoregression, stored as its reflection coefficients. Coefficients in -1..1 always
+give a stable model, so they can be interpolated between two belt speeds. The prediction-error
+filter turns the noise into white noise. The first samples have fewer predecessors than the order of
+the model, so they are predicted by the models of lower order in the Levinson recursion. This is the
+exact Cholesky factor of the covariance of the noise, and no sample is lost.
 """
 
 from collections.abc import Sequence
@@ -31,7 +30,7 @@ class Prewhitener:
 
     Examples
     --------
-    >>> whitener = Prewhitener([-0.5], std_dev=1.0)  # each sample half of the one before, and more
+    >>> whitener = Prewhitener([-0.5], std_dev=1.0)  # half of the previous sample, plus noise
     >>> whitener.whiten(np.array([1.0, 2.0, 3.0])).round(3).tolist()
     [0.866, 1.5, 2.0]
     """
@@ -39,9 +38,9 @@ class Prewhitener:
     def __init__(self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float) -> None:
         order = len(reflections)
         self._order = order
-        # Row m predicts sample m from all m before it; the last one is the filter for the rest.
+        # Row m predicts sample m from all m before it; the full filter is used for the rest.
         self._start = np.zeros((order, order))
-        # From innovations back to the variance of the signal itself.
+        # From the variance of the innovations back to that of the signal.
         remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
         scales = np.sqrt(remaining) / std_dev
         taps = np.zeros(order + 1)
@@ -80,15 +79,15 @@ def pooled_reflections(
 ) -> tuple[NDArray[np.float64], float]:
     """Fit one autoregression of an order to several segments of the same noise, by Burg's method.
 
-    Forward and backward prediction errors of all segments (n_i,), without mean, together make each
-    reflection coefficient, so that short segments serve as well as long ones and no taper is
-    needed; those no longer than `order` are left out. Returns the coefficients (order,), each
+    Each reflection coefficient is computed from the forward and backward prediction errors of all
+    segments (n_i,), which have no mean. So short segments are as useful as long ones, and no taper
+    is needed. Segments no longer than `order` are ignored. Returns the coefficients (order,), each
     between -1 and 1, and the standard deviation of the innovations.
 
     Raises
     ------
     ValueError
-        If the segments hold no noise or none is longer than `order`.
+        If the segments contain no noise, or none is longer than `order`.
 
     References
     ----------
@@ -110,7 +109,7 @@ def pooled_reflections(
     if len(kept) == 1:
         _, reflections = burg(kept[0], order)
         return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
-    # All in one array, the ends of the shorter ones padded by zeros that are never used.
+    # All in one array; the shorter ones are padded with zeros that are never used.
     longest = max(map(len, kept))
     forward = np.zeros((len(kept), longest))
     for row, segment in zip(forward, kept, strict=True):
@@ -122,9 +121,9 @@ def pooled_reflections(
         valid = np.arange(longest - m - 1) < (lengths - m - 1)[:, None]
         ahead, behind = forward[:, 1:] * valid, backward[:, :-1] * valid
         energy = np.sum(ahead**2 + behind**2)
-        # Nothing is left where a signal is predicted to the last bit.
+        # An exactly predicted signal leaves no energy.
         reflection = -2 * np.sum(ahead * behind) / energy if energy > 0 else 0.0
         forward, backward = ahead + reflection * behind, behind + reflection * ahead
         reflections[m] = reflection
-        power *= max(1 - reflection**2, 0.0)  # rounding may bring a reflection beyond 1
+        power *= max(1 - reflection**2, 0.0)  # rounding may push a reflection beyond 1
     return reflections, math.sqrt(power)

@@ -1,22 +1,21 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""The lag of the samples behind the photo-eyes, from the rise of the load.
+r"""Lag of the samples behind the photo-eyes, from the rise of the load.
 
 Between t1 and t2 a product rides onto the belt. A linear system of unity gain (platform, amplifier,
 low-pass) delays the rise by its delay at frequency 0 and does not change the area under it
-otherwise. A clock offset does the same. With a signal y of empty belt z and level z + M, the share
-s of the product on the belt by the eyes, and the lag l, [own derivation]
+otherwise. A clock offset does the same. Let the signal y be z on the empty belt and z + M at the
+level, s the share of the product on the belt according to the eyes, and l the lag: [own derivation]
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 
-where a is 1 over the rise and falls to 0 smoothly before and after it, so that ringing averages
-out. z and M are Hann-weighted means of the empty belt and of the level. Nothing is assumed of the
-platform.
+where a is 1 during the rise and falls smoothly to 0 before and after it, so that ringing averages
+out. z and M are Hann-weighted means of the empty belt and of the level. Nothing is assumed about
+the platform.
 
-A load that does not come on evenly, but bent as u - k u (1 - u) over the share u of the time,
-has a lag as well, although it is there from t2 on. That part of the lag is k (t2 - t1) / 6. What is
-left of the signal at the lag has no area, so for small k it is the integral of 30 u (1 - u) times
-that.
+A load that rises unevenly, bent as u - k u (1 - u) over the share u of the time, also has a lag,
+although it is complete at t2. This part of the lag is k (t2 - t1) / 6. The residual of the signal
+at the lag has no area, so for small k this part is the integral of 30 u (1 - u) times the residual.
 """
 
 from dataclasses import dataclass
@@ -27,25 +26,25 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow, seconds
 
-PLATFORM_LAG = 5e-4  # s, 2 xi / omega of the platform that is assumed until another one is known
+PLATFORM_LAG = 5e-4  # s, 2 xi / omega of the default platform
 _TAPER = 0.05  # s, of a; at most half of the level
-_EMPTY = 0.3  # s of empty belt that z is the mean of, at most
-_SHORTEST_EMPTY = 0.06  # s; less does not show how the belt shakes
-_FEWEST = 8  # samples of empty belt and of level
+_EMPTY = 0.3  # s, longest empty belt in the mean z
+_SHORTEST_EMPTY = 0.06  # s; less does not show the vibration of the belt
+_FEWEST = 8  # samples of empty belt, and of level
 _ROUNDS = 10
 _CLOSE = 1e-5  # s
-# The product itself excites most of the level's vibration: ringing, which averages out.
+# Share of the level's vibration that counts, because most of it is ringing, which averages out.
 _LEVEL_SHARE = 0.25
-# s, standard deviations of lag and bend: impact and bouncing as a product rides on.
+# s, standard deviations of lag and bend due to impact and bouncing as a product rides on.
 _SYSTEMATIC = 1e-4
 _SYSTEMATIC_BEND = 8e-4
 
 
 @dataclass(frozen=True, slots=True)
 class RiseLag:
-    """Delay of the rise of the load relative to the photo-eyes in s; NaN if it is not known.
+    """Delay of the rise of the load relative to the photo-eyes in s; NaN if unknown.
 
-    `bend` is the part of the lag that is due to a load which does not rise evenly.
+    `bend` is the part of the lag that is due to an uneven rise of the load.
     """
 
     lag: float = math.nan
@@ -68,7 +67,7 @@ def rise_lag(
     ----------
     force : ndarray, (n,) float64
         Signal of the empty belt before an item and of the item up to t3, in any unit in which the
-        item is positive; its zero need not be removed.
+        item is positive; the zero need not be removed.
     time : ndarray, (n,) float64
         Time of the samples since t1, at equal intervals, s.
     rise_time, transit : float
@@ -77,8 +76,8 @@ def rise_lag(
     Returns
     -------
     RiseLag
-        A standard deviation is that of the same functional of the empty belt before the item and,
-        in part, of the level after it.
+        The standard deviations apply the same functionals to the empty belt before the item and, in
+        part, to the level after it.
 
     Examples
     --------
@@ -102,7 +101,7 @@ def rise_lag(
         lag += change
     else:
         return RiseLag()
-    # Empty belt and level by signal and eyes; where the two are so far apart, by the signal alone.
+    # Empty belt and level by signal and eyes; by the signal alone if the two are too far apart.
     begin, end = (int(time.searchsorted(at)) for at in (min(lag, 0.0), rise_time + max(lag, 0.0)))
     stop = int(time.searchsorted(transit + min(lag, 0.0)))
     if min(begin, stop - end) < _FEWEST:
@@ -162,9 +161,9 @@ def _bell(time: NDArray[np.float64], begin: float, end: float) -> NDArray[np.flo
 
 
 def _noise(force: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Return the root mean square of a weighted sum of such noise.
+    """Return the root mean square of a weighted sum of noise such as `force`, (n,).
 
-    The noise (n,) is tapered, so that it may be shorter than the weights (m,).
+    The noise is tapered, so that it may be shorter than the weights (m,).
     """
     noise = force - np.add.reduce(force) / len(force)
     taper = np.sin((np.arange(len(force)) + 0.5) * (math.pi / len(force)))

@@ -10,7 +10,7 @@ class RunningMoments:
 
     def __init__(self) -> None:
         self.count = 0
-        self._mean = self._squares = 0.0  # the latter of the deviations from the mean
+        self._mean = self._squares = 0.0  # sum of squared deviations from the mean
 
     def add(self, value: float) -> None:
         """Add a value."""
@@ -21,10 +21,10 @@ class RunningMoments:
 
     @property
     def mean(self) -> float:
-        """Mean; NaN of none."""
+        """Mean; NaN without values."""
         return self._mean if self.count else math.nan
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation; NaN of fewer than two."""
+        """Standard deviation; NaN for fewer than two values."""
         return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan

@@ -16,8 +16,8 @@ from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import Learned
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
-# The simplest first: the fewer numbers are learned, the earlier. `tune` prefers a simple one to
-# another that is as good.
+# In the order of the number of learned parameters, fewest first. If two are equally good, `tune`
+# prefers the simpler one.
 ESTIMATORS: dict[str, type[Estimator]] = {
     'mean': Mean,
     'hann': Hann,

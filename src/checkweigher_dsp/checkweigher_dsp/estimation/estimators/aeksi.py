@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """AEKSI: extended Kalman identification behind the adaptive prefilter of AID.
 
-The paper compares with it and does not print its algorithm: a reconstruction from AID and
+The paper compares with it but does not print its algorithm. This is a reconstruction from AID and
 ISWD-EKSI.
 """
 
@@ -87,10 +87,10 @@ def identify_adaptive_by_ekf(
 ) -> AdaptiveIdentification:
     """Identify the platform by the EKF on the adaptively prefiltered windows (AEKSI).
 
-    The filter starts from the first two samples: from X0 = 0 the first sample would all go into b1.
-    R is a multiple of the variance of the least-squares residual. Where the poles are unstable
-    `gain` and `b1` are the mean of the window and a1 = a2 = 0. Bias, errors and the other
-    parameters are those of `identify_adaptive`.
+    The filter starts from the first two samples, because from X0 = 0 all of the first sample would
+    go into b1. R is a multiple of the variance of the least-squares residual. If the poles are
+    unstable, `gain` and `b1` are the mean of the window and a1 = a2 = 0. See `identify_adaptive`
+    for bias, errors and the other parameters.
 
     Examples
     --------

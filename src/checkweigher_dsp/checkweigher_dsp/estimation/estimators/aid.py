@@ -14,14 +14,14 @@ when it is applied to x and u. This is repeated with the better coefficients. A 
 applied, too.
 
 The product is fully on the belt before the window begins, so an output of the filter whose taps
-all lie within the window sees no value of u but 1; the outputs before that are dropped. On
-the others the prefiltered u is the sum of the taps, and with the taps divided by it u stays 1. The
-level of the prefiltered signal then identifies b_1. The sum is never 0: that of a model by
-Burg is the product of 1 + k over its reflection coefficients k.
+all lie within the window sees only u = 1. Earlier outputs are dropped. In the others, the
+prefiltered u is the sum of the taps; the taps are divided by it, so u stays 1. The level of the
+prefiltered signal then identifies b_1. The sum is never 0, because for a model by Burg it is the
+product of 1 + k over the reflection coefficients k.
 
-Least squares with a constant input lets the residuals sum to 0. So the mass is the mean of the
-prefiltered window but for its ends, whose oscillation the coefficients take out: the prefilter
-acts by the taper that it lays over the ends.
+Least squares with a constant input makes the residuals sum to 0. So the mass is the mean of the
+prefiltered window except for its ends, whose oscillation the coefficients remove. The effect of
+the prefilter is the taper that it applies to the ends.
 """
 
 from collections import defaultdict
@@ -49,7 +49,7 @@ from checkweigher_dsp.signal.extended_kalman import Identification
 from checkweigher_dsp.signal.platform_poles import is_stable
 
 LEAST_SAMPLES = 8
-# A Hann window of n taps and its two zeros is down by 3 dB at this multiple of f_s / (n + 1).
+# A Hann window of n taps (and two zeros) attenuates by 3 dB at this multiple of f_s / (n + 1).
 _HANN_CUTOFF = 0.7203
 _MOST_TAPS = 100_000
 
@@ -59,11 +59,11 @@ class AdaptiveSettings:
     """Settings of the prefilter."""
 
     # Number of identifications of the platform. The prefilter is made before each except the first,
-    # so 1 is without an adaptive prefilter.
+    # so 1 means no adaptive prefilter.
     iterations: int = 5
     max_order: int = 2  # of the autoregression; never above a third of the samples
-    # Hz, -3 dB, of the fixed low-pass, a Hann window as taps of at most half the window. From 0.36
-    # times the sample rate on there is none.
+    # Hz, -3 dB, of the fixed low-pass, whose taps are a Hann window of at most half the window.
+    # There is none from 0.36 times the sample rate on.
     lowpass_cutoff: float = math.inf
 
 
@@ -126,7 +126,7 @@ class Aid(Estimator):
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window; those of equal length are identified at once."""
+        """Return the steady state in each window; equally long ones are identified at once."""
         loads = [LoadEstimate(math.nan)] * len(windows)
         batches = defaultdict(list)
         for number, window in enumerate(windows):
@@ -181,8 +181,8 @@ def identify_adaptive(
     Parameters
     ----------
     samples : ndarray, (windows, n) float64
-        Windows t2..t3 in kg, zero removed, n at least `LEAST_SAMPLES`. Another unit changes b1,
-        mass and variance by it and nothing else.
+        Windows t2..t3 in kg, zero removed, n at least `LEAST_SAMPLES`. Another unit scales only b1,
+        mass and variance.
     settings : AdaptiveSettings
         Settings of the prefilter.
     sample_rate : float
@@ -204,22 +204,22 @@ def prefilter_adaptively(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the windows as the last iteration of `identify_adaptive` sees them.
 
-    Parameters are those of `identify_adaptive`. Returned are x (windows, m), divided by
-    the mean of each window so that its level is about 1, with u = 1 throughout; that mean,
-    (windows,) in kg, which makes a mass of the identified steady state; and the variance of the
-    least-squares residual of x, (windows,).
+    See `identify_adaptive` for the parameters. Returns x, (windows, m), divided by the mean of each
+    window so that its level is about 1, with u = 1 throughout; this mean, (windows,) in kg, by
+    which the identified steady state becomes a mass; and the variance of the least-squares residual
+    of x, (windows,).
     """
     filtered, scale, _ = _prefiltered(samples, settings, sample_rate)
-    # A plain fit, also where its poles are unstable: only its residual is used.
+    # The poles of this fit may be unstable, because only its residual is used.
     fit = _least_squares(filtered)
     return filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1)
 
 
 def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the outputs of a FIR filter all of whose taps lie within the window.
+    """Return the outputs of a FIR filter for which all taps lie within the window.
 
     Samples are (windows, n), outputs (windows, n - t + 1). The t taps are (t,) for all windows or
-    (windows, t) for each; the first tap goes with the newest sample.
+    (windows, t) for each; the first tap multiplies the newest sample.
     """
     count = samples.shape[-1] - taps.shape[-1] + 1
     result = np.zeros((len(samples), count))
@@ -239,7 +239,7 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
 def _prefiltered(
     samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], AdaptiveIdentification]:
-    """Return the windows after the last prefilter, their means and what was identified before it.
+    """Return the windows after the last prefilter, their means, and the previous identification.
 
     The windows are divided by their means, (windows,), which are NaN for a window without one.
     """
@@ -259,22 +259,22 @@ def _prefiltered(
 
 
 def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:
-    """Return the result until stable poles are found: a platform that follows at once."""
+    """Return the initial result, which is for a platform without lag."""
     mass = hann_mean(x)
     none = 0 * mass
-    # The variance of the window is not small: it marks this as a fallback.
+    # The variance of the window is large, which marks this result as a fallback.
     return AdaptiveIdentification(none, none, mass, mass, np.var(x, axis=-1), np.isinf(mass))
 
 
 def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
-    """Fit a1, a2 and b1 with u = 1, about the means: with them b1 falls out of the equations."""
+    """Fit a1, a2 and b1 with u = 1, about the means, which eliminates b1."""
     now, one, two = x[..., 2:], x[..., 1:-1], x[..., :-2]
     level0, level1, level2 = (np.mean(part, axis=-1) for part in (now, one, two))
     now, one, two = (part - np.mean(part, axis=-1, keepdims=True) for part in (now, one, two))
     s11, s22, s12 = ((a * b).sum(axis=-1) for a, b in ((one, one), (two, two), (one, two)))
     s01, s02 = (now * one).sum(axis=-1), (now * two).sum(axis=-1)
     determinant = s11 * s22 - s12 * s12
-    # Where nothing oscillates there is nothing to fit: a1 = a2 = 0.
+    # Without an oscillation there is nothing to fit: a1 = a2 = 0.
     inverse = 1 / np.where(determinant > 0, determinant, np.inf)
     a1 = (s12 * s02 - s22 * s01) * inverse
     a2 = (s12 * s01 - s11 * s02) * inverse

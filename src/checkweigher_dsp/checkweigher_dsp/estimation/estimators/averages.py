@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The means of the window, which every other estimator has to beat."""
+"""Means of the window, which every other estimator must beat."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,14 +15,14 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 @dataclass(frozen=True)
 class MeanParameters(EstimatorParameters):
-    """Parameters of the plain mean: none of its own."""
+    """Parameters of the plain mean, which has none of its own."""
 
     node: ClassVar[str] = 'identifier.mean'
 
 
 @dataclass(frozen=True)
 class HannParameters(EstimatorParameters):
-    """Parameters of the Hann-weighted mean: none of its own."""
+    """Parameters of the Hann-weighted mean, which has none of its own."""
 
     node: ClassVar[str] = 'identifier.hann'
 
@@ -30,8 +30,8 @@ class HannParameters(EstimatorParameters):
 class Mean(Average):
     """Mean of the raw window.
 
-    Unbiased for a constant load. A line vanishes over whole periods and remains with up to its
-    amplitude over less than one.
+    It is unbiased for a constant load. A line vanishes over whole periods, but may remain with its
+    full amplitude over less than one.
 
     Examples
     --------

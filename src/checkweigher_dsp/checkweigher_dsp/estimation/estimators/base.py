@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The interface of the estimators, and the parameters that training passes give all of them."""
+"""Interface of the estimators, and the parameters that all of them get from training passes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -17,10 +17,10 @@ from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
-# How far an average may be off the plain mean of a window: standard deviations of its samples, and
-# the share of the load that is lost where the platform is not that of the parameters.
 _std_dev = partial(parameter, unit='kg', minimum=0, maximum=1e3)
 
+# Largest distance of an average from the plain mean of a window: standard deviations of the
+# samples, plus the share of the load that is lost if the parameters fit another platform.
 _SPREAD = 2.0
 _BIAS = 0.02
 
@@ -30,12 +30,12 @@ class LoadEstimate:
     """The load that an estimator finds in a window."""
 
     mass: float  # kg, before gain and offset; NaN if there is none
-    variance: float = math.nan  # kg^2, without that of the zero; NaN if none is stated
+    variance: float = math.nan  # kg^2, without the variance of the zero; NaN if not stated
     # Coefficients of the platform, b1 in kg; NaN from estimators that do not identify it.
     a1: float = math.nan
     a2: float = math.nan
     b1: float = math.nan
-    # Whether the variance was measured on items, the zero's included.
+    # Whether the variance was measured on items, and so includes that of the zero.
     measured: bool = field(default=False, kw_only=True)
 
 
@@ -43,8 +43,7 @@ class LoadEstimate:
 class EstimatorParameters(Parameters):
     """Results of training passes, for each of their belt speeds.
 
-    Lists of equal length, one value for each of ``speeds``; between two speeds they are
-    interpolated.
+    The lists have one value for each of ``speeds``, and are interpolated between them.
     """
 
     calibrated: bool = parameter(False, 'whether the lists below come from training passes')
@@ -78,7 +77,7 @@ class EstimatorParameters(Parameters):
                 )
 
     def fits(self, name: str, count: int) -> bool:
-        """Return whether the list `name` may have `count` values; by default one for each speed."""
+        """Return whether the list `name` may have `count` values; by default one per speed."""
         return count == len(self.speeds)
 
     def at(self, name: str, speed: float) -> float:
@@ -87,17 +86,17 @@ class EstimatorParameters(Parameters):
         return float(np.interp(speed, self.speeds, values) if len(values) > 1 else values[0])
 
     def for_speed(self, speed: float, lists: Mapping[str, Any]) -> Self:
-        """Return parameters of one belt speed in m/s, not calibrated, with other `lists`."""
+        """Return uncalibrated parameters for one belt speed in m/s, with other `lists`."""
         common = {entry.name: entry.default for entry in fields(EstimatorParameters)}
         return replace(self, **{**common, 'speeds': (speed,), **lists})
 
     def row_at(self, name: str, speed: float) -> NDArray[np.float64]:
-        """Return the row at a belt speed in m/s of a list that has several values for each."""
+        """Return the row at a belt speed in m/s, of a list with several values per speed."""
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
 
     def is_trained(self, speed: float, tolerance: float) -> bool:
-        """Return whether a speed lies among those of the training passes, or near (relative)."""
+        """Return whether a speed is in the trained range, within a relative tolerance."""
         slowest, fastest = self.speeds[0], self.speeds[-1]
         return slowest * (1 - tolerance) <= speed <= fastest * (1 + tolerance)
 
@@ -106,8 +105,8 @@ class EstimatorParameters(Parameters):
 class Axis:
     """A parameter that `tune` searches, and its range, both ends included.
 
-    The first value to try may lie outside. On a logarithmic axis factors count rather than
-    differences; on a whole one only whole numbers are tried.
+    The search starts at `start`, which may lie outside. A logarithmic axis is searched by factors
+    instead of differences, a whole one by integers only.
     """
 
     name: str
@@ -120,7 +119,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class PlotStyle:
-    """Name of an estimator for readers, marker of matplotlib, colours on light and dark ground."""
+    """Displayed name of an estimator, marker of matplotlib, colours on light and dark ground."""
 
     label: str
     marker: str
@@ -134,18 +133,18 @@ class Estimator(ABC):
     Attributes
     ----------
     parameters : EstimatorParameters
-        Of the class, the default; IdentifierParameters has such a set under the estimator's name.
+        The class has the type; IdentifierParameters has such a set under the estimator's name.
     needs_denoised : bool
         Whether it reads ``window.denoised``; the others weigh the raw signal.
     look : PlotStyle, optional
-        Name and colours in reports. Without it they are chosen.
+        Name and colours in reports. By default they are chosen automatically.
     axes : tuple of Axis
-        What `tune` searches: lists of its parameters, unless `learn` is overridden.
+        Axes that `tune` searches: lists of its parameters, unless `learn` is overridden.
     folds : int
-        Into how many parts `tune` divides the passes, each of them weighed by what the others
-        taught; 0 for an estimator that does not learn from passes.
+        Number of folds for the cross-validation by `tune`; 0 for an estimator that does not learn
+        from passes.
     fewest : int
-        Passes that it can learn from, at least.
+        Least number of passes that it can learn from.
     """
 
     parameters: EstimatorParameters
@@ -163,7 +162,7 @@ class Estimator(ABC):
         """Return the load of a whole window, before gain and offset; NaN if there is none."""
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the load of each window, to the same bits as alone."""
+        """Return the load of each window, bit for bit as `estimate` does."""
         return [self.estimate(window) for window in windows]
 
     @classmethod
@@ -174,10 +173,10 @@ class Estimator(ABC):
         masses: NDArray[np.float64],
         values: Mapping[str, float],
     ) -> dict[str, tuple[float, ...]]:
-        """Return the lists of parameters that passes of one belt speed teach; by default `values`.
+        """Return the lists of parameters learned from passes of one belt speed; default: `values`.
 
-        `known` are the parameters before, `masses` (windows,) the true ones in kg, and `values` one
-        point of the search, by the names of `axes`.
+        `known` are the previous parameters, `masses`, (windows,), the true masses in kg, and
+        `values` a point of the search, by the names of `axes`.
         """
         return {name: (value,) for name, value in values.items()}
 
@@ -203,8 +202,8 @@ def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
 def rough_variance(samples: NDArray[np.float64]) -> float:
     """Estimate the variance of an average, kg^2, from the difference of the halves of its window.
 
-    The scatter of the samples (n,), kg, keeps it above 0 where the halves happen to agree. It
-    needs no training.
+    The scatter of the samples (n,), kg, keeps it above 0 if the halves happen to agree. No training
+    is needed.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])

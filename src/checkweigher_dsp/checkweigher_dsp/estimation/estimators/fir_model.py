@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""FIR model: the mass is a weighted sum of the samples, the weights learned from known masses.
+r"""FIR model: the mass is a weighted sum of the samples, with weights learned from known masses.
 
 Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based
 approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016), and its
-siblings. The weights are one smooth curve over the relative position in the window, learned as its
-values at a fixed number of knots, so that it serves windows of other lengths and speeds as well.
+related papers. The weights are a smooth curve over the relative position in the window. Its values
+at a fixed number of knots are learned, so it also applies to windows of other lengths and speeds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,7 +51,7 @@ class FirModelParameters(EstimatorParameters):
 
 
 class FirModel(Average):
-    """Weighted sum of the samples, the weights learned (reconstruction).
+    """Weighted sum of the samples with learned weights (reconstruction).
 
     Examples
     --------
@@ -66,7 +66,7 @@ class FirModel(Average):
     fewest = 2
 
     def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
-        """Return the weighted sum, the weights between those of the training speeds."""
+        """Return the weighted sum, with weights interpolated between the training speeds."""
         curve = self.parameters.row_at('weights', window.belt_speed)
         try:
             return float(np.add.reduce(samples * fir_weights(curve, len(samples))))
@@ -81,7 +81,7 @@ class FirModel(Average):
         masses: NDArray[np.float64],
         values: Mapping[str, float],
     ) -> dict[str, tuple[float, ...]]:
-        """Return the curve of the smallest error; only its smoothness is searched."""
+        """Return the curve with the smallest error; only its smoothness is searched."""
         samples = [raw_samples(window) for window in windows]
         return {'weights': tuple(fit_fir(samples, masses, known.knots, values['ridge']).tolist())}
 
@@ -95,7 +95,7 @@ def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If the weights have no sum that could be made 1.
+        If the weights cannot be scaled to sum 1.
 
     Examples
     --------
@@ -118,17 +118,17 @@ def fit_fir(
     count: int,
     ridge: float,
 ) -> NDArray[np.float64]:
-    r"""Learn the weights of the smallest error on training passes, at unity gain.
+    r"""Learn the weights with the smallest error on training passes, at unity gain.
 
-    A knot sees z_j of the window and c_j of a load of 1. Its error :math:`e_j = z_j - M c_j` is
-    freed of its regression on the mass, which offset and gain take out. The rest has the
-    covariance R, and the knots minimise
+    Knot j contributes z_j for the window, and c_j for a load of 1. Its error
+    :math:`e_j = z_j - M c_j` is reduced by its regression on the mass, which offset and gain
+    correct. The remainder has the covariance R, and the knots minimise
 
     .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
 
-    the mean of the diagonal of R being :math:`\bar R`. Unity gain is a constraint and not fitted,
-    so passes of a single mass will do; with several, offset and gain are to be fitted on the
-    estimates afterwards.
+    with :math:`\bar R` the mean of the diagonal of R. Unity gain is a constraint and not fitted,
+    so passes of a single mass are enough; with several, fit offset and gain on the estimates
+    afterwards.
 
     Parameters
     ----------
@@ -137,10 +137,10 @@ def fit_fir(
     masses : ndarray, (passes,) float64
         True masses in the unit of `samples`.
     count : int
-        Number of knots k, at least 2. A line at f Hz can be seen by k of 2 f times the window's
-        duration and more.
+        Number of knots k, at least 2. To resolve a line at f Hz, k must be at least 2 f times the
+        duration of the window.
     ridge : float
-        lambda, not negative: the larger, the smoother are the weights, and straight in the end.
+        lambda, not negative. A larger one makes the weights smoother, in the limit straight.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def fit_fir(
     loads = np.stack([basis.mean(axis=0) for basis in bases])
     unit = loads.mean(axis=0)
     error = features - masses[:, None] * loads
-    # About the mean mass, so that passes of a single mass have but an offset.
+    # About the mean mass, so that passes of a single mass have only an offset.
     regressors = np.stack([np.ones(len(masses)), masses - masses.mean()], axis=1)
     error -= regressors @ np.linalg.lstsq(regressors, error, rcond=None)[0]
     covariance = error.T @ error / len(error)
@@ -165,7 +165,7 @@ def fit_fir(
     return np.asarray(knots / (unit @ knots))
 
 
-# Keeps the fit regular where passes are fewer than knots.
+# Keeps the fit regular if there are fewer passes than knots.
 _LEAST_RIDGE = 1e-9
 
 

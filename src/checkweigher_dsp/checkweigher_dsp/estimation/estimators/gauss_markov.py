@@ -7,13 +7,13 @@ A pass is a known shape times the mass, plus all other motion of the belt:
 .. math:: y(t) = M s(t; M, v) + z + \sum_i c_i o_i(t) + n(t)
 
 s is the response of the platform to the load as it rides on, z an error of the zero, o_i free
-oscillations of the platform (those that the product before left, and those of the impact at
-entry), n noise with the covariance C that the training passes showed. With C known, generalised
-least squares gives the mass of the smallest variance among all unbiased linear estimates. The
-signal before t1 is used as well: s is 0 there, and it shows z, the oscillations and, through C, the
-vibration that continues in the window. [own derivation, docs/method.md]
+oscillations of the platform (left by the previous product, and excited by the impact at entry), and
+n noise with the covariance C of the training passes. With C known, generalised least squares gives
+the smallest variance of all unbiased linear estimates of the mass. The signal before t1 is also
+used: there s is 0, so it shows z, the oscillations and, through C, the vibration that continues in
+the window. [own derivation, docs/method.md]
 
-s and n are learned: the platform from passes of known mass, C as an autoregression of the
+s and n are learned: the platform from passes of known mass, and C as an autoregression of the
 empty belt and of the residuals of the training passes.
 """
 
@@ -41,12 +41,12 @@ from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 
 _LEAST_CHANGE = 1e-9  # smallest relative change of the mass that needs another iteration
 _MAX_ITERATIONS = 8
-_FREE = 1.0  # kg, standard deviation of an oscillation that nothing is known about
+_FREE = 1.0  # kg, standard deviation of an unknown oscillation
 _RATE_TOLERANCE = 1e-3
-# Speeds that differ by less share one noise model; the lines of a belt are not that sharp.
+# Speeds that differ by less, relatively, share a noise model; lines of a belt are wider than that.
 _SPEED_STEP = 1e-3
 _UNTRAINED_ORDER = 40
-_LEAST_NOISE = 1e-9  # kg, of a signal that has none
+_LEAST_NOISE = 1e-9  # kg, for a signal without noise
 
 _position = partial(parameter, unit='m', minimum=-1, maximum=1)
 
@@ -120,7 +120,7 @@ class GaussMarkovParameters(EstimatorParameters):
 
 @dataclass(frozen=True, slots=True)
 class PassSignal:
-    """The signal of a pass, from the empty belt before it."""
+    """Signal of a pass, including the empty belt before it."""
 
     time: NDArray[np.float64]  # (n,), s from t1
     signal: NDArray[np.float64]  # (n,), kg, zero removed
@@ -128,10 +128,10 @@ class PassSignal:
 
 
 def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
-    """Return the signal that is used, from the empty belt before t1 to the end after t3."""
+    """Return the signal to use, from the empty belt before t1 to the end after t3."""
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + rise_time(window)
-    # The load goes off as it came on, one belt later.
+    # The load falls as it rose, one transit later.
     leave = transit(window)
     first_at = seconds(window.stamp - (window.t1 or 0))
     time = first_at + np.arange(len(window.counts)) / window.sample_rate
@@ -163,7 +163,7 @@ class GaussMarkov(Estimator):
         self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load of a window and its variance, that of the zero included."""
+        """Return the load of a window, and its variance including that of the zero."""
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)
@@ -177,7 +177,7 @@ class GaussMarkov(Estimator):
         impact = known.at('impact', window.belt_speed) * window.belt_speed
         signal = whitener.whiten(used.signal)
         mass, variance, misfit = hann_mean(raw_samples(window)), math.nan, math.nan
-        # Before the entry, and in the row of the zero, there is nothing that the mass changes.
+        # The mass does not change the rows before the entry, nor the row of the zero.
         entry = int(np.searchsorted(used.time, used.crossing.on_begin))
         columns = np.ones((6, len(used.time)))
         whitened = np.empty(0)
@@ -207,10 +207,10 @@ def least_squares(
 ) -> tuple[float, float, float]:
     """Solve a regression with white noise of variance 1 for its first coefficient.
 
-    A combination of the rows of `columns` (m, n) explains `signal` (n,); each coefficient has a
-    prior standard deviation, infinite if nothing is known. Returned are the first coefficient and
+    The signal (n,) is modelled as a combination of the rows of `columns` (m, n). Each coefficient
+    has a prior standard deviation, infinite if nothing is known. Returns the first coefficient and
     its variance, NaN if the rows do not determine it, and the root mean square of the residual,
-    about 1 if all is as assumed.
+    which is about 1 if the model holds.
 
     Examples
     --------
@@ -231,11 +231,11 @@ def least_squares(
 
 
 def estimate_untrained(window: WeighWindow) -> LoadEstimate:
-    """Estimate the level of the window in the noise that the empty belt before it shows.
+    """Estimate the level of the window, with a noise model from the empty belt before it.
 
-    The platform is not known. But the belt excites its resonance, too, so that an autoregression of
-    the empty belt gives little weight to ringing in the window. Without enough of the empty belt
-    the estimate is the Hann-weighted mean.
+    The platform is unknown, but the belt also excites its resonance. So an autoregression of the
+    empty belt gives little weight to ringing in the window. If the empty belt is too short, the
+    estimate is the Hann-weighted mean.
     """
     samples = raw_samples(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
@@ -246,7 +246,7 @@ def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     if order >= 2 and np.all(np.isfinite(empty)) and np.ptp(empty) > 0:
         with np.errstate(invalid='ignore'):
             reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
-    # It is also 0 if the empty belt is predicted to the last bit, as a last digit that alternates.
+    # It is also 0 if the empty belt is exactly predictable, as an alternating last digit is.
     if not std_dev > 0:
         return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)

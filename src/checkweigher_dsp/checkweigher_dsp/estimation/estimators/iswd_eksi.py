@@ -55,7 +55,7 @@ class IswdEksiParameters(EstimatorParameters):
 
     @property
     def noise(self) -> Noise:
-        """Variances of the filter, R as a share of the variance that denoising removed."""
+        """Variances of the filter, with R as a share of the variance that denoising removed."""
         return Noise(
             self.measurement_noise,
             self.process_noise,
@@ -80,7 +80,7 @@ class IswdEksi(Estimator):
     parameters = IswdEksiParameters()
     needs_denoised = True
     look = PlotStyle('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
-    # Those that matter, as measured in docs/method.md; all but the last are of denoise.
+    # The parameters with an effect, see docs/method.md; all but the last belong to denoise.
     axes = (
         Axis('gamma6', 0.0, 1.2, 0.1),
         Axis('gamma7', 0.0, 1.2, 0.5),
@@ -119,8 +119,8 @@ def identify_passes(
 ) -> Identification:
     """Identify the platform from denoised passes, in the unit of the signal.
 
-    Each signal is normalised by its mean under full load, and the noise that the filter works with
-    is a share of the variance which denoising removed from the same window: both without a unit.
+    Each signal is normalised by its mean under full load. The noise of the filter is a share of the
+    variance that denoising removed from the same window. So both have no unit.
 
     Parameters
     ----------
@@ -132,12 +132,12 @@ def identify_passes(
     noise : Noise
         R as a share of that variance.
     rise : float or ndarray, (passes,)
-        R while the load rises, as a multiple of R: no product comes onto the belt quite evenly.
+        Factor of R while the load rises, because no product rides onto the belt quite evenly.
 
     Returns
     -------
     Identification
-        ``gain`` and ``b1`` in kg, ``variance`` in kg^2; NaN where there is nothing to identify.
+        ``gain`` and ``b1`` in kg, ``variance`` in kg^2; NaN if there is nothing to identify.
 
     Examples
     --------

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ISWD-EKSI as the paper prints it, errata applied: to be read beside it, and compared with.
+"""ISWD-EKSI as the paper prints it, with errata applied, to read beside it and as a reference.
 
-PyWavelets and filterpy, one window at a time. Section and equation numbers are those of Long et al.
-(docs/method.md, which has the errata). What the paper leaves open is marked so; `iswd_eksi` is what
-became of the method where all of that was settled by measurement.
+It uses PyWavelets and filterpy, one window at a time. Section and equation numbers refer to Long et
+al. (docs/method.md, which lists the errata). Choices that the paper leaves open are marked as open.
+`iswd_eksi` is the method with all of these settled by measurement.
 """
 
 from dataclasses import dataclass
@@ -29,13 +29,13 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.signal.averages import hann_mean
 
 _WAVELET, _LEVELS = 'db16', 7
-_STRETCH = 1024  # samples, open in the paper: a multiple of 128, as the transform needs it
-_LEAST_NOISE = 1e-12  # R of a window that has none, relative to the load squared
+_STRETCH = 1024  # samples, open in the paper; the transform needs a multiple of 128
+_LEAST_NOISE = 1e-12  # R of a window without noise, relative to the load squared
 
 
 @dataclass(frozen=True)
 class IswdEksiPaperParameters(EstimatorParameters):
-    """What the paper does not state, the unit of its Table 1 and the noise of its filter."""
+    """Values that the paper does not state: the unit of its Table 1 and the noise of its filter."""
 
     node: ClassVar[str] = 'identifier.iswd_eksi_paper'
 
@@ -64,7 +64,7 @@ class IswdEksiPaper(Estimator):
         """Return the steady state of the identified platform, M = b1 / (1 + a1 + a2)."""
         known, samples = self.parameters, raw_samples(window)
         denoised = denoise(samples, window.belt_speed, known.threshold_unit)
-        # X0 = 0 and P0 = I have no unit, so the load is made 1 first (errata).
+        # X0 = 0 and P0 = I have no unit, so the signal is first scaled to a load of 1 (errata).
         scale = float(denoised.mean())
         if not (math.isfinite(scale) and scale != 0):
             return LoadEstimate(math.nan)
@@ -86,8 +86,8 @@ def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[
     """Return a window (n,) after improved stationary wavelet denoising, section 2.
 
     Details 1 to 4 are set to 0, details 5 to 7 shrunk by the gains and thresholds of Table 1 at the
-    belt speed in m/s: d' = sgn(d) gamma (|d| - lambda) for |d| >= lambda, else 0. What surrounds
-    the window is open in the paper: here its Hann-weighted mean.
+    belt speed in m/s: d' = sgn(d) gamma (|d| - lambda) for |d| >= lambda, else 0. The paper leaves
+    the padding open; here it is the Hann-weighted mean of the window.
     """
     length = 128 * math.ceil(max(_STRETCH, 2 * len(samples)) / 128)
     begin = (length - len(samples)) // 2
@@ -107,11 +107,11 @@ def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[
 
 
 def identify(signal: NDArray[np.float64], measurement: float, process: float) -> Any:
-    """Return the filter of filterpy after all samples of a signal (n,), section 3.
+    """Return the filterpy filter after all samples of a signal (n,), section 3.
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
     """
-    # It loads scipy, which takes as long as the rest of a line.
+    # Imported here, because it loads scipy, which takes as long as the rest of a line.
     from filterpy.kalman import ExtendedKalmanFilter
 
     platform = ExtendedKalmanFilter(dim_x=5, dim_z=1)  # with X0 = 0 and P0 = I

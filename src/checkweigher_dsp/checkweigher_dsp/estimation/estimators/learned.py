@@ -1,15 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""A weighted sum of the pass, its weights learned with no model of the machine.
+r"""Weighted sum of the pass, with weights that are learned without a model of the machine.
 
 .. math:: m = \sum_j w_j y_j,\quad w = C^{-1} s / (s' C^{-1} s)
 
 The features y_j are the means of the signal in parts of the pass: equal parts from t1 to t2, from
-t2 to t3, and before t1. So the same place of a product on the belt is the same feature at any
-speed and length. s is the mean curve of a load of 1, as training passes show it, and C the
-covariance of all that a pass has beside it, which `tune` draws together from these passes, those of
-the other speeds and the empty belt. The weights are those of Gauss and Markov for that covariance.
-[own derivation, docs/method.md]
+t2 to t3, and before t1. So a place of the product on the belt belongs to the same feature at any
+speed and length. s is the mean curve of the training passes for a load of 1, and C the covariance
+of the residuals, which `tune` combines from these passes, those of other speeds and the empty belt.
+The weights are the Gauss-Markov weights for that covariance. [own derivation, docs/method.md]
 """
 
 from dataclasses import dataclass
@@ -33,8 +32,8 @@ from checkweigher_dsp.estimation.estimators.base import (
 )
 from checkweigher_dsp.signal.averages import hann_mean
 
-# Largest deviation of t2, as a share of t3 - t1, that is taken for the jitter of an eye, so that t1
-# and t3 alone define the parts. A larger one is that of a longer or shorter product.
+# Largest deviation of t2, as a share of t3 - t1, that counts as jitter of an eye, so that t1 and t3
+# alone define the parts. A larger one means a longer or shorter product.
 _SAME_RISE = 0.02
 # From t1 to t3: up to some 50 Hz on a slow belt, above the platform on a fast one.
 PARTS = 64
@@ -45,7 +44,7 @@ _weights = partial(parameter, minimum=-1e6, maximum=1e6)
 
 @dataclass(frozen=True)
 class LearnedParameters(EstimatorParameters):
-    """Parts of a pass, and their weights, which `tune` learns."""
+    """Parts of a pass, and their weights as learned by `tune`."""
 
     node: ClassVar[str] = 'identifier.learned'
 
@@ -101,7 +100,7 @@ class Layout:
 
 
 class Learned(Estimator):
-    """Weighted sum of the pass, its weights learned with no model of the machine.
+    """Weighted sum of the pass, with weights learned without a model of the machine.
 
     Examples
     --------
@@ -113,7 +112,7 @@ class Learned(Estimator):
     look = PlotStyle('Learned', '*', '#a3123a', '#ff6f91')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the weighted sum, the weights between those of the training speeds."""
+        """Return the weighted sum, with weights interpolated between the training speeds."""
         known, samples = self.parameters, raw_samples(window)
         if not known.parts:
             return LoadEstimate(float(hann_mean(samples)), rough_variance(samples))
@@ -135,7 +134,7 @@ def _between(
 
 
 def rise_parts(share: float) -> int:
-    """Return how many of the `PARTS` are from t1 to t2, a `share` of t1..t3: at least one."""
+    """Return the number of `PARTS` from t1 to t2, a `share` of t1..t3; at least one."""
     return min(max(round(PARTS * share), 1), PARTS - 1)
 
 
@@ -147,8 +146,8 @@ def seconds_alone(window: WeighWindow) -> float:
 def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
     """Return the means of the signal in the parts of a pass, (layout.count,), kg.
 
-    Each sample represents the interval around it. All means are NaN if the signal does not reach
-    back to the first part, or a part has no duration.
+    Each sample represents the interval around it. All means are NaN if the signal begins after the
+    first part, or if a part has no duration.
     """
     whole, rise = transit(window), rise_time(window)
     half = 0.5 / window.sample_rate

@@ -31,7 +31,7 @@ from checkweigher_dsp.estimation.estimators.base import (
 
 @dataclass(frozen=True)
 class TvlpfParameters(EstimatorParameters):
-    """The schedule of the cut-off; times are relative to the window, so that they scale with it."""
+    """Schedule of the cut-off, with times relative to the window."""
 
     node: ClassVar[str] = 'identifier.tvlpf'
 
@@ -96,9 +96,9 @@ def lowpass_weights(
     r"""Return the weight of each sample in the last output of the filter.
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
-    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has its pole where the analogue section
-    has it and unity gain at any cut-off. All sections start at the first sample: from any other
-    value a constant load would be approached and not shown, and the output would be biased.
+    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has the pole of the analogue section, and
+    unity gain at any cut-off. All sections start at the value of the first sample; otherwise the
+    output would only approach a constant load, and would be biased.
 
     The filter is linear in the samples for a given schedule, so its last output is a weighted mean.
     The weights follow from running the transposed cascade backwards in time.

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates from one pass of a machine without training, and their uncertainty.
 
-The only assumption is that the load rests in the window: none on the platform or on the rise.
-[own derivation, docs/method.md]
+The only assumption is that the load is constant in the window; nothing is assumed of the platform
+or the rise. [own derivation, docs/method.md]
 """
 
 from dataclasses import replace
@@ -20,39 +20,39 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
-_PARTS = 64  # of a window, at least: up to some 80 Hz on a slow belt
-# Additional noise, as shares of the variance of what moves in a window. Ring-down and a load that
-# is late reach far into it from t2 on; at t3 an eye off its place is the most there is.
+_PARTS = 64  # least number of parts of a window: up to some 80 Hz on a slow belt
+# Additional noise, as shares of the variance of the disturbance in a window. From t2 on, ring-down
+# and a late load reach far into the window; at t3 only a misplaced eye matters.
 _ENTRY_NOISE = 0.05
 _EXIT_NOISE = 0.001
-_EDGE_EXPONENT = 1.5  # how both grow there, as a power of the inverse of half a Hann window
-_WHITE = 1e-3  # share of that variance, keeps the weights of a single line bounded
+_EDGE_EXPONENT = 1.5  # of the growth of both there, a power of the inverse of half a Hann window
+_WHITE = 1e-3  # share of that variance; keeps the weights bounded for a single line
 _ITERATIONS = 2
-SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
+SETTLE_TIME = 0.1  # s after the previous item, as in the segmenter
 _RISE_PARTS = 3  # each longer than a period of most platforms, whose ringing averages out
-# Share of the level's standard deviation by its spectrum that is stated: ringing that fades counts
-# there as if it went on. Measured on 21 machines without a model.
+# Stated share of the level's standard deviation by its spectrum, which treats fading ringing as if
+# it continued. Measured on 21 machines without a model.
 _STATED = 0.6
 
 
 def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
     """Return an estimate that uses the rise, drawn towards `window_level` if the rise does not fit.
 
-    Each is weighted by the inverse of its variance. That of `load` grows with the residual between
-    t1 and t2 and with the lag of the rise. Both are caused by misplaced photo-eyes, bounces, or a
-    platform or an amplifier other than the assumed one, and both leave an area that smoothing
-    spreads over the pass. A rise may fit and still mislead, which one pass cannot show; so the
-    stated variance is that of the level alone.
+    Each is weighted by the inverse of its variance. The variance of `load` grows with the residual
+    between t1 and t2 and with the lag of the rise. Both are caused by misplaced photo-eyes,
+    bounces, or an unexpected platform or amplifier, and both leave an area that smoothing spreads
+    over the pass. A single pass cannot show whether a rise that fits is misleading, so the stated
+    variance is that of the level alone.
     """
     if not is_in_window(load, window):
-        return load  # the load changed during the rise; the identifier will refuse it
+        return load  # the load changed during the rise; the identifier refuses it
     level, deviation = window_level(window)
     misplaced = load.mass * lag_doubt(window) / (2 * transit(window))
     misfit = rise_misfit(window, load.mass) * rise_time(window) / transit(window)
     by_rise = load.variance + misfit**2 + misplaced**2
     by_level = deviation**2
     total = by_rise + by_level
-    if not total > 0:  # NaN is not
+    if not total > 0:  # also if NaN
         return load
     mass = (by_level * load.mass + by_rise * level) / total
     variance = (_STATED * deviation) ** 2
@@ -62,10 +62,10 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
 def window_level(window: WeighWindow) -> tuple[float, float]:
     """Return the level of a window, kg, and its standard deviation, from its own spectrum.
 
-    The weights are those of Gauss and Markov for the autocovariance of what moves in the window
-    around its level, and of the empty belt before it. They lie between those of a mean, where the
-    disturbance is broad, and of a window without side lobes where it is lines: an additional noise
-    grows towards t2, where ring-down and a load that is not quite on would enter, and close to t3.
+    The Gauss-Markov weights are used, for the autocovariance of the window about its level plus
+    that of the empty belt before it. They are close to a plain mean for a broadband disturbance,
+    and to a window without side lobes for lines. Additional noise grows towards t2, where ring-down
+    and an incomplete load would enter, and close to t3.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
@@ -112,7 +112,7 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 def lag_doubt(window: WeighWindow) -> float:
     """Return the deviation of the rise from its assumed lag with its uncertainty, rms in s.
 
-    It is 0 behind another product, where too little of the empty belt is seen.
+    It is 0 if too little of the empty belt is seen, as close behind another product.
     """
     seen = lag_of(window)
     return math.hypot(seen.lag - PLATFORM_LAG, seen.std_dev) if seen.is_known else 0.0

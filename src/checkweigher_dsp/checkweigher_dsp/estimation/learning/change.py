@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of a machine, from the residuals of its items beside the learned load."""
+"""Changes of a machine, found in the residuals of its items."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
 
 RECENT = 20  # items that show a change
-_ALIKE = 1.25  # factor beyond the loads learned from, within which an item is compared
+_ALIKE = 1.25  # largest factor between the load of a compared item and the learned loads
 _MOVED = 1.5  # least median shift of a part, in its standard deviations
 _GROWN = 6.0  # least ratio of the power of a line to its power before
 _SAME_PHASE = 0.6  # share of the amplitude
-_STRONG = 0.1  # of all power before: a line that matters
+_STRONG = 0.1  # least growth of a line, as a share of all power before
 
 
 @dataclass(frozen=True)
 class Change(Settings):
     """A lasting change of the machine, at a place of the pass or at a frequency.
 
-    `place` is where the load comes on differently, as a share of t1..t3, below 0 before t1. It is
-    NaN for a vibration, whose frequency is `frequency` in Hz. `factor` is the size of the change:
+    `place` is the part of the pass in which the load differs, as a share of t1..t3, below 0 before
+    t1. It is NaN for a vibration of `frequency`, in Hz. `factor` is the size of the change: in
     standard deviations of an item at that place, or the ratio of the powers at that frequency.
     """
 
@@ -46,7 +46,7 @@ class Change(Settings):
 
 
 def is_comparable(known: Fit, load: float) -> bool:
-    """Return whether a load in kg is close to those that the fit was learned from."""
+    """Return whether a load in kg is close to the loads of the learned fit."""
     smallest, largest = known.loads
     return smallest / _ALIKE <= load <= largest * _ALIKE
 
@@ -54,10 +54,9 @@ def is_comparable(known: Fit, load: float) -> bool:
 def find_change(
     known: Fit, residuals: Sequence[NDArray[np.float64]], duration: float, item_id: int
 ) -> Change | None:
-    """Return a change that the residuals of the last items show, (k,) each in kg.
+    """Return the change that the residuals of the last items, (k,) each in kg, show; None if none.
 
-    Returns None for fewer than `RECENT` items. `duration` is that of a part in s, `item_id` that of
-    the last item.
+    At least `RECENT` items are needed. `duration` of a part is in s; `item_id` is the last item.
     """
     if len(residuals) < RECENT:
         return None
@@ -82,7 +81,7 @@ def find_change(
 
 
 def strongest_frequency(known: Fit, duration: float) -> float:
-    """Return the frequency of most of the power beside the load, Hz; `duration` of a part in s."""
+    """Return the frequency of the strongest residual, Hz; `duration` of a part in s."""
     line = 1 + int(np.argmax(known.spectrum[1:]))
     return _peak(known.spectrum, line) / (len(known.weights) * duration)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learning while the line runs: a new state from the state before and one item."""
+"""Learning while the line runs: a new state from the previous state and one item."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -73,8 +73,8 @@ class LearningParameters(Parameters):
 class ItemKind(Settings):
     """State that was learned from items of one belt speed and length.
 
-    The passes are dropped when learning is complete. `recent` has the residuals of the last items
-    that could be compared, (k,) each.
+    The passes are dropped when learning is complete. `recent` contains the residuals of the last
+    comparable items, (k,) each.
     """
 
     speed: float = parameter(text='belt speed', unit='m/s', minimum=0)
@@ -94,7 +94,7 @@ class ItemKind(Settings):
 
     @property
     def weighs(self) -> bool:
-        """Whether items are weighed by what was learned."""
+        """Whether items are weighed by the learned weights."""
         return self.fit is not None and self.fit.trusted and self.change is None
 
     def has(self, window: WeighWindow) -> bool:
@@ -139,7 +139,7 @@ def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -
 def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
-    """Return the state after an item whose load by the estimator is `load`."""
+    """Return the state after an item for which the estimator found `load`."""
     kind = _kind_of(known, window)
     if kind is None:
         kind = ItemKind(window.belt_speed, window.product_length, rise_parts_of(window))

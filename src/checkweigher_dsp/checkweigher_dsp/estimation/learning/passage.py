@@ -22,7 +22,7 @@ from checkweigher_dsp.estimation.estimators.learned import (
 )
 from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
 
-MOST_LEAD = 48  # before t1
+MOST_LEAD = 48  # parts before t1
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def rise_parts_of(window: WeighWindow) -> int:
 def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> PassParts | None:
     """Return the pass of a window, with `rise` parts from t1 to t2.
 
-    Returns None if the item before was still on the belt, or the estimator found no load.
+    Returns None if the previous item was still on the belt, or the estimator found no load.
     """
     duration, alone = transit(window) / PARTS, seconds_alone(window)
     if not (load.mass > 0 and alone >= 0 and duration > 0):

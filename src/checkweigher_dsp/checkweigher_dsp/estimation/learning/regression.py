@@ -4,13 +4,13 @@ r"""Weights of the parts of a pass from items of unknown mass.
 
 .. math:: m = \sum_j w_j y_j,\quad w \propto C^{-1} s,\quad C = R'R / d + a N + b v I + c v P
 
-Items of one product differ little, so what the parts y of a pass do beside each other within such a
-cluster is disturbance: R are the deviations from the means of the clusters, d their degrees of
-freedom, and v is their mean variance about the curve s of a load of 1. That the products of a
-cluster do differ adds a multiple of s s' to C, which changes no weight. Being few, the items are
-drawn towards the noise N of the empty belt, white noise and P, a platform that rings after each
-load. How much each counts is averaged over a grid by the likelihood of the masses of items that
-were held out, in closed form. [own derivation, docs/method.md]
+Items of one product differ little, so differences between their passes, within such a cluster, are
+disturbance. R contains the deviations of the parts y from the means of the clusters, d is their
+number of degrees of freedom, and v their mean variance about the curve s of a load of 1. Real
+differences between the products of a cluster add a multiple of s s' to C, which changes no weight.
+Because the items are few, C is drawn towards the noise N of the empty belt, white noise I, and the
+ringing P of a platform after each load. Their weights are averaged over a grid by the likelihood of
+held-out masses, in closed form. [own derivation, docs/method.md]
 """
 
 from collections.abc import Sequence
@@ -26,18 +26,18 @@ from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, PassParts
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
-# a, b and c.
+# Grid of a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
-_PLAIN = (0.3, 0.03, 0.1)  # the same for weights by the prior alone
+_PLAIN = (0.3, 0.03, 0.1)  # a, b and c for weights by the prior alone
 _FEWEST = 15  # degrees of freedom
-_ALONE = 0.05  # share of the items that may have less empty belt in front than the weights need
-_APART = 0.02  # of the load: products that differ by more are two
-_APART_STD_DEVS = 6.0  # of those that the estimator states
-# By how much the held-out masses have to scatter less than those of the chosen estimator. Products
-# may themselves scatter by more than two ways of weighing them differ; a gain may then be chance.
+_ALONE = 0.05  # share of the items that may have less empty belt before t1 than the weights need
+_APART = 0.02  # share of the load by which clusters are at least apart
+_APART_STD_DEVS = 6.0  # the same in standard deviations that the estimator states
+# Largest ratio of the scatter of held-out masses to that of the chosen estimator. If the products
+# scatter more than two ways of weighing them differ, a gain may be chance, so it must be larger.
 _GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
 _ALIKE = 0.8
-_LEARNED = 5.0  # numbers, at least, that the grid and the weights take from the items
+_LEARNED = 5.0  # least degrees of freedom that the grid and the weights use up
 _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # Hz
 _DAMPING = 0.05
 _FADING = 0.1  # s
@@ -49,9 +49,9 @@ _LEAST_VARIANCE = 1e-18  # kg^2
 class Fit(Settings):
     """Weights that were learned from items of one speed and length.
 
-    `curve`, `weights` and `noise` are (k,), of the last k parts of a pass: a load of 1, the weights
-    that sum up to its mass, and the standard deviation of a part about it, kg. `spectrum` is the
-    usual power by frequency beside the curve, (k // 2 + 1,), kg^2.
+    `curve`, `weights` and `noise`, (k,) each, belong to the last k parts of a pass: the signal of a
+    load of 1, the weights whose sum over the parts is the mass, and the standard deviation of the
+    residual, kg. `spectrum` is the usual power of the residual by frequency, (k // 2 + 1,), kg^2.
     """
 
     curve: NDArray[np.float64] = parameter(text='parts of a load of 1')
@@ -91,7 +91,7 @@ class Fit(Settings):
 
 
 def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
-    """Learn from items; None if too few of them share their mass with another item."""
+    """Learn from items; returns None if too few of them are alike in mass."""
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
     parts = np.array([each.last(lead + PARTS) for each in used])
@@ -127,7 +127,7 @@ def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
 def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the median power of residuals (n, k) by frequency, (k // 2 + 1,).
 
-    They are seen through a Hann window.
+    A Hann window is applied first.
     """
     taper = np.hanning(residuals.shape[1] + 2)[1:-1]
     spectra = np.fft.rfft(residuals * (taper / np.sqrt(taper @ taper)))
@@ -142,11 +142,11 @@ def held_out(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the weights (k,), and the error of each item (n,) by weights without that item.
 
-    Row r of `within`, (n, k), is the deviation of an item from the mean of its cluster, and o r,
-    with o from `others`, (n,), its deviation from the mean of the other items. `covariance` C,
-    (k, k), contains R'R of all rows. Without the item R'R is less by o r r', and by the formula of
-    Sherman and Morrison C^-1 s is more by t (r' C^-1 s) C^-1 r with t = o / (1 - o r' C^-1 r). The
-    error is o r' w of the weights w that follow.
+    Row r of `within`, (n, k), is the deviation of an item from the mean of its cluster. Its
+    deviation from the mean of the other items is o r, with o from `others`, (n,). `covariance` C,
+    (k, k), contains R'R of all rows. Leaving out the item subtracts o r r' from R'R, so by the
+    formula of Sherman and Morrison it adds t (r' C^-1 s) C^-1 r to C^-1 s, with
+    t = o / (1 - o r' C^-1 r). The error is o r' w with the resulting weights w.
     """
     solved = np.linalg.solve(covariance, np.column_stack([curve, within.T]))
     for_curve, for_items = solved[:, 0], solved[:, 1:]  # C^-1 s and C^-1 r
@@ -173,7 +173,7 @@ class _Items:
         sizes = np.bincount(clusters)[clusters]
         means = np.bincount(clusters, loads)[clusters] / sizes
         self._freedom = freedom
-        # Deviation of an item from the mean of the others, as a multiple of that from all.
+        # Factor from the deviation from the mean of all to that from the mean of the others.
         self.others = np.where(sizes > 1, sizes / np.maximum(sizes - 1, 1), 0.0)
         self._counts = (sizes - 1) / sizes
         self.curve = np.asarray(means @ parts / (means @ means))
@@ -187,7 +187,7 @@ class _Items:
         self._noise, self._ringing = noise, ringing
 
     def rms(self, errors: NDArray[np.float64]) -> float:
-        """Return the standard deviation within the clusters of held-out errors (n,)."""
+        """Return the standard deviation of held-out errors (n,) within the clusters."""
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
     def plain_weights(self) -> NDArray[np.float64]:
@@ -224,7 +224,7 @@ def _clusters(loads: NDArray[np.float64], width: float) -> NDArray[np.int_]:
 def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray[np.float64]:
     """Return the covariance of parts of the empty belt about zero, (count, count), kg^2.
 
-    It includes the error of the zero. It is 0 at distances for which too little is seen.
+    It includes the error of the zero. It is 0 at lags longer than any empty belt.
     """
     segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
     places = np.arange(count)
@@ -234,7 +234,7 @@ def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray
 def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
     """Return the covariance of a ringing platform of unknown frequency, with a mean variance of 1.
 
-    Its amplitude is largest while a product enters, and half as large before and long afterwards.
+    Its amplitude is largest while a product enters, and half as large before and long after that.
     """
     time = (np.arange(lead + PARTS) - lead + 0.5) * duration
     fading = np.exp(-np.maximum(time - rise * duration, 0.0) / _FADING)
