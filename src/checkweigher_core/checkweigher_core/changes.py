@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of changes that the audit log of a lane records, and their values as JSON has them."""
+"""Kinds of changes in the audit log of a lane, and the conversion of their values for JSON."""
 
 from collections.abc import Mapping
 import math
@@ -15,7 +15,7 @@ TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
 
 
 def plain(value: object) -> Any:
-    """Return a value as JSON has it: sequences as lists, NaN and infinities as strings."""
+    """Convert a value for JSON: sequences to lists, NaN and infinities to strings."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, Mapping):

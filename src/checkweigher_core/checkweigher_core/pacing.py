@@ -36,11 +36,11 @@ class Pacer:
 
 @dataclass(eq=False)
 class FlowControl:
-    """Limits of the lag of the line behind the driver, beyond which the driver waits.
+    """Limits of the lag of the line behind the driver, which waits while a limit is exceeded.
 
     The lag is computed from the counts that the segmenter reports, so that it does not depend on
     the depth of the queues. Samples and edges are counted separately because they have separate
-    topics, one of which may be delayed. The caller holds a lock if several threads use it.
+    topics, either of which may be delayed. If several threads use it, they must share a lock.
     """
 
     max_duration: float = 1.0  # s of signal; below the delay of edges that the segmenter accepts
@@ -51,9 +51,9 @@ class FlowControl:
     def __post_init__(self) -> None:
         self.samples_sent = 0
         self.items_judged = 0
-        self._edges: deque[int] = deque()  # stamps of the edges on their way
+        self._edges: deque[int] = deque()  # stamps of edges not taken yet
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        self._samples_missed = 0  # sent before this segmenter was started
+        self._samples_missed = 0  # sent before this segmenter started
 
     def sent(self, event: Event) -> None:
         """Count an event that is about to be sent."""
@@ -65,7 +65,7 @@ class FlowControl:
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Process the total counts of the segmenter."""
         if samples < self._samples_taken or edges < self._edges_taken:
-            # The segmenter was restarted and does not get what was sent before.
+            # The segmenter was restarted and does not get earlier events.
             self._samples_missed = self.samples_sent - samples
             self.items_judged = items
             self._edges.clear()
@@ -89,8 +89,8 @@ class FlowControl:
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
         """Return whether an event must wait until the segmenter has taken earlier edges.
 
-        A block must wait if its samples are so late that the segmenter would ignore the edge. An
-        edge must wait while the queue may be full.
+        A block must wait if its samples are so much later than an edge that the segmenter would
+        ignore the edge. An edge must wait while the queue may be full.
         """
         if isinstance(event, SampleBlock):
             end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
@@ -98,7 +98,7 @@ class FlowControl:
         return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Count edges as lost if all samples have been taken; return the number of edges."""
+        """Count the edges as lost if all samples have been taken; return their number."""
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:
             self._edges.clear()

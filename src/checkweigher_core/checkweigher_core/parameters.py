@@ -16,16 +16,16 @@ from typing import Any, ClassVar, Self, cast
 from checkweigher_core.printable import one_line
 
 _MAX_VALUES = 100_000  # of a list
-_MAX_COST = 0.05  # s, of an item
+_MAX_COST = 0.05  # s for each item
 _ALL = '**'  # addresses all nodes
 
 
 class ParameterError(ValueError):
-    """A parameter that cannot be used; the message names it, its value and what is allowed."""
+    """Invalid parameter; the message has its name, its value and the allowed values."""
 
 
 class SettingsError(ParameterError):
-    """Settings that cannot be used; one line with file, line, field, fault and advice."""
+    """Invalid settings; the message is one line with file, line, field, fault and advice."""
 
     def __init__(self, text: str, *path: object) -> None:
         super().__init__(f'{one_line(".".join(map(str, path)))}: {text}' if path else text)
@@ -34,7 +34,7 @@ class SettingsError(ParameterError):
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """Meaning of a parameter and the values that it takes."""
+    """Meaning of a parameter, and its allowed values."""
 
     text: str
     unit: str
@@ -56,8 +56,8 @@ def parameter(
 
     The type of `default` (bool, int, float, str or tuple of float) is the parameter's type. `text`
     and `unit` (SI, empty for a pure number) are for the ROS descriptor and the docs. The range is
-    inclusive; that of a tuple holds for each element. A string may be any if it has no `choices`.
-    A field of `Settings` may have other types and no default: then it must be given.
+    inclusive, and applies to each element of a tuple. Without `choices`, any string is valid. A
+    field of `Settings` may have other types; without a default, its value must be given.
     """
     description = Description(text, unit, minimum, maximum, choices)
     return field(default=default, metadata={'description': description})
@@ -72,15 +72,15 @@ def describe(entry: 'Field[Any]') -> Description:
 class Parameters:
     """Base of all parameter sets, which checks types and ranges.
 
-    A field may be another set, whose parameters are then named with a dot, as in ``tvlpf.gain``.
+    A field may be another set; its parameters have names with a dot, such as ``tvlpf.gain``.
 
     Raises
     ------
     ParameterError
-        On the first field that is of a wrong type, NaN or out of range.
+        If a field has the wrong type, is NaN or is out of range.
     """
 
-    # Name in parameter files of the node that declares the set.
+    # Name of the node that declares the set, as in parameter files.
     node: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
@@ -91,7 +91,7 @@ class Parameters:
 
     @classmethod
     def entries(cls) -> 'dict[str, Field[Any]]':
-        """Return all parameters by their name, those of inner sets with a dot."""
+        """Return all parameters by name; names in inner sets have a dot."""
         own = {entry.name: entry for entry in fields(cls)}
         sets = {name: e.default for name, e in own.items() if isinstance(e.default, Parameters)}
         return flatten(own | {name: each.entries() for name, each in sets.items()})
@@ -165,7 +165,7 @@ def _number(kind: type, description: Description, value: object) -> float:
         number = value if whole else float(value)
     except OverflowError:
         number = math.nan  # a whole number that no float can hold
-    if not description.minimum <= number <= description.maximum:  # NaN is not
+    if not description.minimum <= number <= description.maximum:  # also refuses NaN
         span = f'{description.minimum:g}..{description.maximum:g} {description.unit}'.rstrip()
         raise ValueError(f'{value} is not in {span}')
     return number
@@ -175,7 +175,7 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
     """Raise ParameterError if the processing of a window would take too long.
 
     `cost` returns an estimate of the time in s from the parameters `names`. The message names the
-    parameter whose default would lower it most.
+    parameter whose default would save most time.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:
@@ -210,8 +210,8 @@ def by_node(
     Raises
     ------
     SettingsError
-        If the sections are none of a parameter file, address an unknown node or under ``/**`` an
-        unknown parameter, or address several lanes without `lane`.
+        If the sections do not have the form of a parameter file, address an unknown node or, under
+        ``/**``, an unknown parameter, or address several lanes without `lane`.
     """
     found = check_sections(sections)
     given: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes, _ALL)}
@@ -269,7 +269,7 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
 
 
 def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
-    """Return the addresses that name another namespace than that of the lane."""
+    """Return the addresses in the namespaces of other lanes."""
     named = {each: each.rpartition('/')[0].strip('/') for each in addresses}
     named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
     lanes = sorted(set(named.values()))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that end with the one that started them, also where that one is killed."""
+"""Processes that end with their parent process, even if the parent is killed."""
 
 import os
 from pathlib import Path
@@ -11,14 +11,14 @@ _VARIABLE = 'CHECKWEIGHER_PARENT'
 
 
 def child_environment() -> dict[str, str]:
-    """Return the environment for a process that ends with this one by `end_with_parent`."""
+    """Return the environment for a child process that calls `end_with_parent`."""
     return {**os.environ, _VARIABLE: str(os.getpid())}
 
 
 def parent_identity() -> str:
     """Return an identity of the parent process, unique since the computer started.
 
-    Process numbers are reused: it has the number and, where known, the start time.
+    It includes the start time, if known, because process numbers are reused.
     """
     parent = os.getppid()
     try:
@@ -30,17 +30,18 @@ def parent_identity() -> str:
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """Have the kernel send SIGTERM to this process when the one that started it has ended.
+    """Make the kernel send SIGTERM to this process when its parent has ended.
 
-    `parent` is its process number; without it only a process with a `child_environment` is ended:
-    one that a user starts may outlive the shell. The thread that started it counts as the parent.
+    `parent` is the process number of the parent. Without it, only a process with a
+    `child_environment` is ended, because a process that a user starts may outlive the shell. The
+    thread that started this process counts as the parent.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent
     if not parent:
         return
-    import ctypes  # for those alone that need it
+    import ctypes  # only if needed
 
     ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, int(signal.SIGTERM), 0, 0, 0)
-    if os.getppid() != parent:  # it has ended before
+    if os.getppid() != parent:  # the parent had ended before
         os.kill(os.getpid(), signal.SIGTERM)

@@ -6,7 +6,7 @@ _LONGEST = 500  # characters
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:
-    """Return a text as one printable line, without the middle of a longer one.
+    """Return a text as one printable line, without its middle if it is too long.
 
     Control characters, which a terminal would obey, become escapes.
     """

@@ -18,7 +18,7 @@ _AT_A_TIME = 1 << 14  # blocks
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the sorting key of events: by stamp, at equal stamps edge, reference, samples.
+    """Return the sorting key of an event: its stamp, then edge before reference before samples.
 
     A block has the stamp of its first sample; edges that fall into it therefore follow it. No two
     different events of a machine have the same key, so that a sorted stream does not depend on the
@@ -95,19 +95,19 @@ class BlockColumns(Sequence[SampleBlock]):
 
     @classmethod
     def concatenate(cls, parts: Sequence['BlockColumns']) -> 'BlockColumns':
-        """Return the blocks of all parts, of which there is at least one, in their order."""
+        """Return the blocks of all parts in their order; at least one part is required."""
         columns = ([getattr(part, each.name) for part in parts] for each in fields(cls))
         return cls(*map(np.concatenate, columns))
 
     def take(self, order: NDArray[np.intp]) -> 'BlockColumns':
-        """Return the blocks with some numbers in the order of the numbers."""
+        """Return the blocks at the positions `order`, in that order."""
         if np.array_equal(order, np.arange(len(self))):
             return self
         lengths = self.lengths[order]
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # because places take more than samples
+        for first in range(0, len(order), _AT_A_TIME):  # in parts, as `places` needs more memory
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -115,7 +115,7 @@ class BlockColumns(Sequence[SampleBlock]):
         return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
 
     def split(self, place: int) -> tuple['BlockColumns', 'BlockColumns']:
-        """Return the blocks before a place, and the others; neither keeps the memory of both."""
+        """Return the blocks before a place, and the others; neither part holds memory of both."""
         order = np.arange(len(self))
         return self.take(order[:place]), self.take(order[place:])
 
@@ -131,7 +131,7 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # because lists take more than arrays
+        for number in range(0, len(self), _AT_A_TIME):  # in parts, as lists need more memory
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])

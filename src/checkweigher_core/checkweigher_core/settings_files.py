@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings and state files as dataclasses: one reader, of YAML and JSON, and one writer, of JSON.
+"""Settings and state files as dataclasses, with a reader of YAML and JSON and a writer of JSON.
 
-A file is a subclass of `Settings`. It may have fields of the types of parameters, and of texts,
-lists and tables of them, further `Settings`, `Parameters`, enumerations by name, and arrays.
+Each kind of file is a subclass of `Settings`. A field may have the type of a parameter, or be a
+text, a list or table of these, further `Settings`, `Parameters`, an enumeration (by name) or an
+array.
 """
 
 from collections.abc import Iterable, Mapping
@@ -34,10 +35,10 @@ _Kind = TypeVar('_Kind', bound='Settings')
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Base of a file, or of a table in one; `__post_init__` may raise `SettingsError`.
+    """Base of a file, or of a table in a file; `__post_init__` may raise `SettingsError`.
 
-    Its fields are declared by `parameter`; `name` is its key in the table around it. `format` is
-    the number of the format, 1 for a file without one.
+    `parameter` declares the fields; `name` is the key of a table in the table around it. `format`
+    is the number of the format, 1 if a file has none.
     """
 
     format: ClassVar[int] = 1
@@ -56,13 +57,13 @@ def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
 
 
 def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
-    """Replace a file as a whole by settings; an OSError leaves the old file."""
+    """Write settings to a file, or replace it as a whole; an OSError leaves the old file."""
     text = json.dumps({'format': settings.format, **plain(settings)})
     replace_file(Path(os.path.realpath(path)), [f'{text}\n'.encode()], mode)
 
 
 def plain(value: Any) -> Any:
-    """Return settings, or values of them, for JSON; unknown values stay."""
+    """Convert settings, or a value in them, for JSON; unknown values are included."""
     if isinstance(value, Settings):
         entries = _fields(cast(Any, type(value))).items()
         own = {key: getattr(value, each.name) for key, (each, _) in entries if key != 'name'}
@@ -80,7 +81,7 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
-    """Return fields and types by the keys: `class_` has the key class, `... | None` counts once."""
+    """Return fields and types by key; `class_` has the key class, and ``T | None`` the type T."""
     hints = get_type_hints(kind)
     types = {k: get_args(h)[0] if isinstance(h, UnionType) else h for k, h in hints.items()}
     return {e.name.rstrip('_'): (e, types[e.name]) for e in fields(kind) if e.metadata}
@@ -89,9 +90,9 @@ def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
 def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False) -> _Kind:
     """Return the settings of a table of plain values; `SettingsError` if they cannot be used.
 
-    `path` is the place of the table in its file. Absent and empty values are the default of their
-    field. Unknown keys of a `newer` format are kept; others are probably typing errors, and
-    refused.
+    `path` is the place of the table in its file. An absent or empty value means the default of its
+    field. Unknown keys of a `newer` format are kept. Otherwise they are refused, because they are
+    probably typing errors.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):
@@ -117,7 +118,7 @@ def _names(known: Iterable[str]) -> str:
 def _unknown(
     known: Iterable[str], content: Mapping[str, Any], path: tuple[Any, ...], newer: bool
 ) -> dict[str, Any]:
-    """Return the unknown values of a newer format; `SettingsError` for those of another."""
+    """Return the unknown values of a newer format; `SettingsError` if another format has any."""
     unknown = {key: each for key, each in content.items() if key == 'name' or key not in known}
     if newer:
         return unknown
@@ -129,7 +130,7 @@ def _unknown(
 
 
 def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a value is not that of the default, such as NaN; it may have to be given."""
+    """Return whether a value differs from its default; `SettingsError` if it must be given."""
     if entry.default is MISSING and value in (None, '', [], {}):
         raise SettingsError('is missing; add it', *path)
     return value not in (None, '') and repr(value) != repr(plain(entry.default))
@@ -169,7 +170,7 @@ def _placed(error: ValueError, path: tuple[Any, ...]) -> SettingsError:
 
 
 def _leaf(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any, newer: bool) -> Any:
-    """Return a plain value without further settings in it as the type of its field."""
+    """Convert a plain value without further settings to the type of its field."""
     allowed = describe(entry)
     if issubclass(kind, Parameters):  # unknown ones of a newer format are dropped
         table = _checked(value, dict, 'a table of "name: value" lines').items()
@@ -190,7 +191,7 @@ def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
 
 
 def _checked(value: Any, kind: type[Any], what: str, count: int | None = None) -> Any:
-    """Return a value of a type, and with a number of entries; ValueError for another one."""
+    """Return a value; ValueError unless it has the type and the number of entries."""
     if not isinstance(value, kind) or (count is not None and len(value) != count):
         raise ValueError(f'{reprlib.repr(value)} is not {what}')
     return value

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a node keeps what outlives its process, and how a file is replaced."""
+"""Files that outlive the process of a node, and their safe replacement."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ import tempfile
 
 
 def state_file(name: str) -> Path:
-    """Return a file in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher.
+    """Return a path in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher.
 
     Raises
     ------
@@ -24,10 +24,10 @@ def state_file(name: str) -> Path:
 
 
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
-    """Write a file whole, in place of one that is there; OSError leaves that one as it is.
+    """Write a file, or replace it as a whole; an OSError leaves the old file.
 
-    The new one is on the disk before it takes the place, so a power cut leaves one of both. When
-    this returns, the new one is there to stay.
+    The new file is on the disk before it replaces the old one, so a power cut leaves one of the
+    two. When this returns, a power cut leaves the new one.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
@@ -44,13 +44,13 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Write the entries of a folder to the disk, so that a power cut leaves them."""
+    """Write the entries of a folder to the disk, so that they survive a power cut."""
     with _opened(path) as folder:
         os.fsync(folder)
 
 
 def make_folder(path: Path, mode: int = 0o777) -> None:
-    """Make a folder, and those around it, that a power cut leaves; OSError if that fails."""
+    """Make a folder and its parents, which survive a power cut; OSError if that fails."""
     if not path.is_dir():
         make_folder(path.parent)
         path.mkdir(mode, exist_ok=True)
@@ -59,7 +59,7 @@ def make_folder(path: Path, mode: int = 0o777) -> None:
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Hold up other processes that change files of this folder, from reading to writing."""
+    """Lock the folder of a file against changes by other processes, from reading to writing."""
     with _opened(path.parent) as folder:
         fcntl.flock(folder, fcntl.LOCK_EX)
         yield

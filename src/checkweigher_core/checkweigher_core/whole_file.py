@@ -20,9 +20,10 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
     """Write or replace a file. Text is written in UTF-8 with unchanged line ends.
 
     A text may be given in parts, such as the lines of another file. If the path is a link, its
-    target is replaced. Streams are written to, see `is_stream`. `mode` is that of the file.
+    target is replaced. A stream (see `is_stream`) is written to, not replaced. `mode` has the
+    permissions of the file.
 
-    Raises `OutputError` if it cannot be written; a file that was there before then stays.
+    Raises `OutputError` if the file cannot be written; an old file then stays.
     """
     given = [content] if isinstance(content, str | bytes) else content
     # The name of a file may not be Unicode.
@@ -66,7 +67,7 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Raise `OutputError` unless a new file or folder can be made, before the work begins."""
+    """Raise `OutputError` unless a new file or folder can be made; call this before the work."""
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of plain values, YAML or JSON; errors in them have the file and the line."""
+"""Files of plain values, YAML or JSON; errors name the file and the line."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -39,14 +39,14 @@ def opened(source: Path | str) -> Iterator[Any]:
 
 def _parsed(text: str) -> Any:
     if text.startswith('{'):
-        with suppress(json.JSONDecodeError):  # YAML in flow style begins so too
+        with suppress(json.JSONDecodeError):  # YAML in flow style begins like JSON
             return json.loads(text, object_pairs_hook=_table)
     return yaml.load(text, _Loader)
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
-    if len(table) < len(pairs):  # a key is there twice, which YAML refuses with its line
+    if len(table) < len(pairs):  # a repeated key, which the YAML loader refuses with its line
         raise json.JSONDecodeError('', '', 0)
     return table
 
@@ -54,18 +54,18 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 class _Loader(yaml.SafeLoader):
     """Loader of tables without repeated keys, and of the numbers of YAML 1.2.
 
-    YAML 1.1, which PyYAML reads, takes 0150 for 104 and 1:30 for 90. These and dates are texts.
+    PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, these and dates are texts.
     """
 
     def fetch_tag(self) -> None:
-        """Refuse a tag such as !!int, with which a value could be read in another way."""
+        """Refuse a tag such as !!int, which could change how a value is read."""
         raise yaml.MarkedYAMLError(
             problem='tags such as !!int are not read; write the value alone',
             problem_mark=self.get_mark(),
         )
 
     def table(self, node: Any) -> dict[Any, Any]:
-        """Return a table; refuse a repeated key, of which YAML would use the last value."""
+        """Return a table; refuse a repeated key, for which PyYAML would use the last value."""
         known: set[str] = set()
         for key, _ in node.value:
             if str(key.value) in known:
@@ -93,7 +93,7 @@ def _line(text: str, path: tuple[Any, ...]) -> int:
     """Return the line of a field, or of the table or list in which it should be."""
     line, node = 1, None
     if '\n' in text.strip():
-        with suppress(yaml.YAMLError, RecursionError):  # JSON may be no YAML
+        with suppress(yaml.YAMLError, RecursionError):  # not all JSON is YAML
             node = yaml.compose(text, _Loader)
     for step in path:
         if isinstance(node, yaml.MappingNode):

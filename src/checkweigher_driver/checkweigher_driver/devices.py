@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The devices of a machine: one registry, and the parameters that choose among them."""
+"""Registries of the devices of a machine, and the parameters that choose among them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import MachineSource
 
 # Name and class. A class is imported on request, so that a machine needs only the libraries of its
-# own devices. A further source is one module with a `Source` class and one line here.
+# own devices. To add a source, write a module with a `Source` class, and add one line here.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -118,8 +118,8 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
     """Return a function that opens a source, with the photo-eyes that are read beside it.
 
     The function raises ValueError if a device cannot be opened; the message is one line for a
-    technician. Raises ParameterError if source and eyes do not go together or a parameter cannot
-    be used.
+    technician. Raises ParameterError if source and eyes cannot be combined, or a parameter is
+    invalid.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)
@@ -144,7 +144,7 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
 
 
 def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
-    """Return the outputs of a machine, not yet open; `ParameterError` if that cannot be done."""
+    """Return the outputs of a machine, not yet open; `ParameterError` if that fails."""
     if name == NONE:
         return MachineOutputs(None, OutputParameters())
     kind = _find('outputs', name, OUTPUTS)
@@ -152,7 +152,7 @@ def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
 
 
 def make_inputs(name: str, read: ReadParameters) -> MachineInputs:
-    """Return the inputs of a machine, not yet open; `ParameterError` if that cannot be done."""
+    """Return the inputs of a machine, not yet open; `ParameterError` if that fails."""
     if name == NONE:
         return MachineInputs(None)
     kind = _find('inputs', name, INPUTS)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver node: sends the events of a source of samples and photo-eye edges."""
+"""The driver node, which sends the events of a source of samples and photo-eye edges."""
 
 from collections.abc import Sequence
 import time
@@ -37,14 +37,14 @@ from checkweigher_driver.line_io.machine_inputs import Said
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 
-_LOOK_PERIOD = 0.2  # s, longest delay of a report of trouble of the machine
+_LOOK_PERIOD = 0.2  # s, longest delay before machine trouble is reported
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
-    """Publish the events of a source: load_cell/info, load_cell/samples and photo_eyes.
+    """Node that publishes a source: load_cell/info, load_cell/samples and photo_eyes.
 
-    The source is read in a thread of its own, by blocking reads. Each activation begins a new
-    `stream`, sent in step with the line behind the driver.
+    A separate thread reads the source by blocking reads. Each activation begins a new `stream`,
+    which is sent in step with the downstream nodes.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
@@ -67,7 +67,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             raise
         if self._inputs.exist:
             self._conditions = self.output(ports.MACHINE_CONDITIONS)
-            # A plain publisher: an `Output` in its process would keep reject from hearing others.
+            # A plain publisher. With an `Output` in its process, reject would not hear others.
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
@@ -97,7 +97,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         except ParameterError:
             raise
         except ValueError as error:
-            # The bag is damaged, or something else keeps the source from being opened.
+            # The source cannot be opened, for instance because the bag is damaged.
             raise ParameterError(f'driver.source: {error}') from None
         if self._operation is not None:
             self._source.operate(self._operation)
@@ -105,7 +105,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._inputs.open(locked(self._hear_inputs))
 
     def _declare_operation(self) -> Parameters | None:
-        """Declare the settings of an operator at a simulated machine; return None at a real one."""
+        """Declare the operator's settings of a simulated machine; return None for a real one."""
         kind = devices.source_class(self.parameters.source).operation
         if kind is None:
             return None
@@ -114,7 +114,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return found
 
     def _operate(self, changes: Sequence[Any]) -> None:
-        """Apply settings of an operator, which rclpy has checked by their descriptors."""
+        """Apply the operator's settings, which rclpy has checked by their descriptors."""
         assert self._operation is not None
         prefix = f'{self._operation.node}.'
         own = [change for change in changes if change.name.startswith(prefix)]
@@ -125,7 +125,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def activate(self) -> None:
         """Begin a new stream."""
-        if self._source is None:  # closed by the deactivation, as its reads block
+        if self._source is None:  # deactivation closed it, because its reads block
             self.configure()
         assert self._source is not None
         load_cell = self._source.load_cell = self._calibration.apply(self._source.load_cell)
@@ -158,7 +158,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._source = None
 
     def final_outputs(self) -> list[Output]:
-        """Return the output of the end of the stream."""
+        """Return the output that reports the end of the stream."""
         return [self.stream.status]
 
     def destroy_node(self) -> None:
@@ -169,12 +169,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         super().destroy_node()
 
     def _stop_reading(self) -> bool:
-        """End the stream; return whether it was still going on."""
+        """End the stream; return whether it was still running."""
         blocks = self._source is not None and not self._source.paced
         return self.stream.end(self._close_source if blocks else None)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        self._outputs.take(verdict)  # before all else: the rejector waits
+        self._outputs.take(verdict)  # first, because the rejector waits
         self.stream.hear_verdict()
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
@@ -211,13 +211,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return response
 
     def _restart_stream(self) -> str:
-        """Begin a new stream with a load cell that has changed; return why that failed."""
+        """Begin a new stream with the changed load cell; return why that failed, if it did."""
         self.trigger_deactivate()
         self.trigger_activate()
         return '' if self.state == 'active' else self._failure
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the aspects of source, samples, clocks, eyes and outputs."""
+        """Return the aspects of source, samples, clocks, eyes, outputs and inputs."""
         source, trouble, figures = self._source, '', {}
         if source is not None and self.state == 'active':
             trouble, figures = source.trouble, source.figures()

@@ -63,7 +63,7 @@ class DriverWatch:
     ) -> list[Finding]:
         """Return all aspects, with the trouble and the figures of the source itself.
 
-        `offset_of_clocks` is the time of day less `now`, s.
+        `offset_of_clocks` is the time of day minus `now`, s.
         """
         source = self._source(trouble, figures)
         if self._samples is None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The stream of a source: announced, sent in step with the line behind it, and ended."""
+"""The stream of a source: announced, sent in step with the downstream nodes, and ended."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -21,24 +21,24 @@ from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
 from checkweigher_recording.block_cutting import cut_for_pace
 
-_PATIENCE = 5.0  # s without the line behind it
+_PATIENCE = 5.0  # s without the downstream nodes
 _END_PATIENCE = 2.0  # s, for the last read of a source
-_PERIOD = 0.02  # s between looks at a condition whose changes are not all notified
+_PERIOD = 0.02  # s between checks of a condition, as not all changes are notified
 _REMINDER = 5.0  # s
 # Times in s from the beginning of a stream at which its status is sent again. A reader that DDS
 # shows may not know the writer yet, and would learn of the stream from the next heartbeat, after
-# 3 s. Until then it would take the first items for those of another stream.
+# 3 s. Until then it would assign the first items to another stream.
 _REPEATS = (0.2, 0.5, 1.0)
 
 
 class SourceStream:
-    """Send the events of a source, one stream after the other, each in a thread of its own.
+    """Sender of the events of a source, one stream after the other, each in its own thread.
 
-    The thread has the lock of the process while it sends, in one process until all that follows
-    from an event has been done, and never while it waits or reads. `note` is called with each event
-    before it is sent; `machine_ready` returns whether the outputs of the machine can be switched.
-    `failure` is the error that ended the source of the latest stream, empty without one.
-    `reject_ready` is to be set while the reject node reports that it is active.
+    The thread holds the lock of the process while it sends, never while it waits or reads. With all
+    nodes in one process, it holds the lock until they have processed the event. `note` is called
+    with each event before it is sent; `machine_ready` returns whether the outputs of the machine
+    can be switched. `failure` is the error that ended the source of the latest stream, empty
+    without one. The caller sets `reject_ready` while the reject node reports that it is active.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` closes the source, where only that ends a read that blocks.
+        `close` closes the source, if only that ends a blocking read.
         """
         was_running = self._running
         with self._changed:
@@ -97,7 +97,7 @@ class SourceStream:
         return was_running
 
     def report(self, state: StreamState, text: str = '') -> None:
-        """Send the progress of the stream; trouble only while it runs."""
+        """Send the progress of the stream; trouble of a running stream only if samples flow."""
         with LOCK:
             if text and state == StreamState.RUNNING and not self._flows:
                 return
@@ -169,20 +169,20 @@ class SourceStream:
                 self._send(event)
 
     def _events(self, source: Source, rate: float) -> Iterator[Event]:
-        """Yield the events of a source as they come, those of a paced one when they are due."""
+        """Yield the events of a source as they come or, if it is paced, when they are due."""
         if not source.paced:
             yield from source
             return
         pace, pacer = self._parameters.rate, None
         for event in cut_for_pace(source, rate, pace, self._parameters.block_time):
-            pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation begins late
+            pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation is slow to begin
             with self._changed:
                 left = max(pacer.due(event) - time.monotonic(), 0.0)
                 self._changed.wait_for(lambda: self._stopping, left)
             yield event
 
     def _send(self, event: Event) -> None:
-        """Send an event, and before it the status if that is to be repeated."""
+        """Send an event, after the status if that is due again."""
         if self._repeats and time.monotonic() > self._repeats[0]:
             del self._repeats[0]
             self.report(StreamState.RUNNING, self._trouble)
@@ -206,7 +206,7 @@ class SourceStream:
         flow = self._flow
 
         def ask(waited: float) -> None:
-            # The segmenter reports edges with the samples. Without samples it has to be asked.
+            # The segmenter reports edges with the samples. Without samples, it must be asked.
             if flow.awaits_edges(event, rate):
                 self.report(StreamState.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := flow.give_up_edges()):
@@ -217,11 +217,11 @@ class SourceStream:
         )
 
     def _line_is_there(self, source: Source) -> bool:
-        """Wait for the line behind the driver; return whether to go on.
+        """Wait for the downstream nodes; return whether to go on.
 
-        Where nothing may be lost, a recording waits without a limit for a segmenter and for the
-        `listeners`. All other waits are limited: a device does not wait, and a graph that only cuts
-        windows has no reject node.
+        If nothing may be lost, a recording waits without a limit for a segmenter and for the
+        `listeners`. All other waits are limited, because a device does not wait, and a graph that
+        only cuts windows has no reject node.
         """
         wanted = self._parameters.listeners
         what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'
@@ -240,7 +240,7 @@ class SourceStream:
             'a segmenter': self.has_listeners,
             'an active reject node': self._has_reject,
             'outputs that can be switched': self._machine_ready,
-            # So that a recorder gets all.
+            # So that a recorder gets everything.
             'some of the subscribers that DDS shows': lambda: has_matched_all(self._node, *outputs),
         }
         return [what for what, is_there in there.items() if not is_there()]

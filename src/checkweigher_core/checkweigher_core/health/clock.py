@@ -9,16 +9,16 @@ from checkweigher_core.health.findings import MINUTE, Finding, RecentValues, con
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 _MAX_BLOCKS = 20_000  # from which rate and pace are computed
-RATE_SPAN = 10.0  # s, for which rates are computed
-SHORTEST_SPAN = 2.0  # s, below which a rate is not known
-_REPLAY = 0.1  # relative difference of pace, above which the stamps are those of a replay
-_CLOCK_BIN = 5.0  # s; the least delay in each is that of the clock, the others are due to load
+RATE_SPAN = 10.0  # s over which rates are computed
+SHORTEST_SPAN = 2.0  # s; over a shorter span, a rate is unknown
+_REPLAY = 0.1  # relative difference of pace; a larger one means a replay
+_CLOCK_BIN = 5.0  # s; the shortest delay in each shows the clock, longer ones are due to load
 _CLOCK_SPAN = 300.0  # s
-_DRIFT_LIMIT = 500e-6  # a crystal is right to 100e-6
-_DRIFT_BINS = 6  # least number for a drift
+_DRIFT_LIMIT = 500e-6  # relative; a crystal is off by less than 100e-6
+_DRIFT_BINS = 6  # fewest bins from which a drift is computed
 _PACE_BINS = 3
-_JITTER_LIMIT = 0.5  # s; less shows in the margin of the verdicts where it matters
-_START = 5.0  # s after the first block, in which the start of other nodes causes delays
+_JITTER_LIMIT = 0.5  # s; the margin of the verdicts shows whether less matters
+_START = 5.0  # s after the first block; the start of other nodes then causes delays
 _EYE_OFFSET_LIMIT = 0.1  # s
 _FEWEST_EDGES = 4
 _CLOCK_STEP = 0.5  # s, largest difference between stamp and index of one clock
@@ -27,7 +27,7 @@ _CLOCK_STEP = 0.5  # s, largest difference between stamp and index of one clock
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their arrival.
 
-    The delay of a block is its arrival less the time of its last sample. The shortest delay in a
+    The delay of a block is its arrival minus the time of its last sample. The shortest delay in a
     few seconds belongs to a message that did not wait, so it changes only with the clocks.
     """
 
@@ -79,10 +79,10 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the time of the stamps per second of this machine, NaN if not known.
+        """Return the seconds of stamps per second of this machine, NaN if unknown.
 
-        It follows from the least delays as soon as they are known, because after a halt blocks come
-        faster for a while.
+        It is computed from the shortest delays once these are known, because blocks come faster for
+        a while after a halt.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -91,19 +91,19 @@ class ClockWatch:
 
     @property
     def sample_rate(self) -> float:
-        """Sample rate by the stamps in the last seconds, Hz; NaN if not known."""
+        """Sample rate by the stamps in the last seconds, Hz; NaN if unknown."""
         _, elapsed, count = self._span()
         return count / elapsed if elapsed >= SHORTEST_SPAN else math.nan
 
     def _span(self) -> tuple[float, float, int]:
-        """Return the span of the last blocks: by arrival, s, by their stamps, s, and by index."""
+        """Return the span of the last blocks: in s by arrival, in s by stamp, and in samples."""
         if not self._blocks:
             return 0.0, 0.0, 0
         (began, first_stamp, first), (came, last_stamp, last) = self._blocks[0], self._blocks[-1]
         return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
     def _least(self) -> float:
-        """Return the least recent delay of a block, s from the stamp of the first one."""
+        """Return the shortest recent delay of a block, s, relative to the first stamp."""
         bins = self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist()
         least = min([*bins, self._bin[1]])
         return math.nan if math.isinf(least) else float(least)
@@ -115,7 +115,7 @@ class ClockWatch:
         if self._origin is not None:
             offset = least + offset_of_clocks - self._origin / NANOSECONDS
         pace = self._pace(slope)
-        # Delay that 95 % of the blocks do not exceed, relative to the least one, s.
+        # Delay that 95 % of the blocks do not exceed, relative to the shortest one, s.
         jitter = self._delays.quantile(0.95) - self._delays.smallest
         eye_offset = math.nan  # delay of the edges relative to samples of the same time, s
         if len(self._edge_delays) >= _FEWEST_EDGES:

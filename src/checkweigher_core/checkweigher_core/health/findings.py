@@ -31,7 +31,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Concern:
-    """One problem, and what to check."""
+    """One problem, with advice."""
 
     level: Level
     text: str
@@ -42,11 +42,11 @@ class Concern:
 class Finding:
     """Finding on one aspect of a node."""
 
-    aspect: str  # as in docs/reasons.md
+    aspect: str  # name from docs/reasons.md
     level: Level
     text: str  # one sentence
-    hint: str = ''  # what to check; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # the unit in the key
+    hint: str = ''  # advice; empty if there is no problem
+    values: Mapping[str, float | str] = field(default_factory=dict)  # the key has the unit
 
     @property
     def message(self) -> str:
@@ -72,7 +72,7 @@ def conclude(
 ) -> Finding:
     """Return the finding on an aspect: its first concern of the highest level.
 
-    The text is `well` if there is no concern; entries that are None are ignored.
+    The text is `well` if there is no concern; None among the `concerns` is ignored.
     """
     found = [concern for concern in concerns if concern is not None]
     worst = max(found, key=lambda concern: concern.level, default=Concern(Level.OK, well, ''))
@@ -99,19 +99,19 @@ class Recent(Generic[T]):
 
 
 class RecentValues(Recent[float]):
-    """Values of the last `duration` seconds. Statistics without any value are NaN."""
+    """Values of the last `duration` seconds. Without values, statistics are NaN."""
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         super().__init__(duration, limit)
 
     def add(self, time: float, value: float) -> None:
-        """Add a value of the given time, s. A value that is not finite is ignored."""
+        """Add a value at a time, s; NaN and infinities are ignored."""
         if math.isfinite(value):
             self._entries.append((time, value))
 
     @property
     def span(self) -> float:
-        """Time from the oldest to the latest value in s, 0 without any."""
+        """Time from the oldest to the latest value in s, 0 without values."""
         return self._entries[-1][0] - self._entries[0][0] if self._entries else 0.0
 
     @property
@@ -121,7 +121,7 @@ class RecentValues(Recent[float]):
 
     @property
     def total(self) -> float:
-        """Sum of the values, 0 without any."""
+        """Sum of the values, 0 without values."""
         return math.fsum(value for _, value in self._entries)
 
     @property
@@ -147,7 +147,7 @@ class RecentValues(Recent[float]):
     def slope(self) -> float:
         """Change of the values per second: the median over all pairs, NaN with fewer than two.
 
-        The estimator of Theil and Sen: up to 29 % of the values may be wrong by any amount.
+        This is the Theil-Sen estimator: up to 29 % of the values may be wrong by any amount.
         """
         times, values = np.reshape(self._entries, (-1, 2)).T
         first, second = np.triu_indices(len(times), 1)
@@ -159,13 +159,13 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Outcomes of the last `count` items within `duration`, s, and the reasons of failures."""
+    """Outcomes of up to `count` items in the last `duration` s, with the reasons of failures."""
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
         super().__init__(duration, count)
 
     def add(self, time: float, reasons: Iterable[str] = ()) -> None:
-        """Add an item and the reasons of its failure, none if it did not fail."""
+        """Add an item and the reasons of its failure, empty if it did not fail."""
         self._entries.append((time, tuple(reasons)))
 
     @property

@@ -20,8 +20,8 @@ _OWN_CLOCK = 0x7F7F0101  # reference of a chrony that follows no other clock (`l
 class HostClock:
     """Watch of the clock of this host.
 
-    chronyc runs as a process of its own. Its answer is read at a later call, so that the node never
-    waits for it.
+    chronyc runs as a separate process. A later call reads its answer, so that the node never waits
+    for it.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -53,10 +53,10 @@ class HostClock:
 
 
 def tracking_finding(text: str) -> Finding:
-    """Return the finding on what ``chronyc -c tracking`` prints.
+    """Return the finding on the output of ``chronyc -c tracking``.
 
-    The bound of the error is that of the manual of chronyc: offset of the system clock, root
-    dispersion, and half of the root delay.
+    As in the manual of chronyc, the bound of the error is the sum of the offset of the system
+    clock, the root dispersion and half of the root delay.
     """
     fields = text.strip().split(',')
     try:

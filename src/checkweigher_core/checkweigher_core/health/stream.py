@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Samples and edges as they come: rate, gaps, saturation, photo-eyes."""
+"""Statistics of samples and edges at their arrival: rate, gaps, saturation, photo-eyes."""
 
 import math
 
@@ -21,13 +21,13 @@ from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # s, duration of the start of a line
 _SILENCE = 1.0  # s without samples; a block is 10 to 50 ms
-_SILENT_BLOCKS = 5.0  # the same in blocks, if these are long
+_SILENT_BLOCKS = 5.0  # the same limit in blocks, if they are long
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
-_ONE_EYED = 10  # edges of one eye while the other shows none
+_ONE_EYED = 10  # edges of one eye without an edge of the other
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
-# The counts, each with the noun that is counted.
+# Name of each count, with the noun for its unit.
 _COUNTED = {
     _GAPS: 'gap',
     _LOST: 'sample',
@@ -58,7 +58,7 @@ _WARNINGS = {
 class SampleWatch:
     """Statistics of the blocks of samples: their rate, gaps and clock.
 
-    Values older than a minute are removed by `look`.
+    `look` removes values older than a minute.
     """
 
     def __init__(self, load_cell: LoadCell) -> None:
@@ -84,7 +84,7 @@ class SampleWatch:
         self.clock.look(now)
 
     def add(self, came: float, block: SampleBlock) -> None:
-        """Add a block that came at `came`, s."""
+        """Add a block that arrived at `came`, s."""
         size, first, limits = len(block.counts), block.first_index, self.load_cell
         if not size:
             return
@@ -159,7 +159,7 @@ class EyeWatch:
         self.restart()
 
     def add(self, now: float, edge: EyeEdge) -> None:
-        """Add an edge that came at `now`, s."""
+        """Add an edge that arrived at `now`, s."""
         eye = Eye(edge.eye)
         self._last = now
         self._counts[eye] += 1

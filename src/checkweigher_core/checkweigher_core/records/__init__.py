@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records that pass between the stages: frozen dataclasses, a module for each owner.
 
-Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them. A time
-that is not known is None, a number that is not known is NaN. `checkweigher_core.ros.conversion`
-converts a record to its message by the names and types of the fields.
+Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them. An
+unknown time is None, an unknown number is NaN. `checkweigher_core.ros.conversion` converts a record
+to its message by the names and types of the fields.
 """
 
 from checkweigher_core.records.machine import (

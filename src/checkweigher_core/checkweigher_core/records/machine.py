@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of the machine: what the driver and the inspection devices send."""
+"""Records of the machine, which the driver and the inspection devices send."""
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -20,7 +20,7 @@ class Eye(IntEnum):
 
 
 class StreamState(IntEnum):
-    """State of a stream of samples: it runs, has ended, or its source has failed."""
+    """State of a stream of samples; FAILED means that its source has failed."""
 
     RUNNING = 0
     FINISHED = 1
@@ -51,7 +51,7 @@ class LoadCell:
     Raises
     ------
     ValueError
-        If a field cannot describe a load cell; the message names the field.
+        If a value is impossible for a load cell; the message names the field.
     """
 
     sample_rate: float
@@ -77,12 +77,12 @@ class LoadCell:
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
-        """Make a load cell of the parameters that have the names of its fields, and of `others`."""
+        """Return a load cell from the parameters named like its fields, and from `others`."""
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
 
 
-# Ranges of the fields of a belt scale; of counts_per_kg the magnitude.
+# Range of each field; for counts_per_kg, of its magnitude.
 _POSSIBLE = {
     'sample_rate': (1.0, MAX_SAMPLE_RATE, 'Hz'),
     'counts_per_kg': (1e-3, 1e9, '/kg'),
@@ -143,9 +143,9 @@ class StreamStatus:
     """Progress of the driver or of the segmenter in a stream.
 
     `stream` is the number that the driver gave to the stream, `stamp` the time of the last sample.
-    The driver counts the `samples` and `edges` that it has sent, the segmenter those that it has
-    processed, and the `items` that have left it. The segmenter has announced every item that the
-    edges up to `last_edge` show. `text` is a message for the technician, empty without trouble.
+    The driver counts the `samples` and `edges` that it has sent. The segmenter counts those that it
+    has processed, and the `items` that it has sent on; it has announced every item that the edges
+    up to `last_edge` show. `text` is a message for the technician, empty without trouble.
     """
 
     stamp: Stamp
@@ -162,8 +162,8 @@ class StreamStatus:
 class MachineConditions:
     """Conditions of the machine since `stamp`, as its inputs show them.
 
-    `conditions` are values of `StopReason`, each with the input in `inputs` that shows it. If the
-    inputs cannot be read, `known` is false, and every condition has to be assumed.
+    `conditions` are values of `StopReason`, and `inputs` names the input that shows each. If the
+    inputs cannot be read, `known` is false, and every condition must be assumed.
     """
 
     stamp: Stamp

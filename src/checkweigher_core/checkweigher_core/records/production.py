@@ -24,9 +24,9 @@ class PerformanceState(IntEnum):
 class ProductOnLine:
     """Limits, batch and rules that apply to items since `stamp`.
 
-    Masses are in kg and include the packaging; lengths are in m, speeds in m/s. If `product` is
-    empty, no product is selected, and no item is accepted if one is `needed`. `batch_items` to
-    `batch_surplus` are the counts of `BatchTally` with which the batch continues.
+    Masses are in kg and include the packaging; lengths are in m, speeds in m/s. An empty `product`
+    means that none is selected; if a product is `needed`, no item is then accepted. `batch_items`
+    to `batch_surplus` are the values of `BatchTally` with which the batch continues.
     """
 
     stamp: Stamp
@@ -55,8 +55,8 @@ class PerformanceTest:
     """Performance test of a recipe: its state since `stamp`, and the result of the last test.
 
     Masses are in kg. `errors` has the error of each pass so far, NaN for a pass without a mass; the
-    test passes if all are within `limit`. `who` is the person who made it, `last` the time of the
-    last test that passed.
+    test passes if all are within `limit`. `who` is the person who made the test, and `last` the
+    time of the last test that passed.
     """
 
     stamp: Stamp
@@ -80,11 +80,11 @@ class Statistics:
 
     `stamp` is the largest t3. `reason_counts` has the number of items for each of `reasons`.
     `length_faults` and `speed_faults` count items outside the ranges of the recipe. `tu1` and `tu2`
-    are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean less `nominal`),
+    are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean minus `nominal`),
     `below_tu1` (including items below TU2), `below_tu2` and `share_below_tu1` (0..1) refer to the
     accepted items. `throughput` is in items/min since the stream began. `tu1_quota` is the share of
-    a batch that may be below TU1, NaN without that rule; with `mean_value` the mean may not be
-    below nominal.
+    a batch that may be below TU1, NaN if there is no such rule; with `mean_value` the mean may not
+    be below nominal.
     """
 
     stamp: Stamp | None
@@ -118,9 +118,9 @@ class Statistics:
 class FillerFeedback:
     """Correction of the filler after a subgroup of items; masses in kg, of the contents.
 
-    `stamp` and `item_id` are those of the last item of the subgroup, which has `items` items. The
-    filler has to add `step` to its set point; `correction` is the sum of all steps. A `limited`
-    step was reduced to a limit of the recipe.
+    `stamp` and `item_id` identify the last of the `items` items in the subgroup. The filler has to
+    add `step` to its set point; `correction` is the sum of all steps. A `limited` step was reduced
+    to a limit of the recipe.
     """
 
     stamp: Stamp | None

@@ -11,16 +11,16 @@ NANOSECONDS = 1_000_000_000
 
 MAX_SAMPLE_RATE = 1e6  # Hz; a larger rate is an error and would use all memory
 
-# After a restart the segmenter continues at the next multiple of this number.
+# After a restart, the segmenter numbers items from the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
 
 MAX_MASS = 1e6  # kg
 
-MAX_WINDOW = 2**16  # samples of a window, or of a message
+MAX_WINDOW = 2**16  # samples in a window or a message
 
 Stamp = Annotated[int, 'ns']  # on the clock of the samples
 
 
 def seconds(stamp: int | None) -> float:
-    """Return a stamp in seconds, NaN if it is not known."""
+    """Return a stamp in seconds, NaN if it is unknown."""
     return math.nan if stamp is None else stamp / NANOSECONDS

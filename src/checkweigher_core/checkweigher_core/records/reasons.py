@@ -1,14 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Why an item cannot be weighed and why a line should stop, each with what to look at."""
+"""Reasons for faults and rejects of items and for stops of the line, each with a hint."""
 
 from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """Why an item cannot be weighed, or is rejected by a rule of its batch.
+    """Reason why an item cannot be weighed, or why a batch rule, a device or a test rejects it.
 
-    The words of OPC 40200 are ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota``.
+    ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are words of OPC 40200.
     """
 
     DISTANCE_FAULT = 'DistanceFault'
@@ -52,12 +52,12 @@ class Reason(StrEnum):
 
     @property
     def hint(self) -> str:
-        """What a technician should look at."""
+        """Advice for the technician."""
         return _HINTS[self]
 
 
 class StopReason(StrEnum):
-    """Why the line should stop."""
+    """Reason why the line should stop."""
 
     TOO_MANY_REJECTS = 'TooManyRejects'
     UNCONFIRMED_REJECT = 'UnconfirmedReject'
@@ -78,7 +78,7 @@ class StopReason(StrEnum):
 
     @property
     def hint(self) -> str:
-        """What a technician should look at."""
+        """Advice for the technician."""
         return _STOP_HINTS[self]
 
 
@@ -122,7 +122,7 @@ _HINTS = {
     Reason.PERFORMANCE_TEST: 'it passed during a performance test, as a test product does',
     Reason.STAGE_FAILED: 'the program failed on this item; report it with the log and a bag of it',
 }
-# A table of its own: reasons of both kinds may have the same value.
+# A separate table, because reasons of both kinds may have the same value.
 _STOP_HINTS = {
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',

@@ -23,10 +23,10 @@ class Decision(IntEnum):
 class Verdict:
     """Verdict on one item; masses and limits are in kg.
 
-    `item_id` is the number of the item, and `estimate_id` the same number, or 0 if the verdict
-    rests on no estimate. The rejector has to be told at `reject_at`; a `late` verdict came after
-    that. The counts of the batch and its surplus are those of `BatchTally`, with this item.
-    `station` counts from 1 and has to be told at `station_at`; 0 is the rejector or, for an
+    `item_id` is the number of the item, and `estimate_id` the same number, or 0 for a verdict
+    without an estimate. The signal to the rejector is due at `reject_at`; a `late` verdict came
+    after that. `batch_items` to `batch_surplus` are the values of `BatchTally`, with this item.
+    `station` counts from 1, and its signal is due at `station_at`; 0 means the rejector or, for an
     accepted item, no station.
     """
 
@@ -56,7 +56,7 @@ class Verdict:
 class StopRequest:
     """Reason for a stop of the line.
 
-    `stamp` and `item_id` are those of the item concerned, `text` has further details.
+    `stamp` and `item_id` identify the item concerned, and `text` has further details.
     """
 
     reason: StopReason

@@ -15,10 +15,10 @@ from checkweigher_core.records.quantities import Stamp
 class Item:
     """Item on the line, with the number that its window, estimate and verdict carry.
 
-    An item is announced once its edges can no longer be merged with those of another item, and
-    again when it is `complete`, after which the photo-eyes add nothing before its verdict. `stamp`
-    is the first known of `t1`, `t2` and `t3`. `line_speed` in m/s is the speed of the item or, if
-    an edge is missing, that of the last whole item. `stream` is the number of the driver's stream.
+    The segmenter announces an item when its edges can no longer be merged with those of another
+    item, and again when it is `complete`: the photo-eyes add nothing more before its verdict.
+    `stamp` is the first known of `t1`, `t2` and `t3`. `line_speed`, m/s, is the speed of the item
+    or, if an edge is missing, of the last whole item. `stream` is the number of its stream.
     """
 
     stamp: Stamp | None
@@ -29,7 +29,7 @@ class Item:
     t3: Stamp | None = None  # it begins to leave
     line_speed: float = math.nan
     complete: bool = False
-    reasons: tuple[str, ...] = ()  # why it cannot be weighed so far; empty if it can
+    reasons: tuple[str, ...] = ()  # so far, why it cannot be weighed; empty if it can
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,25 +42,25 @@ class WeighWindow:
     t3: Stamp | None  # ns, it begins to leave
     belt_speed: float = math.nan  # m/s, weigh_length / (t3 - t1)
     product_length: float = math.nan  # m, belt_speed * (t2 - t1)
-    # m/s, belt_speed or, if an edge is missing, that of the last whole item. It is only for the
-    # time of the rejector, and no measurement of this item.
+    # m/s, belt_speed or, if an edge is missing, the speed of the last whole item. It serves only to
+    # time the rejector, and does not measure this item.
     line_speed: float = math.nan
     sample_rate: float = math.nan  # Hz
     counts_per_kg: float = math.nan  # static calibration
     zero_counts: float = math.nan  # static calibration
-    zero: float = math.nan  # counts, empty belt as last seen before t1
+    zero: float = math.nan  # counts, latest empty belt before t1
     # counts; includes the uncertainty of the lag if the samples are later than the edges
     zero_std_dev: float = math.nan
     first_index: int = 0  # of counts[0] since the source started
-    # ns, time of counts[0] on the clock of the photo-eyes, at the nominal rate from the sample at
-    # window_begin. The lag of the samples is subtracted if the rise of the load shows one.
+    # ns, time of counts[0] on the clock of the photo-eyes, computed at the nominal rate from the
+    # sample at window_begin. If the rise of the load shows a lag of the samples, it is subtracted.
     stamp: Stamp = 0
-    # Position in counts of the first sample after the previous item has left the belt. At dense
-    # spacing it is after t1, when this item is already entering.
+    # Position in counts of the first sample after the previous item has left the belt. If the items
+    # are close, this item is already entering then.
     empty_begin: int = 0
     window_begin: int = 0  # position in counts of the first sample at or after t2
     window_end: int = 0  # one past the position of the last sample before t3
-    # Raw readings (n,): before t2, then t2..t3, then trailing signal after t3. Empty in a fault.
+    # Raw readings (n,): before t2, then t2..t3, then trailing signal after t3. Empty for a fault.
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
     # kg, (n,) at the same positions, (0,) until denoise has run.
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -75,7 +75,7 @@ class WeighWindow:
 
     @property
     def force(self) -> NDArray[np.float64]:
-        """The signal in kg, zero removed: (n,) float64."""
+        """Signal in kg without the zero, (n,) float64."""
         return self.force_between(0, len(self.counts))
 
     def force_between(self, begin: int, end: int) -> NDArray[np.float64]:
@@ -91,7 +91,7 @@ class MassEstimate:
     """Mass of one item with its standard deviation, or the reasons why it has no mass.
 
     `mass`, `std_dev`, `b1` and `zero` (the empty belt relative to its calibration) are in kg, and
-    mass = b1 / (1 + a1 + a2). `natural_frequency` is in Hz. `line_speed` is that of the window.
+    mass = b1 / (1 + a1 + a2). `natural_frequency` is in Hz. `line_speed` comes from the window.
     """
 
     item_id: int
@@ -120,7 +120,7 @@ class MassEstimate:
 
 @dataclass(frozen=True, slots=True)
 class ZeroChange:
-    """Change of the zero by the service `zero`, in kg from the zero of calibration.
+    """Change of the zero by the service `zero`, in kg relative to the zero of the calibration.
 
     `stamp` is the end of the empty-belt segment that was read, `previous` the previous zero, and
     `std_dev` the standard deviation of the new zero.

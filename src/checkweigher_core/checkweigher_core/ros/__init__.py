@@ -11,7 +11,7 @@ from checkweigher_core.ros.graph.discovery import set_profiles
 
 
 def _set_log_folder() -> None:
-    """Let rcl write its logs among the temporary files if the user has no home folder."""
+    """Let rcl write its logs to a temporary folder if the user has no home folder."""
     home = os.environ.get('HOME', '')
     given = os.environ.get('ROS_LOG_DIR') or os.environ.get('ROS_HOME')
     if not given and not (home and os.access(home, os.W_OK)):
@@ -21,8 +21,8 @@ def _set_log_folder() -> None:
         os.environ['ROS_LOG_DIR'] = str(folder / 'log')
 
 
-# Before rclpy makes a context. A node that reaches a line by DDS can stop it and change its limits:
-# those of other computers reach it only where that is wanted.
+# Set before rclpy makes a context. A node that reaches a line by DDS can stop it and change its
+# limits, so nodes of other computers reach it only if the user wants that.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 _set_log_folder()
 set_profiles()

@@ -3,8 +3,8 @@
 """Conversion of records to messages and back, field by field except for `_FORMS`.
 
 Any object with the fields of the message can be read, so that the same functions serve rclpy and
-readers of bags. Every field is written in the exact Python type, because rclpy does not check it,
-and a numpy scalar in a field aborts the process when the message is serialised.
+readers of bags. Every field is written in the exact Python type, because rclpy does not check
+types, and a numpy scalar in a field aborts the process when the message is serialised.
 """
 
 import array
@@ -27,29 +27,29 @@ from checkweigher_core.ros.ports import ALL, Port
 class _Form:
     """Differences between a record and its message, which otherwise have the same fields."""
 
-    # Field of the record that is the stamp of the header, and in the header alone unless `names`
-    # has it; '' where the caller gives the stamp.
+    # Field of the record that becomes the stamp of the header. The message has it only there,
+    # unless `names` has it, too. Empty if the caller gives the stamp.
     stamp: str = 'stamp'
-    frame: str | Callable[[Any], str] = ''  # of the header, or how it follows from the record
-    names: Mapping[str, str] = field(default_factory=dict)  # in the message, by those of the record
-    lacks: tuple[str, ...] = ()  # last fields that the message lacks; read as their defaults
-    newer: tuple[str, ...] = ()  # that messages of older bags lack; read as their defaults
+    frame: str | Callable[[Any], str] = ''  # of the header, or a function that returns it
+    names: Mapping[str, str] = field(default_factory=dict)  # in the message, by name in the record
+    lacks: tuple[str, ...] = ()  # last fields that no message has; read as their defaults
+    newer: tuple[str, ...] = ()  # fields that older bags lack; read as their defaults
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    # What is read for a value that an enumeration does not have; otherwise the message is refused.
+    # Member for an unknown value of an enumeration. Without one, the message is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    absent: Mapping[str, object] = field(default_factory=dict)  # fields that say: no such record
-    # Takes a message and the record that was read of it, and returns the record that is meant.
+    absent: Mapping[str, object] = field(default_factory=dict)  # fields that mean: no record
+    # Takes a message and the record read from it, and returns the corrected record.
     amend: Callable[[Any, Any], Any] | None = None
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
-    """Return an estimate with a reason if it has no mass, as of an empty message."""
+    """Return an estimate, with a reason if it has no mass, as in an empty message."""
     weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 
 def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
-    """Return a stop request with the part of its hint that is not the hint of the reason."""
+    """Return a stop request with the text that its hint adds to the hint of the reason."""
     text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
     return replace(request, text=text)
 
@@ -87,15 +87,15 @@ _FORMS: dict[type, _Form] = {
         amend=_with_text,
     ),
 }
-# A port of each class of records.
+# One port for each class of records.
 _PORTS = {port.record: port for port in ALL if port.record is not None}
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
     """Return the message of a record for rclpy.
 
-    `record` is of the port's class, or None for the message that there is no such record. `stamp`
-    in ns is for the header of a record without a stamp.
+    `record` has the port's class. None gives the message that means no record. `stamp`, ns, is for
+    the header of a record without a stamp.
     """
     message = port.type()
     if record is None and port.record is not None:
@@ -106,8 +106,8 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     """Return the fields of a record's message by name.
 
-    Header and times are mappings. Arrays are contiguous and of the type of the message. Records in
-    the record are messages of rclpy, and all other fields plain Python values.
+    Header and times are mappings. Arrays are contiguous and of the type of the message. Nested
+    records are messages of rclpy. All other fields are plain Python values.
     """
     plan = _plan(cast(Any, type(record)))
     form = plan.form
@@ -120,14 +120,14 @@ def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
 
 
 def to_record(port: Port, message: Any) -> Any:
-    """Return the record of a message of rclpy or of a bag, None if the message says so.
+    """Return the record of a message of rclpy or of a bag, None if the message has none.
 
-    Its arrays are those of the message, and read-only.
+    Its arrays share the memory of the message, and are read-only.
 
     Raises
     ------
     ValueError
-        If a field holds what the record cannot have, such as an eye that does not exist.
+        If a value is impossible in the record, such as an eye that does not exist.
     """
     assert port.record is not None, f'{port.name} has no record'
     plan = _plan(cast(Any, port.record))
@@ -139,11 +139,11 @@ def to_record(port: Port, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill in an empty message, which is faster than to construct it of its parts."""
+    """Fill in an empty message, because constructing it from its parts is slower."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
-        elif isinstance(value, np.ndarray):  # itself it would take twenty times as long
+        elif isinstance(value, np.ndarray):  # an ndarray takes twenty times as long
             setattr(message, name, array.array(value.dtype.char, value.tobytes()))
         else:
             setattr(message, name, value)
@@ -158,9 +158,9 @@ class _Plan:
     """Conversion of a class of records, field by field."""
 
     form: _Form
-    # Name in the message, how to get the value from the record, and what converts it.
+    # Name in the message, getter of the value from the record, and converter.
     write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
-    # How to get each field of the record from the message, and what converts it.
+    # For each field of the record: getter of the value from the message, and converter.
     read: list[tuple[_Get, _Get]] = field(default_factory=list)
 
 
@@ -220,7 +220,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if hint == records.Stamp:
         return stamp_from
     if hint == records.Stamp | None:
-        return lambda time: stamp_from(time) or None  # 0 means that it is not known
+        return lambda time: stamp_from(time) or None  # 0 means that it is unknown
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
@@ -234,7 +234,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
 
 
 def _member(kind: type[Enum], unknown: Enum, value: object) -> Enum:
-    """Return a member of an enumeration, `unknown` for the value of none."""
+    """Return a member of an enumeration, `unknown` if none has the value."""
     try:
         return kind(value)
     except ValueError:
@@ -242,15 +242,15 @@ def _member(kind: type[Enum], unknown: Enum, value: object) -> Enum:
 
 
 def _text(value: str) -> str:
-    """Return a string for UTF-8, with escapes for surrogates of file names or YAML."""
+    """Return a string that UTF-8 can encode; surrogates of file names or YAML become escapes."""
     text = str(value)
     return text if text.isascii() else text.encode(errors='backslashreplace').decode()
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return a stamp in ns as s and ns, 0 if it is not known or no time message can hold it."""
+    """Return a stamp in ns as s and ns, 0 if it is unknown or no time message can hold it."""
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
-    # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
+    # An edge may have a stamp past 2038, and `reject_at` may be past 2038 even if no edge is.
     held = -(2**31) <= sec < 2**31
     return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}
 
@@ -265,7 +265,7 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 
 
 def _bounded(field: Any, most: int = _MOST) -> Any:
-    """Return a field of a message; ValueError if it is longer than one of a line can be."""
+    """Return a field of a message; ValueError if it is too long for a message of a line."""
     if len(field) > most:
         raise ValueError(f'{len(field)} in a field of a message, at most {most}')
     return field

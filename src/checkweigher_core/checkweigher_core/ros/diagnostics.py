@@ -23,9 +23,9 @@ _LOG_PERIOD = 1.0  # s
 class Diagnostics:
     """Publisher of the findings of a node.
 
-    The first status is that of the node: the worst level, the last warning, the counters, and the
-    name of its host. The others are named '<node>: <Aspect>', as by diagnostic_updater.
-    `diagnose` returns the findings for a time of the monotonic clock in s.
+    The first status describes the node: its worst level, last warning, counters and host name. The
+    others are named '<node>: <Aspect>', as in diagnostic_updater. `diagnose` returns the findings
+    at a time of the monotonic clock in s.
     """
 
     def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
@@ -43,12 +43,12 @@ class Diagnostics:
         self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
-        """Set the load cell of the findings."""
+        """Set the hardware ID of the findings to a load cell."""
         parts = (load_cell.model, load_cell.serial_number)
         self._hardware_id = '/'.join(part for part in parts if part) or 'checkweigher'
 
     def count(self, name: str) -> None:
-        """Count an event, from any thread but each name from one."""
+        """Count an event. Any thread may call it, but only one thread for each name."""
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
@@ -90,7 +90,7 @@ class Diagnostics:
         if self._warning and level <= Level.WARN:
             level, text = Level.WARN, self._warning
         self._warning = ''
-        # A copy: other threads count, too.
+        # A copy, because other threads count, too.
         values: dict[str, float | str] = {HOST: socket.gethostname(), **self._counters}
         if self._last_warning:
             values['last warning'] = self._last_warning

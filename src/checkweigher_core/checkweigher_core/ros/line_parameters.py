@@ -18,7 +18,7 @@ Values = dict[str, object]
 
 
 class RefusedError(Exception):
-    """A node refused a parameter or did not answer; the message names it and the reason."""
+    """A node refused a parameter or did not answer; the message has the node and the reason."""
 
 
 class HalfSetError(RefusedError):
@@ -28,10 +28,10 @@ class HalfSetError(RefusedError):
 class LineParametersClient:
     """Client of the parameter services of the nodes of a lane.
 
-    Its coroutines are for callbacks of a single-threaded executor, which serves others while one
-    waits for an answer. The client has its own callback group, because the group of the waiting
-    callback is taken until that ends. The other nodes are in the namespace of `node`; `patience` is
-    in s.
+    Its coroutines are for callbacks of a single-threaded executor, which serves other callbacks
+    while one waits for an answer. The client has its own callback group, because the waiting
+    callback blocks its own group. The other nodes are in the namespace of `node`. `patience` is the
+    longest wait for an answer, s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -41,7 +41,7 @@ class LineParametersClient:
         self._clients: dict[str, AsyncParameterClient] = {}
 
     def ready(self, node: str) -> bool:
-        """Return whether the services of a node are there."""
+        """Return whether the services of a node are available."""
         return bool(self._client(node).services_are_ready())
 
     async def get_all(self, node: str) -> Values:
@@ -59,8 +59,8 @@ class LineParametersClient:
     async def set(self, changes: Mapping[str, Values]) -> None:
         """Set parameters of several nodes, all or none.
 
-        `RefusedError` if a node refuses, after the changes of the others have been undone;
-        `HalfSetError` if that fails.
+        If a node refuses, all changes are undone, and `RefusedError` is raised, or `HalfSetError`
+        if they cannot be undone.
         """
         for node in changes:
             if not self.ready(node):
@@ -72,7 +72,7 @@ class LineParametersClient:
                 done.append(node)
                 await self._set_one(node, values)
         except RefusedError as error:
-            # The last one too, because a node that does not answer may have made its change.
+            # Includes the last node, because a node that does not answer may have made its change.
             lost = [text for node in done if (text := await self._put_back(node, before[node]))]
             if lost:
                 raise HalfSetError('; '.join([str(error), *lost])) from None
@@ -107,7 +107,7 @@ class LineParametersClient:
 
 
 class LineNodes:
-    """Watch of the starts of the nodes in the namespace of a node.
+    """Watch for starts of the nodes in the namespace of a node.
 
     Each start of a node makes a new publisher of its parameter events. The graph shows it even if
     the messages of the start were lost.

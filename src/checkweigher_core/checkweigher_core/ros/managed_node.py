@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes with a life cycle, whose outputs are safe until they are activated."""
+"""Nodes with a life cycle. Their outputs are safe until the node is activated."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,9 +21,9 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     """A stage node with the states of a ROS managed node.
 
     A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
-    the end of its constructor. An exception in one of them is logged, and the transition fails.
-    rclpy would not log it. With the parameter ``autostart`` the node configures and activates
-    itself. `state` is unconfigured, inactive, active or finalized.
+    the end of its constructor. An exception in one of them is logged, which rclpy would not do, and
+    the transition fails. With the parameter ``autostart`` the node configures and activates itself.
+    `state` is unconfigured, inactive, active or finalized.
     """
 
     def __init__(self, parameters: type[P], **options: Any) -> None:
@@ -58,7 +58,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """
         if not getattr(self.parameters, 'autostart', True):
             return
-        self._beginning = True  # a failure is then the one line with which the process ends
+        self._beginning = True  # a failure is not logged: the process ends with it
         configured = self.trigger_configure()
         self._beginning = False
         if configured != _SUCCESS:
@@ -88,18 +88,18 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return self._attempt('clean up', self.clean_up, 'unconfigured', _ERROR)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Set the outputs safe, in any state."""
+        """Make the outputs safe, in any state."""
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Set the outputs safe; the node is then unconfigured, or finalized after a failure."""
+        """Make the outputs safe; the node is then unconfigured, or finalized if that fails."""
         recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
         if recovered != _SUCCESS:
             self.state = 'finalized'
         return recovered
 
     def shut_down(self) -> None:
-        """Set the outputs safe before the process ends."""
+        """Make the outputs safe before the process ends."""
         if self.state in ('unconfigured', 'inactive', 'active'):
             self.trigger_shutdown()
 
@@ -130,9 +130,9 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return _SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return the service with a refusal of transitions that the state does not have.
+        """Return a service that refuses transitions that are impossible in the present state.
 
-        rclpy would raise out of the executor, which would end the process.
+        rclpy would raise an exception out of the executor, and so end the process.
         """
 
         def answer(request: Any, response: Any) -> Any:

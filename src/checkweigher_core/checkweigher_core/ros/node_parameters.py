@@ -34,7 +34,7 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
         description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
-        # rclpy would take an empty list for one of bytes, and refuse numbers.
+        # rclpy would take an empty list for a list of bytes, and refuse numbers.
         dynamic_typing=entry.default == (),
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
@@ -51,7 +51,7 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
     """Declare a parameter set to ROS and return it with the values given to the node.
 
-    `prefix` is put before the names. `ParameterError` if a value cannot be used.
+    `prefix` is put before the names. Raises `ParameterError` if a value is invalid.
     """
     values = {}
     for own_name, entry in parameters.entries().items():

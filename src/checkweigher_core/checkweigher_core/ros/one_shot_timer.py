@@ -15,15 +15,15 @@ class OneShotTimer:
     """Timer that calls a function once, at a time of the monotonic clock in ns.
 
     All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
-    The function is called with the lock of the process. Whoever sets or clears a timer has that
-    lock, too, so a timer that was cleared does not fire.
+    The function is called with the lock of the process. Callers of the other methods hold that
+    lock, too, so a timer does not fire after it was cleared.
 
     Parameters
     ----------
     callback : callable
         Function to call.
     fail : callable
-        Gets an exception of `callback`.
+        Function to call with an exception of `callback`.
     """
 
     def __init__(self, callback: Callable[[], object], fail: Callable[[Exception], None]) -> None:
@@ -32,7 +32,7 @@ class OneShotTimer:
         self._fail = fail
 
     def set(self, due: int) -> None:
-        """Set the time, in place of the one set before."""
+        """Set the time, in place of any previous one."""
         self.due = due
         _thread.serve(self, due)
 
@@ -58,11 +58,11 @@ class OneShotTimer:
 
 
 class _TimerThread:
-    """Thread that fires the timers of a process. It begins with the first one that is set."""
+    """Thread that fires the timers of a process. It starts when the first timer is set."""
 
     def __init__(self) -> None:
         self._timers: set[OneShotTimer] = set()
-        self._wakes: float = 0  # time until which it waits at most, ns
+        self._wakes: float = 0  # latest end of its present wait, ns
         self._set = threading.Condition()
         self._thread: threading.Thread | None = None
 

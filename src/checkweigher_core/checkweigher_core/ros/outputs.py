@@ -21,17 +21,17 @@ from checkweigher_core.ros.conversion import to_message, to_record
 from checkweigher_core.ros.ports import Port, fits
 
 _POLL_PERIOD = 0.02  # s
-_CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consumer
-_SETTLE_TIME = 0.2  # s without a further subscriber, where any of them is the consumer
-# More than this is not kept for a consumer that has not appeared yet.
+_CONSUMER_PATIENCE = 5.0  # s, after which any subscriber counts as the consumer
+_SETTLE_TIME = 0.2  # s without a further subscriber, if any of them is the consumer
+# Most records that are kept for a consumer that has not appeared yet.
 _MAX_HELD = 10_000
 
-# One lock for a process. Callbacks of stages run in the thread of the executor and, called from
-# the source of the driver, in its thread, but never two at once.
+# The lock of the process. Callbacks of stages run in the thread of the executor, or in the thread
+# of the driver's source if that calls them, but never two at once.
 LOCK = threading.RLock()
 Callback = Callable[[Any], None]  # takes a record
-# Endpoints have no event callbacks, because each is one more entity that every wake of the executor
-# collects. `Connections` finds a QoS that does not fit.
+# Endpoints have no event callbacks, because every wake of the executor would have to collect them.
+# `Connections` finds QoS that does not fit.
 
 
 class Output:
@@ -50,7 +50,7 @@ class Output:
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
 
     def send(self, record: Any, **header: Any) -> None:
-        """Pass a record to the takers; `header` is for the message alone."""
+        """Pass a record to the takers; `header` is only for the message."""
         with LOCK:
             if self._latched or self.publisher.get_subscription_count() > 0:
                 is_message = self.port.record is None
@@ -70,12 +70,12 @@ class Output:
 class HeldOutput(Output):
     """Output that keeps its records until there is a consumer.
 
-    At start-up the nodes of a line find each other in any order. Records that are sent before would
-    be lost, and their items without a verdict. After the first consumer no record is held any more,
-    because a stale window helps no one. A taker in the same process is a consumer from the start.
-    In another process it is a node that publishes records of the port `answer`, under any name. A
-    recorder is therefore no consumer, unless it remains the only subscriber. Without `answer` any
-    subscriber is the consumer.
+    At start-up the nodes of a line find each other in any order. Records sent too early would be
+    lost, and their items would get no verdict. Once there is a consumer, no record is held any
+    more, because a stale window helps no one. A taker in the same process is a consumer from the
+    start. In another process, a consumer is a node that publishes messages of the type of `answer`,
+    under any name. A recorder is therefore no consumer, unless none appears for a while. Without
+    `answer`, any subscriber is the consumer.
     """
 
     def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:
@@ -194,7 +194,7 @@ def connect(nodes: Sequence[Any]) -> None:
     """Connect the inputs of the nodes of a process, before any of them begins to work.
 
     If an output of these nodes has the topic of an input, and a QoS that fits, it calls that input.
-    All other inputs subscribe over DDS. A node that is no `PortNode` has no inputs.
+    All other inputs subscribe over DDS. Only a `PortNode` has inputs and outputs.
     """
     outputs = [output for node in nodes for output in getattr(node, 'outputs', ())]
     for entry in [entry for node in nodes for entry in getattr(node, 'inputs', ())]:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A node with inputs and outputs, whose callbacks take turns with those of its process."""
+"""A node with inputs and outputs. Only one callback of a process runs at a time."""
 
 from collections.abc import Callable, Generator
 from functools import partial
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class PortNode(Node):
-    """A node whose callbacks all have the lock of the process.
+    """A node whose callbacks all hold the lock of the process.
 
     It receives records once `checkweigher_core.ros.outputs.connect` has connected it. `spinner`
     serves it, and possibly others.
@@ -64,7 +64,7 @@ class PortNode(Node):
         """Process the arrival of a record."""
 
     def refuse(self, port: Port, error: Exception) -> None:
-        """Log a record that the callback cannot use, which is not fatal."""
+        """Log a record that the callback cannot use; this is not fatal."""
         self.warn(f'refused a message on {port.name}: {type(error).__name__}: {error}')
 
     def create_timer(
@@ -91,8 +91,8 @@ class PortNode(Node):
     ) -> Subscription:
         """Create a subscription; a malformed message or an exception is logged and not fatal.
 
-        rclpy would raise out of its executor for a malformed message, and keep the callback group
-        taken. With `raw` the callback gets the bytes.
+        For a malformed message, rclpy would raise an exception out of its executor, and leave the
+        callback group blocked. With `raw` the callback gets the bytes.
         """
 
         def convert(data: bytes) -> Any:
@@ -107,7 +107,7 @@ class PortNode(Node):
         what: str,
         otherwise: Callable[[], Any] = lambda: None,
     ) -> Callable[..., Any]:
-        """Return a callback that passes exceptions to `fail`, and returns `otherwise` then."""
+        """Return a callback that passes an exception to `fail`, and then returns `otherwise()`."""
 
         async def call(*args: Any) -> Any:
             try:
@@ -124,7 +124,7 @@ class PortNode(Node):
     ):
         """Create a service; the answer to a call that fails is an empty response.
 
-        rclpy creates the services of the parameters here too, which raise for a value of an unknown
+        rclpy creates its parameter services here, too, and they raise for a value of an unknown
         type.
         """
         own = locked(callback)
@@ -136,12 +136,12 @@ class PortNode(Node):
             return answered
 
         guarded = self._guarded(answer, f'refused a call of {srv_name}', srv_type.Response)
-        # A malformed request keeps the callback group taken, so each service has its own.
+        # A malformed request leaves its callback group blocked, so each service has its own.
         group = options.pop('callback_group', None) or MutuallyExclusiveCallbackGroup()
         return super().create_service(srv_type, srv_name, guarded, callback_group=group, **options)
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Log an exception that ends a callback, and not the node."""
+        """Log an exception that ends a callback, but not the node."""
         self.warn(f'{what}: {type(error).__name__}: {error}')
 
     def warn(self, text: str) -> None:
@@ -149,7 +149,7 @@ class PortNode(Node):
         self.get_logger().warning(one_line(text))
 
     def destroy_node(self) -> None:
-        """Destroy the node, and disconnect it from the others of its process."""
+        """Disconnect the node from the others of its process, and destroy it."""
         disconnect(self)
         with LOCK:
             for timer in self._one_shot_timers:
@@ -158,7 +158,7 @@ class PortNode(Node):
 
 
 def locked(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a callback that has the lock of the process; a coroutine has it for each step."""
+    """Return a callback that holds the lock of the process; a coroutine holds it in each step."""
     if inspect.iscoroutinefunction(callback):
 
         async def in_steps(*args: Any) -> Any:

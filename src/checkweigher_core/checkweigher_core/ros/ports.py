@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The ports of a lane: a row for each topic, with what passes there, from where and to where.
+"""The ports of a lane: a row for each topic, with its message, publisher and subscribers.
 
-Nodes, QoS checks, recordings and docs read this table. All names are relative, so that a namespace
-makes a lane. The module needs no ROS: message classes and QoS profiles are made when they are
-asked for.
+Nodes, QoS checks, recordings and docs read this table. Names are relative, except /diagnostics, so
+that a namespace makes a lane. The import of this module needs no ROS, because message classes and
+QoS profiles are made on request.
 """
 
 from copy import copy
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 
-# The nodes of the line with their modules, in the order in which they end: what feeds the line
-# first, what judges last. The executable has the name of the node.
+# The nodes of the line with their modules, in the order of their shutdown: driver first, reject
+# last. Each executable has the name of its node.
 NODES = {
     'driver': 'checkweigher_driver.driver_node',
     'product': 'checkweigher_production.nodes.product',
@@ -29,7 +29,7 @@ NODES = {
     'identifier': 'checkweigher_dsp.nodes.identifier',
     'reject': 'checkweigher_dsp.nodes.reject',
 }
-# Those that weigh.
+# The nodes that weigh and judge.
 STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
 
 
@@ -45,15 +45,15 @@ class History(NamedTuple):
     stage_latched: bool = False
 
 
-# Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
+# Ten seconds of 10 ms blocks. A gap in the index would show a lost block, but none should be lost.
 STREAM = History(1000)
-# The last value counts, also for nodes that come later.
+# Only the last value counts. Late subscribers get it, too.
 STATE = History(1, latched=True, stage_latched=True)
-# Also a stage that was started again knows what is on the line.
+# A stage that was started again learns which items are on the line.
 ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
-# Kept for users who look later; the stages want nothing from before they were there.
+# Kept for users who look later. The stages need no messages from before their start.
 RESULTS = History(1000, latched=True)
-# Of the last moment alone.
+# Only the latest message.
 MOMENT = History(1)
 # Silence in s after which a periodic message expires, and the share of it within which the
 # publisher promises the next one.
@@ -66,14 +66,14 @@ class Port:
     """Topic, with its message, its publisher and its subscribers."""
 
     name: str  # relative to the lane's namespace, unless it begins with a slash
-    message_type: str  # as ROS names it, with /msg/ or /srv/
-    record: type | None  # class of the records, None where there are only messages
+    message_type: str  # ROS name, with /msg/ or /srv/
+    record: type | None  # class of the records, None for plain messages
     history: History
-    maker: str  # node, or who else
-    takers: tuple[str, ...]  # nodes, and who else
-    expected: tuple[str, ...]  # nodes that have to be there: the other end reports their absence
-    text: str  # what it is for
-    holds: float = 0.0  # s for which a message holds unless another follows; 0 for ever
+    maker: str  # publisher: a node or another party
+    takers: tuple[str, ...]  # subscribers: nodes and other parties
+    expected: tuple[str, ...]  # required nodes: the other end reports their absence
+    text: str  # purpose
+    holds: float = 0.0  # s for which a message is valid unless another follows; 0 for ever
     recorded: bool = True  # whether a bag of the lane has it
 
     @cached_property
@@ -88,21 +88,21 @@ class Port:
 
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
-        """Profile that the stages ask for."""
+        """Profile that the stages request."""
         from rclpy.qos import ReliabilityPolicy
 
         profile = self._profile(latched=self.history.stage_latched, share=1.0)
-        if self.holds:  # one that is lost must not hold up the next one
+        if self.holds:  # a lost message must not delay the next one
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
         return profile
 
     def _profile(self, *, latched: bool, share: float) -> 'QoSProfile':
-        """Return a reliable profile; the maker promises a `share` of the times that are asked."""
+        """Return a reliable profile; the deadline is a `share` of the validity of a message."""
         from rclpy.duration import Duration
         from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
         profile = QoSProfile(
-            depth=self.history.depth,  # and so the policy KEEP_LAST
+            depth=self.history.depth,  # implies the policy KEEP_LAST
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
@@ -115,7 +115,7 @@ class Port:
 
 
 def interface(name: str) -> Any:
-    """Return the class in rclpy of a message or a service, as ROS names it."""
+    """Return the rclpy class of a message or a service by its ROS name."""
     package, folder, kind = name.split('/')
     return getattr(import_module(f'{package}.{folder}'), kind)
 
@@ -123,7 +123,7 @@ def interface(name: str) -> Any:
 def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
     """Return why a publisher and a subscription of these profiles do not connect, empty if they do.
 
-    The profiles may be those of endpoints that the graph lists.
+    Profiles of endpoints that the graph lists are accepted, too.
     """
     from rclpy.qos import QoSCompatibility, qos_check_compatible
 
@@ -139,9 +139,9 @@ def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
 
 
 def _with_finite_times(profile: 'QoSProfile') -> 'QoSProfile':
-    """Return a profile without the infinite times that DDS lists of an endpoint that states none.
+    """Return a profile without infinite times, which DDS lists for an endpoint that sets none.
 
-    `qos_check_compatible` takes any time that is stated for a demand.
+    `qos_check_compatible` would take them for requirements.
     """
     from rclpy.duration import Duration, Infinite
 
@@ -218,7 +218,7 @@ PERMISSION = Port(
     'reject', ('line', 'driver'), (),
     'Leave to run, ten times a second; the line stops when it is false or does not come',
     holds=FRESH_TIME, recorded=False)
-# The status of the segmenter shows that it works.
+# The segmenter needs no such topic, because its status shows that it works.
 ALIVE = {
     stage: Port(
         f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
@@ -266,17 +266,17 @@ BATCH_RESULT = Port(
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Once a second: see [Diagnostics](reasons.md#diagnostics)')
-# Of the node dynamic_setting, which is no part of the line.
+# Of the node dynamic_setting, which is not part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'Passes, what was recorded, the file, and why something failed')
-# Of the node verifier, which is no part of the line.
+# Of the node verifier, which is not part of the line.
 VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'How far a verification is that is guided at the page, and what it asks')
-# All topics of a lane: the first four of a bag are played again, all others follow.
+# All topics of a lane. A replay publishes only the first four.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
@@ -284,7 +284,7 @@ ALL = (
     PRODUCT_ON_LINE, PRODUCT_IN_USE, PERFORMANCE_TEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT,
     VERIFICATION, DIAGNOSTICS,
 )
-# What the page shows of a lane, and what it subscribes to only while somebody looks.
+# Topics of the page: those that it always needs, and those that it needs while somebody looks.
 PAGE_RESULTS = (
     LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS, MASS_ESTIMATE, VERDICT, STATISTICS,
     FILLER_FEEDBACK, STOP_REQUEST,
@@ -305,7 +305,7 @@ RESTART_LINE = 'restart_line'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services of types of their own names.
+# Services whose types have the same names.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 RECORD_PASSES = 'record_passes'

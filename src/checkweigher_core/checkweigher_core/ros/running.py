@@ -23,8 +23,8 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.stage_node import StageNode
 
-# Size from which glibc returns memory to the system at once. By default it rises with the size of
-# freed blocks, and a process would keep the memory of one large message.
+# Block size above which glibc returns memory to the system at once. By default it rises with the
+# size of freed blocks, so a process would keep the memory of one large message.
 _MMAP_THRESHOLD, _LARGE = -3, 2**17  # name in malloc.h; bytes
 _FAREWELL = Duration(seconds=1)  # for the last messages of a process that is about to end
 
@@ -56,11 +56,11 @@ def run_all(
     spinner: Spinner | None = None
     try:
         end_with_parent()
-        with contextlib.suppress(AttributeError):  # of another C library
+        with contextlib.suppress(AttributeError):  # other C libraries lack it
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # rclpy calls this for its first log message, which then takes 0.1 s or more.
+        # rclpy calls this for its first log message. The first call takes 0.1 s or more.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -108,7 +108,7 @@ def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
                 node.shut_down()
             for output in node.final_outputs():
                 output.publisher.wait_for_all_acked(_FAREWELL)
-        except Exception as error:  # the others have to be shut down all the same
+        except Exception as error:  # the other nodes must still be shut down
             print(f'checkweigher: {type(error).__name__}: {one_line(error)}', file=sys.stderr)
 
 
@@ -116,6 +116,6 @@ def _initialise(arguments: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        # For a missing or malformed parameter file, or a malformed namespace. rcl appends places in
-        # its own source.
+        # A missing or malformed parameter file, or a malformed namespace. rcl appends places in its
+        # own source code.
         raise ParameterError(str(error).split(', at /')[0]) from None

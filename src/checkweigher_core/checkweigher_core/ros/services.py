@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The services of a lane: a row for each, with its type, its node, its callers and what it does.
+"""The services of a lane: a row for each, with its type, node, callers and effect.
 
 The security policy, the page and the docs read this table.
 """
@@ -11,10 +11,10 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.ports import NODES
 
 _TRIGGER = 'std_srvs/srv/Trigger'
-# Nodes beside the line.
+# Nodes that are not part of the line.
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
-# Nodes beside the line that publish diagnostics.
+# Those of them that publish diagnostics.
 OF_MACHINE = SETTING, VERIFIER
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
@@ -42,12 +42,12 @@ class Service(NamedTuple):
     """A service of a lane."""
 
     name: str  # relative to the lane's namespace
-    kind: str  # as ROS names it
+    kind: str  # ROS name
     server: str  # node
     callers: tuple[str, ...]  # nodes
     text: str  # meaning
-    condition: str = ''  # parameter with which the server has it; empty for always
-    changes_line: bool = True  # whether the log of the page says who calls it
+    condition: str = ''  # parameter that enables it; empty if it is always there
+    changes_line: bool = True  # whether the log of the page records who calls it
 
 
 # fmt: off
@@ -113,5 +113,5 @@ _CHANGES = {each.name for each in SERVICES if each.changes_line}
 
 
 def changes_line(name: str) -> bool:
-    """Return whether calls of a service, by its name in the lane, change the line."""
+    """Return whether calls of the service with a name change the line."""
     return name.rpartition('/')[2] in {*_CHANGES, 'change_state', 'set_parameters', SETTER}

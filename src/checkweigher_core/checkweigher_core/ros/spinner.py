@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""An executor in a thread of its own."""
+"""An executor in its own thread."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, wait
@@ -21,8 +21,8 @@ class Spinner:
     """Thread with an executor of rclpy for some nodes.
 
     Each wake of the executor collects all entities of all nodes, which takes 1 ms or more for a
-    line, so frequent events must not wake it. A node logs the exceptions of its callbacks and lives
-    on. The thread calls `on_end` when it ends; `error` is then an exception of rclpy itself.
+    line, so frequent events must not wake it. A node logs the exceptions of its callbacks and goes
+    on. The thread calls `on_end` when it ends. If rclpy itself failed, `error` is the exception.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
@@ -36,7 +36,7 @@ class Spinner:
 
     @property
     def alive(self) -> bool:
-        """Whether the nodes are still served, which ends if the context is shut down."""
+        """Whether the nodes are still served; false after the context was shut down."""
         return self._thread.is_alive()
 
     def add(self, *nodes: Node) -> None:
@@ -81,8 +81,8 @@ class Spinner:
         answer.result()
 
     def stop(self) -> None:
-        """Stop, and destroy the nodes in the opposite order of their addition."""
-        # Shut down only after the end of the thread, because rclpy destroys what a wait uses.
+        """Stop, and destroy the nodes in the reverse order of their addition."""
+        # Shut down only after the end of the thread, because rclpy destroys objects that it uses.
         self._executor.create_task(self._stopping.set)
         self._thread.join(timeout=_PATIENCE)
         if not self._thread.is_alive():
@@ -99,7 +99,7 @@ class Spinner:
                 except ExternalShutdownException:
                     break
                 except Exception as error:
-                    # By a malformed request or answer, or by a task.
+                    # Caused by a malformed request or answer, or by a task.
                     if not rclpy.ok() or not self._nodes:
                         self.error = error
                         raise

@@ -66,14 +66,14 @@ class StageNode(PortNode, Generic[P]):
             self._place.free()
 
     def start(self) -> None:
-        """Begin to publish diagnostics, and signs of life for a reject in another process."""
+        """Begin to publish diagnostics, and signs of life if reject runs in another process."""
         self.diagnostics.start()
         if self._alive is not None and not self._alive.takers:
             self._alive_timer = self.create_one_shot_timer(partial(self._show_life, self._alive))
             self._show_life(self._alive)
 
     def _show_life(self, output: Output) -> None:
-        """Send a sign of life; no callback that hangs has the lock of the process."""
+        """Send a sign of life, which shows that no callback hangs with the lock of the process."""
         output.send(Empty())
         self._alive_timer.set(time.monotonic_ns() + _ALIVE_PERIOD)
 
@@ -96,7 +96,7 @@ class StageNode(PortNode, Generic[P]):
         return self.diagnose(now)
 
     def received(self, port: Port) -> None:
-        """Count a record that has arrived, unless it only says that its maker lives."""
+        """Count a record that has arrived, if its port is recorded."""
         if port.recorded:
             self.count(f'{port.name} received')
 
@@ -107,7 +107,7 @@ class StageNode(PortNode, Generic[P]):
         self.diagnostics.connections.refused(time.monotonic(), port.name, str(error))
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Log and count an exception that ends a callback, and not the node."""
+        """Log and count an exception that ends a callback, but not the node."""
         self.count('exceptions')
         super().fail(error, what)
 
@@ -127,7 +127,7 @@ class StageNode(PortNode, Generic[P]):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Create a service; those of rclpy that set parameters write to the audit log first."""
+        """Create a service; rclpy's services that set parameters write to the audit log first."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
         return super().create_service(srv_type, srv_name, callback, **options)
@@ -154,7 +154,7 @@ class StageNode(PortNode, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
 
     def _may_set(self, changes: Sequence[Parameter]) -> bool:
-        """Return whether rclpy and this node accept changes; refused ones have no entry."""
+        """Return whether rclpy and this node accept changes; refused changes get no entry."""
         names = [change.name for change in changes]
         known = all(map(self.has_parameter, names))
         if not known or any(each.read_only for each in self.describe_parameters(names)):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest diagnostics of running lines, worst first, with the nodes that are silent."""
+"""The latest diagnostics of running lines, worst first, including silent nodes."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from checkweigher_core.printable import counted, one_line
 from checkweigher_core.records import Decision
 from checkweigher_core.ros.ports import NODES, STAGES
 
-HOST = 'host'  # value of a node's own status: the name of the computer it runs on
+HOST = 'host'  # key in a node's own status for the name of its computer
 _SILENCE = 3.0  # s, three periods of the diagnostics
 _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
 
@@ -39,7 +39,7 @@ class StatusBoard:
         self._lock = threading.Lock()
 
     def add(self, now: float, statuses: Iterable[Any]) -> None:
-        """Add the statuses of one DiagnosticArray that came at `now`, s."""
+        """Add the statuses of one DiagnosticArray, which arrived at `now`, s."""
         reported: dict[str, list[Row]] = {}
         for status in statuses:
             node, _, aspect = one_line(status.name).partition(': ')
@@ -112,7 +112,7 @@ class LaneRow:
 
 
 def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
-    """Return a row for each lane, worst first; `rows` are those of a board, in its order."""
+    """Return a row for each lane, worst first, from the rows of a board in their order."""
     lanes: dict[str, list[Row]] = {}
     for row in rows:
         lanes.setdefault(row.node.rpartition('/')[0] or '/', []).append(row)
@@ -129,7 +129,7 @@ def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
 
 
 def headline(rows: Iterable[Row]) -> str:
-    """Return the number of rows of each level in words."""
+    """Return a line with the number of rows of each level."""
     counts = Counter(row.level for row in rows)
     errors, warnings = counted(counts[Level.ERROR], 'error'), counted(counts[Level.WARN], 'warning')
     return f'{counts[Level.STALE]} silent, {errors}, {warnings}, {counts[Level.OK]} well'

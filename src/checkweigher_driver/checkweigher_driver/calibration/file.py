@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration files, which are parameter files: the older versions are kept beside the newest."""
+"""Calibration files, which are parameter files. Older versions are kept beside the newest."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -33,8 +33,8 @@ _FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the
 def check_calibration_file(path: Path) -> None:
     """Raise CalibrationError or OutputError if a calibration cannot be written to a path.
 
-    A file that is there must be a calibration, which then is kept as an older version. A file in an
-    installed package is refused: the next installation would replace it.
+    An existing file must be a calibration, and is kept as an older version. A file in an installed
+    package is refused, because the next installation would replace it.
     """
     check_not_installed(path)
     if path.is_dir():
@@ -61,7 +61,7 @@ def _installed() -> list[Path]:
 
 
 def read_version(path: Path) -> int:
-    """Return the version of a calibration file; `CalibrationError` if it is no calibration."""
+    """Return the version of a calibration file; `CalibrationError` if it is something else."""
     try:
         with path.open(encoding='utf-8') as file:
             first = file.readline()
@@ -79,7 +79,7 @@ def read_version(path: Path) -> int:
 def calibration_table(
     calibration: StaticCalibration, points: Sequence[CalibrationPoint]
 ) -> list[str]:
-    """Return the values of a calibration and a table of its points, a line each."""
+    """Return the lines of the values of a calibration and of a table of its points."""
     lines = [
         f'counts_per_kg {calibration.counts_per_kg:.4f} +- '
         f'{calibration.counts_per_kg_uncertainty:.4f} 1/kg, zero_counts '
@@ -105,9 +105,9 @@ def write_version(
 ) -> int:
     """Write a calibration as the newest version of a file and return its number.
 
-    The version before is kept as ``NAME.vN.yaml``. Its other values, or those of `base`, go into
-    the new one. Raises CalibrationError or OutputError if it cannot be written; the file that is
-    there stays.
+    The previous version is kept as ``NAME.vN.yaml``. The new one also gets its other values, or
+    those of `base`. Raises CalibrationError or OutputError if the file cannot be written; an
+    existing file then stays.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -146,7 +146,7 @@ def replace_version(path: Path, new: Path) -> int:
 def _keep(path: Path, version: int) -> None:
     kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
     try:
-        # It is there if an attempt before this one broke off here.
+        # It exists if an earlier attempt broke off here.
         with suppress(FileExistsError):
             os.link(path, kept)
     except OSError as error:
@@ -183,15 +183,15 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
 
 
 def check_calibrated_source(source: str) -> None:
-    """Raise CalibrationError if a source has no calibration of its own, such as a bag."""
+    """Raise CalibrationError if a source, such as a bag, has no calibration parameters."""
     if not {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries()):
         raise CalibrationError(f'source {source}: has its calibration in its data')
 
 
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
-    """Return counts_per_kg and zero_counts of a source, None while there is no file.
+    """Return counts_per_kg and zero_counts of a source, None if it has no calibration file.
 
-    Raises CalibrationError or SettingsError if the file is no calibration of this source.
+    Raises CalibrationError or SettingsError if the file is not a calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
         return None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The services by which a load cell is calibrated on a line that runs."""
+"""Services that calibrate a load cell on a running line."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -33,7 +33,7 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-_SILENCE = 5.0  # s beyond the patience of a reading, after which no samples come
+_SILENCE = 5.0  # s beyond the patience of a reading; a longer wait means that no samples come
 
 # Fields that StaticCalibration and the response of finish_calibration share.
 _FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_uncertainty')
@@ -44,7 +44,7 @@ _Answer = tuple[bool, str, StaticReading | None]  # success, message, and the re
 class CalibrationServices:
     """Services that read loads at rest, calibrate, write the file and restart the stream with it.
 
-    `restart` begins a new stream; it returns why that could not be done, else an empty string.
+    `restart` begins a new stream; it returns why that failed, or an empty string.
     """
 
     def __init__(
@@ -57,12 +57,12 @@ class CalibrationServices:
         self._node = node
         self._parameters = parameters
         self._source = source
-        self._edges: dict[int, EyeEdge] = {}  # the latest of each eye in the stream
+        self._edges: dict[int, EyeEdge] = {}  # latest edge of each eye in the stream
         self._stamp = 0  # of the latest block, ns
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        self._waiting: Future | None = None  # answer of a call that waits while a load is read
-        # A separate group, so that samples go on while an answer waits for them.
+        self._waiting: Future | None = None  # answer to a call that waits for a reading
+        # A separate group, so that samples go on while a call waits for them.
         group = self._group = ReentrantCallbackGroup()
         node.create_service(Trigger, ports.CALIBRATE_ZERO, self._on_zero, callback_group=group)
         node.create_service(
@@ -155,7 +155,7 @@ class CalibrationServices:
         except ValueError as error:
             return self._refused(str(error))
         self._waiting = Future()
-        # The thread of the source completes it, while the executor may wait.
+        # The thread of the source sets the result, while the executor may sleep.
         self._waiting.add_done_callback(lambda _: self._node.executor.wake())
         patience = self._parameters.patience + _SILENCE
         answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
@@ -166,7 +166,7 @@ class CalibrationServices:
         return answer
 
     def _refuse(self, text: str) -> None:
-        """Answer a call that waits for a load that was not read."""
+        """Refuse the call that waits for a reading, if any."""
         if self._waiting is not None:
             self._answer(self._refused(text))
 
@@ -218,7 +218,7 @@ class CalibrationServices:
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration
     ) -> int:
-        """Write the next version of the file once the audit log has it; `ValueError` if not."""
+        """Write the next version after its entry in the audit log; `ValueError` if that fails."""
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)
         change = CALIBRATION, ports.LOAD_CELL_INFO.name

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration on a line: known masses, read one after the other while no product passes."""
+"""Calibration on a line: known masses are read one by one while no product passes."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ from checkweigher_driver.calibration.static_calibration import (
     zero_only,
 )
 
-_QUIET = 2 * NANOSECONDS  # without an edge, before the stream may be interrupted
-_LONGEST = 3600.0  # s from the first point to the end: the zero drifts
+_QUIET = 2 * NANOSECONDS  # ns without an edge, before the stream is interrupted
+_LONGEST = 3600.0  # s from the first point to the end, because the zero drifts
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,15 @@ class CalibrationParameters(Parameters):
 
     @property
     def path(self) -> Path | None:
-        """The file, None without one."""
+        """Calibration file, None without one."""
         return Path(self.file) if self.file else None
 
 
 class CalibrationSession:
     """Points of a calibration: loads are read one at a time, then the points are fitted.
 
-    A session is either idle or reading: `begin` starts a reading; its point, an error or `cancel`
-    ends it; `finish` needs an idle session with points.
+    A session is either idle or reading. `begin` starts a reading, and its point, an error or
+    `cancel` ends it. `finish` needs an idle session with points.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -87,7 +87,7 @@ class CalibrationSession:
     def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
         """Begin to read a load; mass and uncertainty in kg, both 0 for the empty belt.
 
-        `edges` are the latest of each eye. Raises CalibrationError if the load cannot be read now.
+        `edges` has the latest edge of each eye. Raises CalibrationError if no load can be read now.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
@@ -105,7 +105,7 @@ class CalibrationSession:
         """Process an event of the stream, and return the reading of the point that it completes.
 
         `now` is in s, on a clock that never steps back. Raises CalibrationError if the load cannot
-        be read; there is no point then.
+        be read; no point is added then.
         """
         reading, self.reading = self.reading, None  # an error ends it
         if reading is None:
@@ -134,9 +134,10 @@ class CalibrationSession:
     ) -> StaticCalibration:
         """Return the calibration of the points; they are kept.
 
-        `max_residual` is the largest residual of a mass in kg, 0 for any. `edges` are the latest of
-        each eye, `stamp` is that of the last block, ns, and `now` is in s on the clock of `add`.
-        Raises CalibrationError if the points make no calibration, or a product may be on the belt.
+        `max_residual` is the largest allowed residual in kg, 0 for any. `edges` has the latest edge
+        of each eye, `stamp` is the stamp of the last block, ns, and `now` is in s on the clock of
+        `add`. Raises CalibrationError if the points do not give a calibration, or if a product may
+        be on the belt.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')

@@ -6,7 +6,7 @@
 
 is fitted by weighted least squares. The variance of a point is the variance of its reading plus
 that of its mass, converted by the sensitivity (effective variance: Orear, Am. J. Phys. 50, 912
-(1982)). Where the points scatter more than these two explain, the uncertainties are multiplied by
+(1982)). If the points scatter more than these two explain, the uncertainties are multiplied by
 the square root of chi-squared over its degrees of freedom (Birge ratio), because the cell is not
 linear.
 """
@@ -25,12 +25,12 @@ _LEAST_SAMPLES = 10 * BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
 _LOOK_PERIOD = 0.5  # s of signal between two checks of a load
 _LEAST_SPAN = 100.0  # smallest ratio of the sensitivity to its uncertainty
-# Standard uncertainty of a constant reading, by the step of the converter, in counts.
+# Standard uncertainty of a constant reading due to the step of the converter, in counts.
 _QUANTISATION = 1 / math.sqrt(12)
 
 
 class CalibrationError(ValueError):
-    """A calibration that cannot be made or used; one line that says why."""
+    """A calibration that cannot be made or used; the message is one line with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,8 @@ class StaticReading:
     """Reading of a load at rest, counts."""
 
     mean: float
-    std_error: float  # standard uncertainty of the mean, by those of ten successive batches
-    drift: float  # mean of the second half less that of the first
+    std_error: float  # standard uncertainty of the mean, from the means of ten batches
+    drift: float  # mean of the second half minus mean of the first half
     noise: float  # standard deviation of the samples
 
     def is_stable(self, tolerance: float) -> bool:
@@ -124,7 +124,7 @@ class RestReading:
 
     @property
     def duration(self) -> float:
-        """Duration of the samples in the reading, s, at most that of `Steadiness`."""
+        """Duration of the samples in the reading, s, at most `Steadiness.duration`."""
         return min(len(self._counts), self._least) / self._load_cell.sample_rate
 
     def _why_not(self) -> str:
@@ -162,12 +162,12 @@ class StaticCalibration:
     counts_per_kg: float
     zero_uncertainty: float
     counts_per_kg_uncertainty: float
-    # Mass by the calibration less true mass of each point, kg.
+    # Mass by the calibration minus true mass of each point, kg.
     residuals: tuple[float, ...]
 
     @property
     def largest_residual(self) -> float:
-        """Largest residual, kg, without its sign."""
+        """Largest absolute residual, kg."""
         return max(map(abs, self.residuals))
 
 

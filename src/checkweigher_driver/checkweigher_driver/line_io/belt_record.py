@@ -1,13 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State of the belt in a file that outlives a driver which is killed.
+"""State of the belt in a file that survives a kill of the driver.
 
-The file says that the belt may run before it does, on the disk. So the next start notices any end
-that was not orderly, also a power cut. The names of the items are written by a thread of their own
-and need not outlive a power cut, so that the outputs never wait for a disk.
+Before the belt may run, the file on the disk says so. The next start therefore detects any
+disorderly end, even a power cut. A separate thread writes the names of the items, which need not
+survive a power cut, so that the outputs never wait for a disk.
 
-An empty file beside it, with `.begun` behind its name, says that there has been a record: without
-a record it was lost, and the belt may have run. Without both this is the first start.
+An empty file beside it, with `.begun` after its name, shows that there was a record. If only that
+file exists, the record was lost, and the belt may have run. If neither exists, this is the first
+start.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -45,7 +46,7 @@ class OnBelt:
     def of_line(cls, data: bytes) -> Self:
         """Return the state in the first line of a record; if it is damaged, the belt may have run.
 
-        A check sum in front decides, so that no damage can look like an orderly end.
+        A check sum in front prevents damage from looking like an orderly end.
         """
         line = data.split(b'\n', 1)[0]
         if line == _EMPTY_BEFORE:
@@ -58,12 +59,12 @@ class OnBelt:
         return cls(released=True)
 
     def line(self) -> bytes:
-        """Return the line of a record, with its end."""
+        """Return the line of a record, including the line end."""
         text = json.dumps(astuple(self)).encode()
         return b'%08x %s\n' % (zlib.crc32(text), text)
 
     def to_look_for(self) -> tuple[str, ...]:
-        """Return texts of all that is in doubt at a start; empty after an orderly end."""
+        """Return a text for each doubt at a start; empty after an orderly end."""
         if not self.released:
             return self.doubts
         known = f'{", ".join(self.items)}, and ' if self.items else ''
@@ -76,7 +77,7 @@ class OnBelt:
 class BeltRecord:
     """The file of one machine, locked for one driver at a time.
 
-    `found` is the state at the end of the run before.
+    `found` is the state at the end of the previous run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -95,7 +96,7 @@ class BeltRecord:
         self._writing = self._writer.submit(lambda: None)  # the last write
 
     def _open(self) -> OnBelt:
-        """Open the file, or create it; return the state at the end of the run before."""
+        """Open the file, or create it; return the state at the end of the previous run."""
         path = self._path
         new_folders = [folder for folder in path.parents if not folder.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +115,7 @@ class BeltRecord:
         return found
 
     def _begin(self, created: bool) -> OnBelt:
-        """Lock, read and allocate the file, and note beside it that there is a record."""
+        """Lock, read and allocate the file, and make the file `.begun` beside it."""
         begun = self._path.with_name(f'{self._path.name}.begun')
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         found = OnBelt.of_line(os.pread(self._file, _SIZE, 0))
@@ -123,14 +124,14 @@ class BeltRecord:
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        with suppress(PermissionError):  # then nobody here can remove the record either
+        with suppress(PermissionError):  # then this user cannot remove the record either
             begun.touch()
         return found
 
     def keep(self, belt: OnBelt) -> None:
-        """Write the state of the belt: to the disk before it is released, else soon.
+        """Write the state of the belt; before a release of the belt, wait for the disk.
 
-        Raises OSError if it cannot be written; the belt must not run then.
+        Raises OSError if it cannot be written; the belt must then not run.
         """
         if belt.released and self._writing.done():
             self._writing.result()
@@ -160,7 +161,7 @@ class BeltRecord:
 
 
 def record_path(wanted: str, machine: str) -> Path:
-    """Return the path of the record of a machine, by the name of its outputs if none is given."""
+    """Return the path `wanted` of a record, or one by the name of the outputs if it is empty."""
     if wanted:
         return Path(wanted)
     try:

@@ -8,7 +8,7 @@ import time
 
 from checkweigher_core.records import NANOSECONDS
 
-_DOUBT = 10 * NANOSECONDS  # after a step, during which a stamp may be from before or after it
+_DOUBT = 10 * NANOSECONDS  # after a step, because a stamp may be from before or after it
 _TRIES = 5
 
 
@@ -28,7 +28,7 @@ def read_clocks() -> tuple[int, int]:
 
 
 class ClockStepWatch:
-    """Offset between the two clocks, in doubt after a step.
+    """Offset between the two clocks, unknown for a while after a step.
 
     A change of the offset by more than `tolerance`, ns, between two calls of `look` is a step.
     """
@@ -44,7 +44,7 @@ class ClockStepWatch:
     def look(self) -> int | None:
         """Return monotonic minus real time in ns, or None shortly after a step.
 
-        Call it often: a step back and forth between two calls is not noticed.
+        Call it often, because a step back and forth between two calls is not detected.
         """
         monotonic, real = self._clocks()
         offset, before = monotonic - real, self._offset

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges of photo-eyes whose state is polled.
 
-A poll reads both eyes at one unknown moment between its begin and its end. So an edge lies between
+A poll reads both eyes at an unknown moment between its begin and its end. So an edge lies between
 the begin of the last poll with the old state and the end of the first poll with the new state. Its
-stamp is the middle of this interval, and its uncertainty is half of the interval, which is half of
+stamp is the middle of this interval. Its uncertainty is half of the interval, which is the sum of
 period and round trip.
 """
 
@@ -26,10 +26,10 @@ class Poll:
 class EdgePolling:
     """Edges found in polls; all times in ns.
 
-    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. So does a time
-    without a poll in which a product may have passed unseen: `longest_gap`, or the time for which
-    the last product covered an eye, if that is shorter and more than twice `max_uncertainty`.
-    `delay` is the time from an eye to the state that a poll reads.
+    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. So does a long
+    time without a poll, in which a product may have passed unseen. It is allowed to last as long as
+    the last product covered an eye, but at least twice `max_uncertainty` and at most `longest_gap`.
+    `delay` is the time from a change at an eye to its appearance in polls.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -47,7 +47,7 @@ class EdgePolling:
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
         """Add a poll and return the edges or the loss that it shows.
 
-        `to_stamp` is stamp less time of the polls, ns.
+        `to_stamp` is the stamp minus the time of the polls, ns.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay
@@ -103,8 +103,8 @@ class EdgePolling:
     def figures(self) -> dict[str, float]:
         """Return the figures for /diagnostics; times in ms.
 
-        ``edge uncertainty`` is that of a typical edge, by the mean period and round trip,
-        ``largest edge uncertainty`` that of the worst accepted edge.
+        ``edge uncertainty`` is typical: it follows from the mean period and round trip.
+        ``largest edge uncertainty`` is the maximum of the accepted edges.
         """
         polls = max(self._polls, 1)
         period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls

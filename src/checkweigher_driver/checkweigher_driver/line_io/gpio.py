@@ -61,10 +61,10 @@ class GpioEyesParameters(Parameters):
 
 
 class EdgeOrder:
-    """Edges from the events of the kernel, in which lost events are noticed.
+    """Edges from the events of the kernel, with detection of lost events.
 
     The kernel numbers the events of a request from 1 and drops the oldest if its buffer is full.
-    `eyes` are by the offset of their lines.
+    `eyes` has the eye of each line by its offset.
     """
 
     def __init__(self, eyes: dict[int, Eye]) -> None:
@@ -74,7 +74,7 @@ class EdgeOrder:
         self.lost = 0
 
     def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
-        """Return the edge of an event, after the loss of events before it, if any."""
+        """Return the edge of an event, preceded by the loss of earlier events, if any."""
         missing = event.global_seqno - self._next
         since = self._last_stamp
         self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
@@ -112,7 +112,7 @@ class GpioEyes(EdgeSource):
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges until `close`; `OSError` if the chip is gone, until a new start."""
+        """Yield edges until `close`; `OSError` if the chip is gone, which needs a new start."""
         with self._request:
             while not self._closing.is_set():
                 try:
@@ -273,7 +273,7 @@ class GpioInputs(InputPort):
         self._levels = {}
 
     def read(self) -> list[Reading]:
-        """Return the readings of the edges since the last call; without edges, the present one."""
+        """Return a reading for each edge since the last call, or else the present reading."""
         if not self._levels or not self._lines.wait_edge_events(_WAIT):
             values = self._lines.get_values(list(self._names))
             levels = zip(self._names.values(), values, strict=True)
@@ -297,7 +297,7 @@ def _is_rising(event: gpiod.EdgeEvent) -> bool:
 def _edges_of(
     bias: str, active_low: bool, debounce: timedelta = timedelta(0)
 ) -> gpiod.LineSettings:
-    """Return the settings of an input with edges, stamped on the clock of all stamps."""
+    """Return the settings of an input whose edges are stamped on the clock of all stamps."""
     return gpiod.LineSettings(
         direction=Direction.INPUT,
         edge_detection=Edge.BOTH,

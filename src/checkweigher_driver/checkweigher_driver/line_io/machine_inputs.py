@@ -84,7 +84,7 @@ class InputParameters(Parameters):
 
 
 class Reading(NamedTuple):
-    """Levels of all inputs, by their names, from `stamp` on, ns."""
+    """Levels of all inputs by name, valid from `stamp`, ns."""
 
     stamp: int
     levels: Mapping[str, bool]
@@ -160,8 +160,8 @@ class InputPort(ABC):
 class MachineInputs:
     """Inputs that a thread of this object reads from `open` to `close`, again after a loss.
 
-    `send` is called in that thread with all that is new. With a `port` of None the machine has no
-    inputs: they are never in trouble.
+    That thread calls `send` with each new reject or condition. If `port` is None, the machine has
+    no inputs, and they are never in trouble.
     """
 
     def __init__(self, port: InputPort | None, bin_time: float = 0.0) -> None:
@@ -177,7 +177,7 @@ class MachineInputs:
         return self._port is not None
 
     def open(self, send: Callable[[Said], None]) -> None:
-        """Begin to read; a device that is missing is waited for."""
+        """Begin to read; the thread waits for a missing device."""
         if self._port is None or self._thread is not None:
             return
         self._closing.clear()

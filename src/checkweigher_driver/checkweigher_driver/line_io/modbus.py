@@ -43,7 +43,7 @@ class _DeviceParameters(Parameters):
             raise ParameterError(f'{self.node}.host: empty, must name the device')
 
     def link(self) -> ModbusLink:
-        """Return the connection, not yet made."""
+        """Return a link to the device, not yet connected."""
         return ModbusLink(self.host, self.port, self.device_id, self.timeout)
 
 
@@ -88,7 +88,7 @@ class ModbusEyesParameters(_DeviceParameters):
 
 
 class ModbusEyes(EdgeSource):
-    """Both eyes, polled; while the device cannot be reached the eyes are lost."""
+    """Polled photo-eyes, which are lost while the device cannot be reached."""
 
     parameters = ModbusEyesParameters
     trouble = 'the photo-eyes have not been read yet'
@@ -142,7 +142,7 @@ class ModbusEyes(EdgeSource):
 
 
 def _to_stamp() -> int:
-    """Return stamp less monotonic time, ns.
+    """Return the real time minus the monotonic time, ns.
 
     It is read at each poll, so that a step of the host's clock moves edges and samples alike.
     """
@@ -192,7 +192,7 @@ class ModbusOutputParameters(_DeviceParameters):
 
 
 class ModbusOutputs(OutputPort):
-    """Rejector, stop and permit as coils, the belt as an input, and a register that counts."""
+    """Rejector, stop and permit as coils, the belt as an input, the watchdog as a register."""
 
     parameters = ModbusOutputParameters
 
@@ -289,7 +289,7 @@ class ModbusInputs(InputPort):
         self._link.connect()
 
     def read(self) -> list[Reading]:
-        """Return the reading at the time when the next one is due."""
+        """Wait until the next reading is due, and return it."""
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = time.monotonic() + self._parameters.poll_period
         begin = time.time_ns()

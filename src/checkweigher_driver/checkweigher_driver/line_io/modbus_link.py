@@ -9,12 +9,12 @@ from typing import Any
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-# It logs every refused connection, which the raised error reports anyway.
+# pymodbus logs every refused connection, although the raised error reports it.
 logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
 
 
 class ModbusLinkError(ValueError):
-    """A request without a valid answer, and the reason, in one line."""
+    """A request without a valid answer; the message is one line with the reason."""
 
 
 class ModbusLink:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rejector and stop output of the line, switched by a thread at the time when they are due."""
+"""Rejector and stop output of the line, which a thread switches when they are due."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -53,11 +53,11 @@ class OutputPort(ABC):
 
 
 class OutputLoop:
-    """A thread that opens a port, again after a loss, and switches it as a control decides.
+    """Thread that opens a port, reopens it after a loss, and switches it as the control decides.
 
-    `changed` is the lock of the control, notified of its changes. `held` is called each cycle and
-    returns whether the line has to stop because its load cell or photo-eyes do not work. `trouble`
-    is one line while the port does not work, else empty.
+    `changed` is the lock of the control, which is notified of changes. `held` is called each cycle
+    and returns whether the line has to stop because its load cell or photo-eyes do not work.
+    `trouble` is one line while the port does not work, else empty.
     """
 
     def __init__(
@@ -150,16 +150,16 @@ class OutputLoop:
 
 
 class MachineOutputs:
-    """Outputs that reject at the time that a verdict names, and stop the line.
+    """Outputs that reject items at the times in their verdicts, and stop the line.
 
-    The outputs are safe from `open` until `activate`, and after `safe` or `close`: the rejector in
-    its safe state, the stop output set. The stop output is also set without a fresh permission to
-    run. A rejected product that the rejector can have missed sets it too, until `reset` or until a
-    stop request that showed the product is taken back; so do items that an earlier run has left on
-    the belt according to the record.
+    The outputs are safe from `open` until `activate`, and after `safe` or `close`: the rejector is
+    in its safe state, and the stop output is set. The stop output is also set without a fresh
+    permission to run, after a product that the rejector may have missed, and if the record shows
+    items that an earlier run left on the belt. The latter two last until `reset`, or until a stop
+    request that showed the product is taken back.
 
-    A thread of this object opens the port, and opens it again after a loss. With a `port` of None
-    the machine has no outputs: they are never open, and never in trouble.
+    A thread of this object opens the port, and reopens it after a loss. If `port` is None, the
+    machine has no outputs: they are never open, and never in trouble.
     """
 
     def __init__(self, port: OutputPort | None, parameters: OutputParameters) -> None:
@@ -202,9 +202,9 @@ class MachineOutputs:
     def trouble_with(self, source: str) -> str:
         """Return new or lasting trouble for the stop request in one line, empty if there is none.
 
-        `source` is the trouble of load cell and photo-eyes. A missed product is repeated as long as
-        there is other trouble: the stop request shows only the latest text, and has to show the
-        product when that trouble is over.
+        `source` is the trouble of load cell and photo-eyes. A missed product is repeated while
+        there is other trouble, because the stop request shows only the latest text, and must show
+        the product when that trouble is over.
         """
         with self._changed:
             missed = self._control.missed
@@ -244,7 +244,7 @@ class MachineOutputs:
             control.make_safe()
 
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
-        """Process a record of the line; None says that reject asks for no stop any more."""
+        """Process a record of the line; None means that reject took its stop request back."""
         now = time.monotonic_ns()
         with self._change() as control:
             match record:
@@ -269,7 +269,7 @@ class MachineOutputs:
             return missed
 
     def open(self, held: Callable[[], bool] = lambda: False) -> None:
-        """Connect, safe until `activate`; a device that is missing is waited for.
+        """Connect, safe until `activate`; the thread waits for a missing device.
 
         `held` is called each cycle in the thread of the outputs. It returns whether the line has to
         stop because its load cell or photo-eyes do not work. Raises `ParameterError` if the record

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Decisions on rejector, stop, permit and stations at each moment, without thread and port."""
+"""Decisions on rejector, stop, permit and stations at each moment, without thread or port."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -81,16 +81,16 @@ class OutputParameters(Parameters):
 
 
 class RejectorControl:
-    """Levels of the outputs at each moment, and products that the rejector can have missed.
+    """Levels of the outputs at each moment, and products that the rejector may have missed.
 
-    `now` is in ns of the monotonic clock throughout. `active` is false in the safe state,
-    `connected` while the port cannot be switched. The line stops without a fresh permission of
-    reject, while it is `held`, and for a missed product.
+    `now` is in ns of the monotonic clock throughout. `active` is false in the safe state, and
+    `connected` is false while the port cannot be switched. The line stops without a fresh
+    permission of reject, while it is `held`, and for a missed product.
 
     Pulses and permits follow from the places of the items. After a belt stop that was not measured,
-    the places are unknown: no item may pass, and the line stops until a person has looked. Only a
-    machine that `permits` has permits. A machine has as many `stations` beside its rejector; in the
-    safe state they rest, because the rejector takes all that is in doubt.
+    the places are unknown: no item may pass, and the line stops until a person has looked.
+    `permits` is true if the machine has permits. `stations` is the number of stations beside the
+    rejector; in the safe state they rest, because the rejector takes all doubtful items.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class RejectorControl:
         return Levels(reject, stop, self._sorter.permits.given(now), tuple(stations))
 
     def _stand(self) -> None:
-        """Name the rejected items on a belt that is stopped; their places are unknown then."""
+        """Report the rejected items on a stopped belt, because their places are unknown."""
         self._sorter.permits.clear()
         bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
         if names := [str(each) for each in bad if not each.told]:
@@ -244,7 +244,7 @@ class RejectorControl:
             self.missed.add(text)
 
     def belt(self, running: bool | None, now: int) -> None:
-        """Process the belt input, None without one; while the belt stands no pulse changes."""
+        """Process the belt input, None without one; the pulse schedule stops with the belt."""
         here = self.motion.measure(running, now)
         if here is not None:
             self._sorter.resume(here)

@@ -55,7 +55,7 @@ class AedParameters(SerialParameters):
 
 
 class AedSource(SerialSource):
-    """Frames of three bytes of the reading and a check, streamed by the device (COF 8, MSV?0)."""
+    """Frames of a three-byte reading and a check byte, which the device streams (COF 8, MSV?0)."""
 
     parameters = AedParameters
 
@@ -110,7 +110,7 @@ class AedDialogue:
         self._port.write(f'{command};'.encode())
 
     def stop(self) -> None:
-        """Stop a stream, if there is one, and drop the bytes that have come of it."""
+        """Stop the stream, if there is one, and drop its remaining bytes."""
         self.send('STP')
         self._port.flush()
         time.sleep(_STOP_PAUSE)
@@ -159,7 +159,7 @@ class AedDialogue:
         return reply
 
     def order(self, command: str, parameter: str) -> None:
-        """Send a command; `SerialError`, which names the driver's parameter, if it is refused."""
+        """Send a command; if it is refused, `SerialError` names the driver's parameter."""
         self.send(command)
         reply = self._line()
         if reply != '0':

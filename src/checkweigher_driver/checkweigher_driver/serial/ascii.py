@@ -74,11 +74,11 @@ def _command(text: str) -> bytes:
 
 
 class LineDecoder:
-    """Readings from a stream of lines; any cut of the stream gives the same readings.
+    """Readings from a stream of lines; its division into reads does not change them.
 
     `pattern` is the regular expression of a whole line without its end; its first group is the
-    number. There is no checksum, so the pattern should fix the number of digits: otherwise a line
-    that has lost a digit is another number. One count is 1 in the last of the `decimals` digits
+    number. There is no checksum, so the pattern should fix the number of digits. Otherwise a line
+    that lost a digit is read as another number. One count is 1 in the last of the `decimals` digits
     after the point. Raises ValueError if the pattern is not a regular expression or has no group.
 
     Lines end with CR, LF or both. A line that is not a reading counts as one lost value, or as
@@ -114,7 +114,7 @@ class LineDecoder:
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # Only the beginning of a line that is too long is kept; it is refused when it ends.
+        # Only the beginning of a line that is too long is kept. The line is refused at its end.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []

@@ -14,15 +14,15 @@ from checkweigher_driver.serial.sample_clock import SampleClock
 
 
 class BlockMaker:
-    """Blocks of reads. The index goes on over breaks and jumps by the number of lost samples.
+    """Maker of blocks. The index continues over breaks and jumps by the number of lost samples.
 
-    Blocks are held back while their stamps are in doubt. At the start that takes a second; an item
-    on the belt then waits for its samples. After late reads it ends with the next read in time.
-    After a step of the host's clock or an unnoticed loss of samples it takes a second: an item on
-    the belt gets no mass in time, and is a fault.
+    Blocks are held back while their stamps are in doubt. At the start this takes a second, and an
+    item on the belt waits for its samples. After late reads, it ends with the next read in time.
+    After a step of the host's clock or an undetected loss of samples it takes a second, so an item
+    on the belt gets no mass in time, and is a fault.
 
     `latency`, s, is the time from a sample to the earliest moment at which a read can return it;
-    `limits` are the counts at which the converter is at its limit.
+    `limits` are the limits of the converter in counts.
     """
 
     def __init__(self, sample_rate: float, latency: float, limits: tuple[int, int]) -> None:
@@ -35,7 +35,7 @@ class BlockMaker:
         self._lost = self._samples = 0
 
     def resume(self, reads: Sequence[Read]) -> None:
-        """Continue after a break with the index that belongs to the time of the next reads.
+        """Continue after a break with the index that fits the time of the next reads.
 
         The read with the smallest delay decides.
         """
@@ -46,7 +46,7 @@ class BlockMaker:
         self._jump(max(1, math.floor(least * self._rate / NANOSECONDS)))
 
     def blocks(self, read: Read) -> Iterator[SampleBlock]:
-        """Yield the blocks that can be sent now, with a new one behind each gap of the index."""
+        """Yield the blocks that can be sent now; a new one begins after each gap of the index."""
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)
         counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)

@@ -15,13 +15,12 @@ class Decoded:
 
     counts: NDArray[np.int32]
     overflow: NDArray[np.bool_]  # the device reports that its converter or scale was exceeded
-    # Number of values lost between each reading and the one before it, at least 1 if bytes were
-    # skipped there.
+    # Number of values lost before each reading, at least 1 if bytes were skipped there.
     lost: NDArray[np.int64]
 
 
 class Decoder(Protocol):
-    """Decoder of a stream of bytes; any cut of the stream gives the same readings."""
+    """Decoder of a stream of bytes; its division into reads does not change the readings."""
 
     frame_bytes: int  # size of a reading on the wire, 0 while it is not known
     skipped_bytes: int  # bytes so far that belong to no reading

@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings from the binary frames of a digital load cell: three bytes, a check, perhaps CR LF.
 
-A frame is a 24-bit two's complement number, most significant byte first, then the XOR of the three
-or a status byte, then CR LF on some models. CR and LF occur inside frames as well, so newlines
-divide nothing.
+A frame is a 24-bit two's complement number, most significant byte first, then the XOR of its bytes
+or a status byte, then CR LF on some models. CR and LF occur inside frames, too, so they do not
+delimit frames.
 
-Without CR LF the XOR does not show where a frame begins. For a signal that changes slowly three of
-four places look right: in A B C X A B C X with X = A ^ B ^ C each byte is the XOR of the three
-before it, and the place one byte on is wrong only where A changes. But at a wrong place a change d
+Without CR LF, the XOR does not show where a frame begins. If the signal changes slowly, three of
+four places look right: in A B C X A B C X with X = A ^ B ^ C, each byte is the XOR of the three
+before it, and the place one byte later is wrong only if A changes. But at a wrong place, a change d
 of the count becomes 256 d or more, give or take 255. So of the places that look right over some
 frames, the true one has the smallest changes from frame to frame. A frame without CR LF is returned
-only if it and the four after it are good and no other place has smaller changes; a disturbed byte
-costs the frames before it as well. A wrong place passes only while the signal does not change for
-four frames. Frames with CR LF both inside and at their end are treated the same way.
+only if it and the next four are good and no other place has smaller changes, so a disturbed byte
+costs the frames before it, too. A wrong place is accepted only if the signal does not change for
+four frames. Frames with CR LF both inside and at their end are treated in the same way.
 """
 
 import math
@@ -34,7 +34,7 @@ _UNUSED = 0b1100_0000  # bits of the status byte
 
 
 class _Places:
-    """The frames of one size that would begin at each byte of some data."""
+    """Frames of one size, as if one began at each byte of some data."""
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
         n = max(len(data) - size + 1, 0)
@@ -50,14 +50,14 @@ class _Places:
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
         # For the run of frames from each byte: whether all are good, and the sum of their changes.
-        # Other places are checked only within this run, because their bytes have come then.
+        # Other places are checked only within this run, whose bytes have all come.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
         self.run = run[:k] & self.good[last]
-        # Two measures. A beginning is put off while another place changes as little or less. After
-        # that only a place with much smaller changes counts, because a slip makes them 256 times
-        # as large.
+        # Two measures. A run does not begin while the changes at another place are as small. After
+        # that, only a place with much smaller changes counts, because a slip makes the changes 256
+        # times as large.
         self.slipped, unsure = np.zeros(k, bool), np.zeros(k, bool)
         all_change = change[:k] + np.abs(
             self.counts[last] - self.counts[size * (_RUN - 2) : size * (_RUN - 2) + k]
@@ -87,19 +87,19 @@ class _Places:
 
 
 class FrameDecoder:
-    """Readings from frames; any cut of the stream gives the same readings.
+    """Readings from frames; the division of the stream into reads does not change them.
 
     With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
-    and a disturbed byte inside a frame cannot be noticed. `trailer` is 'crlf' if CR LF follows,
-    'none', or 'auto' to find out. Raises ValueError without both, because frames could not be told
-    apart.
+    and a disturbed byte inside a frame cannot be detected. `trailer` is 'crlf' if CR LF follows,
+    'none' if not, or 'auto' to find out. Raises ValueError if a frame has neither a checksum nor CR
+    LF, because frames could not be told apart.
 
     After a bad frame the search continues from its second byte, up to the first place at which five
     frames in a row are good.
 
     The number of lost values is the number of skipped bytes, rounded up to whole frames. It is
-    right for disturbed bytes and for the loss of less than a frame, and too small otherwise. The
-    loss of whole frames cannot be seen here, only by the clock of the samples.
+    right for disturbed bytes and for the loss of less than a frame, and too small otherwise. Only
+    the clock of the samples can show a loss of whole frames.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:
@@ -145,8 +145,8 @@ class FrameDecoder:
                 self._synchronised = True
                 size = self.frame_bytes
                 if places.doubtful[begin : begin + _RUN * size : size].any():
-                    # If bytes are lost within this run, it may look good at a wrong place. The
-                    # place is the true one only after it.
+                    # If bytes were lost within this run, it may look good at a wrong place. Only
+                    # the place after it is certain.
                     self._skip(_RUN * size)
                     position += _RUN * size
             number, broken = self._follow(places, position)
@@ -165,12 +165,12 @@ class FrameDecoder:
         return self._decoded(places, found, lost)
 
     def _find_size(self) -> int:
-        """Set the frame size if it is clear, and return the number of bytes that are skipped."""
+        """Set the frame size if it is clear, and return the number of skipped bytes."""
         with_trailer, without = (
             _Places(self._data, size, True) for size in (_WITH_TRAILER, _WITHOUT)
         )
         looked_at = max(len(self._data) - _AHEAD + 1, 0)
-        # Frames with CR LF may look like some without; the reverse takes CR LF at six places.
+        # Frames with CR LF may look like frames without. The reverse needs CR LF at six places.
         for position in range(looked_at):
             if with_trailer.run[position : position + _WITH_TRAILER].any():
                 self.frame_bytes = _WITH_TRAILER

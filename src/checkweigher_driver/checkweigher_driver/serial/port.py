@@ -8,7 +8,7 @@ from pathlib import Path
 
 import serial
 
-_READ_TIMEOUT = 0.1  # s, after which a read returns what has come
+_READ_TIMEOUT = 0.1  # s, after which a read returns the bytes so far
 _WRITE_TIMEOUT = 1.0  # s
 _NO_PORT = 'there is no such port; is the device plugged in?'
 _IN_USE = 'another program has the port open'
@@ -38,7 +38,7 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
 
 def reason_of(name: str, error: Exception) -> str:
     """Return the reason of an error of a port, for a technician."""
-    # pyserial raises some errors as another error from the first one.
+    # pyserial wraps some errors in others.
     number = getattr(error, 'errno', None) or getattr(error.__context__, 'args', (None,))[0]
     if number in (errno.EACCES, errno.EPERM):
         try:

@@ -22,16 +22,16 @@ class Read(NamedTuple):
     """One read of the port that completed values."""
 
     values: Decoded
-    at: int  # ns, when the last of them had come
+    at: int  # ns, arrival of the last value
     size: int  # bytes
 
 
 class ValueReader:
-    """Reads of one device, whose port and decoder are new after a break, until `closed` is set.
+    """Reader of one device until `closed` is set; port and decoder are new after a break.
 
-    `rate` is the nominal number of values a second, `in_block` that of values in a read. The device
-    is silent after `timeout` s without a value. `comes` is true while values come. `trouble` is the
-    difference of the rate of the device from the nominal one, if any.
+    `rate` is the nominal number of values per second, and `in_block` the number of values in a
+    read. The device counts as silent after `timeout` s without a value. `comes` is true while
+    values come. `trouble` reports a rate that differs from the nominal one.
     """
 
     def __init__(self, rate: float, in_block: int, timeout: float, closed: threading.Event) -> None:
@@ -49,7 +49,7 @@ class ValueReader:
         began, number = 0.0, 0  # of the measurement of the rate
         last_value, idle_bytes = time.monotonic(), 0
         while not self._closed.is_set():
-            # Until the frame size is known, one byte at least for each value.
+            # Until the frame size is known, assume one byte for each value.
             rest = (self._in_block - 1) * max(decoder.frame_bytes, 1)
             skipped, bad = decoder.skipped_bytes, decoder.bad_frames
             data = port.read(rest + decoder.missing)
@@ -70,7 +70,7 @@ class ValueReader:
                 self._check_rate(number / (last_value - began))
                 began, number = last_value, 0
             self.comes = True
-            # Values that wait in the decoder have come after the last of these.
+            # Values that wait in the decoder came after the last of these.
             at = now - round(decoder.waiting * NANOSECONDS / self._rate)
             yield Read(values, at, len(data))
 
@@ -87,9 +87,9 @@ class ValueReader:
         return f'{what} for {self._timeout:g} s; {advice}'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
-        """Return the reads after a break, up to one that has not waited in the port.
+        """Return the reads after a break, up to one that did not wait in the port.
 
-        The time of values that have waited is unknown.
+        The arrival of values that waited is unknown.
         """
         first, number = [], 0
         for read in reads:

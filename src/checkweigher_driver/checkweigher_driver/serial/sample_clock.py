@@ -2,17 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time of each sample, from its index and from the times of the reads.
 
-Bus, operating system and scheduler make a read late, never early. So the true line of time over
-index lies below all points (index of the last sample of a read, time of the read), and the highest
-line below them is its estimate: of the edges of their lower convex hull the one over the middle of
-the window (Zhang, Liu and Xia, INFOCOM 2002), which is the line with the smallest mean distance. A
-delay that every read has, such as the time of a frame on the wire, cannot be seen this way: it is
-`latency`.
+Bus, operating system and scheduler can make a read late, never early. So the true line of time over
+index lies below all points (index of the last sample of a read, time of the read). Its estimate is
+the line below all points with the smallest mean distance, which is the edge of their lower convex
+hull over the middle of the window (Zhang, Liu and Xia, INFOCOM 2002). The points do not show a
+delay that every read has, such as the time of a frame on the wire. It is given as `latency`.
 
-Two events break the line. A read that is too early means that the clock of the host stepped back or
-that the index ran ahead: a new line begins at once. If even the earliest read is late for a while,
-samples were lost unnoticed or the clock of the host stepped forward: a new line begins with the
-late reads. In between the stamps are in doubt, and `settled` is false.
+Two events break the line. If a read is too early, the clock of the host stepped back or the index
+ran ahead, and a new line begins at once. If all reads are late for a while, samples were lost
+without notice or the clock of the host stepped forward, and a new line begins with the late reads.
+Until then the stamps are in doubt, and `settled` is false.
 """
 
 from collections import deque
@@ -23,15 +22,15 @@ from itertools import pairwise
 from checkweigher_core.records import NANOSECONDS
 
 _WINDOW = 60.0  # s of signal for the fit of the line
-_BUCKET = 1.0  # s of points of which only the hull is kept
+_BUCKET = 1.0  # s of points, reduced to their hull
 _REFIT = 0.25  # s
 _WARM_UP = 1.0  # s before the line is trusted, and longest time in doubt after late reads
 _WARM_UP_READS = 20
 _MAX_DRIFT = 0.02  # relative error of the nominal rate
 _KNOWN_DRIFT = 300e-6  # relative change of the rate once it is known
 _KNOWN_AFTER = 20.0  # s
-_SHIFT = 5_000_000  # ns; no read is earlier, and not all reads are later than this
-# As the segmenter's clock_tolerance, beyond which an item on the belt is a fault, ClockJump.
+_SHIFT = 5_000_000  # ns; one read earlier than this, or all reads later, begin a new line
+# Equal to the segmenter's clock_tolerance; beyond it, an item on the belt is a fault, ClockJump.
 _STEP = 20_000_000  # ns
 _SLEW = 2e-3  # relative rate at which stamps approach the line
 _WARM_UP_SLEW = 0.5
@@ -41,7 +40,7 @@ _Point = tuple[int, float]  # index; lateness against the nominal rate, ns
 
 @dataclass(slots=True)
 class _Line:
-    """Lateness against the nominal rate, in ns, over the index."""
+    """Line of the lateness against the nominal rate, in ns, over the index."""
 
     index: int
     offset: float
@@ -70,9 +69,10 @@ class SampleClock:
     The true rate may be off by 2 % from `sample_rate`, Hz; `latency`, s, is the time from a sample
     to the earliest moment at which a read can return it.
 
-    The clock is causal: a stamp depends on the reads so far. Stamps grow with the index, in order
-    of the calls: they follow the line by at most 0.2 %, except for a step beyond 20 ms, which they
-    make at once. `add` has to be called before `stamp`, with indices that grow.
+    The clock is causal: a stamp depends only on the reads so far. Stamps grow with the index, in
+    the order of the calls. Once settled, they approach the line at a rate of at most 0.2 %, except
+    at a step beyond 20 ms, which they follow at once. Call `add` before `stamp`, with growing
+    indices.
     """
 
     def __init__(self, sample_rate: float, *, latency: float = 0.0) -> None:
@@ -150,7 +150,7 @@ class SampleClock:
             self._refit()
 
     def _is_lasting(self, point: _Point) -> bool:
-        """Return whether late reads last longer than a stall, which ends with many at one time."""
+        """Return whether reads stay late for longer than after a stall, which ends with a burst."""
         first, enough = self._late[0], _WARM_UP * self._rate
         elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
         return (
@@ -193,7 +193,7 @@ class SampleClock:
         self._next_fit = hull[-1][0] + round(_REFIT * self._rate)
 
     def _follow(self, index: int) -> None:
-        """Move the stamps from a sample on towards the line."""
+        """Move the stamps towards the line, beginning with a sample."""
         assert self._fit is not None
         target = self._fit.at(index)
         if self._out is None or abs(target - self._out.at(index)) > _STEP:

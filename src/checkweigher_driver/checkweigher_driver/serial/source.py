@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A load cell on a serial port: opened, read by blocking reads, found again after a break."""
+"""A load cell on a serial port, which is read by blocking reads and reopened after a break."""
 
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from checkweigher_driver.serial.port import SerialError, open_port, reason_of
 from checkweigher_driver.serial.reads import Read, ValueReader
 from checkweigher_driver.sources import RETRY_TIME, Source
 
-BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
+BITS_PER_BYTE = 10  # 8N1: one start bit, eight data bits, one stop bit
 _BROKEN = (OSError, termios.error)  # errors of a port that is gone
 _reading = partial(parameter, minimum=-(2**31), maximum=2**31 - 1)
 
@@ -75,7 +75,7 @@ class SerialParameters(Parameters):
     )
 
     def check_complete(self, bytes_per_value: int) -> None:
-        """Raise ParameterError if a parameter is missing or the line too slow for the values."""
+        """Raise ParameterError if a parameter is missing or the baud rate is too low."""
         if not self.port:
             raise ParameterError(f'{self.node}.port: empty, must name a port such as /dev/ttyUSB0')
         for name in ('counts_per_kg', 'capacity', 'weigh_length'):
@@ -92,9 +92,9 @@ class SerialParameters(Parameters):
 class SerialSource(Source):
     """Values that a device streams over a serial port.
 
-    Opening it includes the start-up of the device, so that a wrong set-up is reported then. If the
-    port goes and comes back later, the source opens it again, starts the device again, and
-    continues with the index that belongs to the time. An item on the belt has lost samples then.
+    The constructor opens the port and starts up the device, so that it reports a wrong set-up. If
+    the port disappears and comes back, the source opens it again, starts the device again, and
+    continues with the index that fits the time. An item on the belt has then lost samples.
     """
 
     paced = False
@@ -122,7 +122,7 @@ class SerialSource(Source):
 
     @abstractmethod
     def _make_decoder(self) -> Decoder:
-        """Return a decoder for a stream that begins."""
+        """Return a decoder for a new stream."""
 
     def _start_up(self, port: serial.Serial) -> tuple[str, str]:
         """Prepare the device for streaming; return its model and serial number, if any."""
@@ -171,7 +171,7 @@ class SerialSource(Source):
         self._let_go()
 
     def _open_again(self) -> None:
-        """Open the port as soon as that is possible, unless the source is closed."""
+        """Open the port as soon as possible, unless the source is closed."""
         while not self._closed.wait(RETRY_TIME):
             try:
                 identity = self._open()
@@ -194,7 +194,7 @@ class SerialSource(Source):
     def close(self) -> None:
         """Stop the device and close the port; the iterator ends within a tenth of a second.
 
-        A source that was closed is not iterated again.
+        A closed source cannot be iterated again.
         """
         self._closed.set()
         if not self._reading:

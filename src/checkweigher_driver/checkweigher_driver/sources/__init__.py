@@ -22,8 +22,8 @@ _SWITCH_INTERVAL = 0.0005  # s
 def shorten_switch_interval() -> None:
     """Let the threads of this process take turns more often, at the cost of more switches.
 
-    This is for threads that time photo-eyes or switch the rejector: the time for which they wait
-    for the interpreter adds to their uncertainty.
+    Threads that time photo-eyes or switch the rejector need this, because their wait for the
+    interpreter adds to the uncertainty.
     """
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))
 
@@ -42,11 +42,11 @@ class Device(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the device, also from another thread; a read that blocks ends soon."""
+        """Close the device, from any thread; a blocking read then ends soon."""
 
     @property
     def trouble(self) -> str:
-        """Present trouble in one line, empty if there is none. Any thread may ask."""
+        """Present trouble in one line, empty if there is none. Any thread may read it."""
         return ''
 
     def figures(self) -> dict[str, float]:
@@ -57,10 +57,10 @@ class Device(ABC):
 class Source(Device):
     """A machine, a recording or a simulation."""
 
-    # Whether the reader has to keep the pace of the stamps. A source of hardware is not paced: its
-    # iterator blocks until there is an event.
+    # Whether the reader has to keep the pace of the stamps. A source of hardware is not paced,
+    # because its iterator blocks until there is an event.
     paced: ClassVar[bool]
-    # Settings of an operator during a run, for a simulated machine, which has no switches.
+    # Operator's settings during a run of a simulated machine, because it has no switches.
     operation: ClassVar[type[Parameters] | None] = None
     load_cell: LoadCell
     start_stamp: int  # ns, of the first event of the stream or of the opening
@@ -74,7 +74,7 @@ class Source(Device):
         """
 
     def operate(self, operation: Any) -> None:
-        """Apply settings of an operator, values of `operation`, also from another thread."""
+        """Apply the operator's settings, an instance of `operation`, from any thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """Return of the eyes at `stamp`, ns. The state in which they are found is not an edge."""
+    """Return of the eyes at `stamp`, ns. Their state at the return is not an edge."""
 
     stamp: int
 

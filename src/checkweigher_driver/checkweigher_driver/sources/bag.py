@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded line as a source, and its photo-eyes beside a load cell on a port."""
+"""A recorded line as a source, and recorded photo-eyes beside a load cell on a port."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class BagParameters(Parameters):
 
 
 class BagSource(Source):
-    """Bag that is read as a whole before the first event, so that a damaged one starts no line."""
+    """Bag that is read as a whole before the first event, so a damaged bag starts no line."""
 
     parameters = BagParameters
     paced = True
@@ -64,8 +64,8 @@ class ReplayedParameters(BagParameters):
 class ReplayedEyes(EdgeSource):
     """Edges of a bag whose samples a device sends, to try a port without photo-eyes.
 
-    Each edge comes between the samples between which it was recorded. The device has to begin with
-    the first sample of the bag.
+    Each edge comes between the same samples as in the recording. The device has to begin with the
+    first sample of the bag.
     """
 
     parameters = ReplayedParameters

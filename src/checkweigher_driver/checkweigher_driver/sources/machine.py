@@ -24,9 +24,9 @@ _END_PATIENCE = 2.0  # s for a thread to end
 class MachineSource(Source):
     """Samples of one device and edges of another, in the order in which they come.
 
-    Each device is read in a thread of its own. While the eyes are not read samples are withheld, so
-    that an item on the belt becomes a fault, whether an edge was missed or not. Both devices have
-    to use the same clock.
+    Each device is read in its own thread. While the eyes are not read, samples are withheld, so
+    that an item on the belt becomes a fault, even if no edge was missed. Both devices must use the
+    same clock.
     """
 
     parameters: ClassVar[type[Parameters]] = Parameters
@@ -37,8 +37,8 @@ class MachineSource(Source):
         self._eyes = eyes
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = False
-        self._blind = ''  # reason for which the eyes are not read
-        self._gap = False  # at least one block is withheld, after a loss of any length
+        self._blind = ''  # why the eyes are not read
+        self._gap = False  # after a loss of any length, at least one block is withheld
         self._withheld = 0
         self.load_cell = samples.load_cell
         self.start_stamp = samples.start_stamp
@@ -98,7 +98,7 @@ class MachineSource(Source):
         return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
 
     def figures(self) -> dict[str, float]:
-        """Return the figures of both."""
+        """Return the figures of both devices."""
         return {
             **self._samples.figures(),
             **self._eyes.figures(),

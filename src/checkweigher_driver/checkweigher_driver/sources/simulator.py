@@ -33,7 +33,7 @@ class LiveSimulationParameters(SimulationParameters):
 class SimulatorSource(Source):
     """A line that exists only in the computer; with ``count`` 0 it runs without end.
 
-    Each stream begins now, or at `start_time`, but never before the end of the stream before it.
+    Each stream begins now, or at `start_time`, but never before the end of the previous stream.
     """
 
     parameters = LiveSimulationParameters
@@ -56,7 +56,7 @@ class SimulatorSource(Source):
             yield event
 
     def operate(self, operation: OperationParameters) -> None:
-        """Apply settings of an operator."""
+        """Apply the operator's settings."""
         self._simulation.operation = operation
 
     def close(self) -> None:

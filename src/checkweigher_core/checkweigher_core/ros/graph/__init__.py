@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Who is who in the ROS graph: place, connections and rights of each node of a lane."""
+"""Nodes of a lane in the ROS graph: their place, connections and rights."""

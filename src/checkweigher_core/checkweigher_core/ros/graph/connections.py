@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Connections of a node: the other ends of its topics, and a QoS that does not fit."""
+"""Connections of a node: missing publishers and subscribers, and QoS that does not fit."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,18 +13,18 @@ from checkweigher_core.ros.outputs import Input, Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port, fits, misfit
 
-_PATIENCE = 5.0  # s, in which the nodes of a line find each other
+_PATIENCE = 5.0  # s for the nodes of a line to find each other
 
 
 class Connections:
-    """Watch of the inputs and outputs of a node, which was started at `began` in s."""
+    """Watch of the inputs and outputs of a node that was started at `began`, s."""
 
     def __init__(self, node: PortNode, began: float) -> None:
         self._node = node
         self._began = began
         self._refused = RecentValues()
         self._refusal = ''
-        self._told: set[str] = set()  # of the endpoints whose QoS does not fit
+        self._told: set[str] = set()  # logged texts on QoS that does not fit
 
     def refused(self, now: float, name: str, why: str) -> None:
         """Add a message that was refused."""
@@ -36,7 +36,7 @@ class Connections:
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Connections; `now` in s of the same clock as `began`."""
+        """Return the aspect Connections; `now`, s, is on the clock of `began`."""
         self._refused.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How the nodes find and hear each other: profiles for Fast DDS, made for each environment.
+"""Discovery and transport of the nodes: profiles for Fast DDS, made for each environment.
 
-Nodes receive by UDP alone, on one computer too. With the shared memory of Fast DDS 2.14.5, the
+Nodes receive only by UDP, even on one computer. With the shared memory of Fast DDS 2.14.5, the
 largest messages of a node no longer arrived after processes that read them had been killed some 30
 times (compare eProsima/Fast-DDS issue 5469).
 
@@ -17,9 +17,9 @@ import os
 from pathlib import Path
 import stat
 
-PARTICIPANTS = 64  # processes of an address that are called on
+PARTICIPANTS = 64  # processes to contact at each address
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
-# Files of Fast DDS for its shared memory are there, too, and gone when the computer starts again.
+# Fast DDS keeps files there, too. The folder is empty after a restart of the computer.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
@@ -27,7 +27,7 @@ _PLACE = '      <!-- peers -->\n'
 
 
 def set_profiles() -> None:
-    """Have Fast DDS read the profiles made here, unless the user has set some."""
+    """Make Fast DDS read these profiles, unless the user has set others."""
     given = [os.environ.get(name, '') for name in ('FASTDDS_DEFAULT_PROFILES_FILE', _FILE)]
     ours = (str(_PACKAGED), f'{_FOLDER}/')
     if any(each and not each.startswith(ours) for each in given):
@@ -37,17 +37,17 @@ def set_profiles() -> None:
 
 
 def _written(text: str) -> Path:
-    """Return a file with profiles, which all processes of a user share.
+    """Write profiles to a file that all processes of a user share, and return its path.
 
-    Where there can be none, it is the file of the package: no more than four processes of a
-    computer are sure to find each other then.
+    If it cannot be written, return the file of the package. Only four processes of a computer are
+    then certain to find each other.
     """
     path = _FOLDER / f'{blake2b(text.encode(), digest_size=8).hexdigest()}.xml'
     try:
         _FOLDER.mkdir(mode=0o700, exist_ok=True)
         found = _FOLDER.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid():
-            return _PACKAGED  # another user was there first
+            return _PACKAGED  # another user made it first
         if not path.exists():
             own = path.with_suffix(f'.{os.getpid()}')
             own.write_text(text, encoding='utf-8')
@@ -58,13 +58,13 @@ def _written(text: str) -> Path:
 
 
 def profiles(environment: Mapping[str, str]) -> str:
-    """Return the profiles as XML, with the ports to be called on where there is no multicast."""
+    """Return the profiles as XML, with the ports to contact if there is no multicast."""
     text = _PACKAGED.read_text(encoding='utf-8')
     return text.replace(_PLACE, _initial_peers(peers(environment)))
 
 
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
-    """Return address and port of each participant to be called on, of this computer and others."""
+    """Return address and port of each participant to contact, here and on other computers."""
     if environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
         return []
     named = environment.get('ROS_STATIC_PEERS', '').split(';')

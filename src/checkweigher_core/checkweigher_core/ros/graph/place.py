@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The place of a node on this computer: a node of a lane can be there once.
+"""Places of nodes, so that each node of a lane runs only once on this computer.
 
 A place is a name in the abstract namespace of Unix sockets. The kernel gives it to one process and
-frees it when that process ends, however it ends. No file stays behind, and none can be removed
-under a running line. Its reach is that of DDS on localhost: the network namespace, all users.
+frees it when that process ends, even by a kill. No file stays behind, or can be removed while the
+line runs. A place has the reach of DDS on localhost: one network namespace, all users.
 """
 
 import errno
@@ -25,8 +25,8 @@ PARTICIPANT = 12  # bytes of a gid that all endpoints of a process share: the RT
 class Place:
     """The place of a node, held until `free` or the end of the process.
 
-    `name` is the full name of the node in the ROS `domain`. `sign` lets `is_held` tell this process
-    from another one that says it is that node.
+    `name` is the full name of the node in the ROS `domain`. After `sign`, `is_held` can tell this
+    process from another one that claims to be the node.
 
     Raises
     ------
@@ -48,7 +48,7 @@ class Place:
         self._hold(participant)
 
     def free(self) -> None:
-        """Let go of the place."""
+        """Release the place."""
         for each in self._sockets:
             each.close()
 
@@ -58,7 +58,7 @@ class Place:
         try:
             holder.bind(_address(self._domain, self._name, participant))
         except OSError as error:
-            # A system without such names has no places; its lines are told apart by the graph.
+            # A system without such names has no places; only the graph tells its lines apart.
             return error.errno != errno.EADDRINUSE
         return True
 
@@ -73,7 +73,7 @@ def participant_of(node: Node) -> bytes:
 
 
 def is_held(domain: int, name: str, participant: bytes = b'') -> bool:
-    """Return whether a node holds its place, or does so and is seen as this participant."""
+    """Return whether a node holds its place and, if given, has signed as this participant."""
     with _socket() as probe:
         return probe.connect_ex(_address(domain, name, participant)) == 0
 
@@ -83,7 +83,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # of any length, and an address has 107 bytes
+    text = f'{domain} {name} {participant.hex()}'  # may exceed the 107 bytes of an address
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

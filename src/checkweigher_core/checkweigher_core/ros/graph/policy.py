@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Security policy of a line for SROS2, with the least rights of each node, and its enclaves."""
+"""Security policy of a line for SROS2: the least rights of each node, and the enclaves."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -16,7 +16,7 @@ LINE = 'line'  # the process in which all nodes of a lane may run
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics that observers subscribe to, by node; the page reads its own from here.
+# Topics to which observers subscribe, by node. The page uses this table, too.
 VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
@@ -43,7 +43,7 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
 
 # Services of rclpy that a node calls.
 _CALLED = {
-    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets those of a recipe, and reads all
+    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets parameters of a recipe, reads all
     VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # for the digest in the report
     PAGE_WORK: _of(services.LIFE_CYCLE_NODES, ('get_state', 'change_state'))
     | _of(NODES, ('get_parameters',))
@@ -62,7 +62,7 @@ class Rights:
 
 
 def rights(node: str, lane: str = '') -> Rights:
-    """Return the rights of a node of this name in the namespace `lane`."""
+    """Return the rights of a node, by its name, in the namespace `lane`."""
     viewed = VIEWED.get(node, ())
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
@@ -73,7 +73,7 @@ def rights(node: str, lane: str = '') -> Rights:
         node, set()
     )
     if node in (*NODES, *OF_MACHINE):
-        publish.add(f'{node}/_*')  # by which a node finds its own participant, at its start
+        publish.add(f'{node}/_*')  # shows a starting node its own participant
     if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
         reply |= _of([node], services.LIFE_CYCLE_SERVICES)
@@ -82,21 +82,21 @@ def rights(node: str, lane: str = '') -> Rights:
 
 def _makes(node: str, port: Port) -> bool:
     every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE)
-    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # rejects by its inputs
+    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # rejects that its inputs show
     return every or inputs or port.maker == node
 
 
 def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
-    """Return the full names in a lane; a name that begins with a slash is one already."""
+    """Return the full names in a lane; a name with a leading slash is already full."""
     space = f'/{lane}' if lane else ''
     return frozenset(name if name.startswith('/') else f'{space}/{name}' for name in names)
 
 
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
-    """Return the enclaves of some lanes: the nodes of each, as namespace and name.
+    """Return the enclaves of some lanes, each with its nodes as namespace and name.
 
-    Each node of a lane has one, and the process with all six. The page serves all lanes from one
-    process, so it has one enclave.
+    Each node of a lane has an enclave. The process with all six nodes has one, too. The page serves
+    all lanes from one process, so it has only one.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
@@ -104,7 +104,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
         space = f'/{lane}' if lane else ''
         for node in (*NODES, *OF_MACHINE, REPORTER):
             found[f'{space}/{node}'] = [(lane, node)]
-        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # which records in its process
+        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # it records in the same process
         found[f'{space}/{LINE}'] = [(lane, node) for node in NODES]
         found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
@@ -120,7 +120,7 @@ def enclave_arguments(lane: str, name: str) -> list[str]:
 
 
 def policy(lanes: Iterable[str]) -> str:
-    """Return the policy of some lanes as XML, as ``ros2 security generate_artifacts`` takes it."""
+    """Return the policy of some lanes as XML for ``ros2 security generate_artifacts``."""
     root = ElementTree.Element('policy', version='0.2.0')
     parent = ElementTree.SubElement(root, 'enclaves')
     for path, nodes in enclaves(lanes).items():

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Times at which items are at the rejector, by their verdicts and on a clock that never steps."""
+"""Arrival times of items at the rejector by their verdicts, on a clock that never steps."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from checkweigher_driver.line_io.clock_steps import ClockStepWatch
 from checkweigher_driver.line_io.rejector.belt_items import BeltItem
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 
-# Smallest deviation of the travel time of two merged products from that of the product before.
+# Smallest relative change of the travel time that shows two merged products.
 _OTHER_WAY = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # Longest time to the rejector; a later reject time is not on the clock of this machine.
@@ -39,7 +39,7 @@ class Arrivals:
     def __init__(self, motion: BeltMotion) -> None:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._motion = motion
-        self._way: int | None = None  # ns of running belt from infeed eye to rejector, last item
+        self._way: int | None = None  # last item, infeed eye to rejector, ns of running belt
 
     def times(self, verdict: Verdict, now: int) -> Times | None:
         """Return the times of an item, None if unknown or if it may be two merged products."""
@@ -68,7 +68,7 @@ class Arrivals:
         return Times(due, t3, t1)
 
     def entered_before(self, verdict: Verdict, time: int) -> bool:
-        """Return whether an item that has never left the belt had entered it before a time."""
+        """Return whether an item entered the belt before a time and has never left it."""
         to_monotonic = self.clock.look()
         if to_monotonic is None or verdict.t1 is None or verdict.t3 is not None:
             return False
@@ -77,7 +77,7 @@ class Arrivals:
     def unjudged(
         self, items: Iterable[BeltItem], now: int, late: int, to_monotonic: int | None
     ) -> list[BeltItem]:
-        """Return the items without a verdict that are by now at the rejector for `late` ns."""
+        """Return the items without a verdict that were due at the rejector over `late` ns ago."""
         if self._way is None or to_monotonic is None:
             return []
         belt = self._motion.time
@@ -92,7 +92,7 @@ class Arrivals:
 
 
 def at_station(verdict: Verdict, times: Times | None) -> Times | None:
-    """Return the times of an item with its station in place of the rejector."""
+    """Return the times of an item at its station instead of the rejector."""
     if times is None or not verdict.station:
         return times
     if verdict.station_at is None or verdict.reject_at is None:

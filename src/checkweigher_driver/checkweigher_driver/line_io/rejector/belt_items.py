@@ -17,8 +17,8 @@ _MAX_NAMES = 10
 class BeltItem:
     """One item with its stamps at the infeed eye.
 
-    `number` is 0 before it is announced or judged. `end` is the time of the belt when it has
-    passed the rejector, ns, None before its verdict. `told` is true if the line was stopped for it.
+    `number` is 0 before the item is announced or judged. `end` is the time of the belt, ns, when it
+    has passed the rejector, None before its verdict. `told` is true if it has stopped the line.
     """
 
     entered: int | None
@@ -46,7 +46,7 @@ class BeltItem:
 
 
 class BeltItems:
-    """Items in order of entry. Stamps are those of the eyes; `here` is the time of the belt, ns."""
+    """Items in order of entry, with stamps of the eyes. `here` is the time of the belt, ns."""
 
     def __init__(self) -> None:
         self._items: list[BeltItem] = []
@@ -78,10 +78,10 @@ class BeltItems:
         return next((each for each in self._items if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
-        """Set verdict and `end` of an item and return it; it is removed if its place is unknown."""
+        """Set verdict and `end` of an item and return it; remove it if its place is unknown."""
         item = self._find(verdict.t1)
         if item is None:
-            item = BeltItem(verdict.t1)  # in front, so that its leaving removes no other item
+            item = BeltItem(verdict.t1)  # in front, so that no other item leaves with it
             self._items.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:

@@ -1,14 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the belt: measured by an input, or as line and watchdog of the machine allow it."""
+"""Motion of the belt: measured by an input, or inferred from line and watchdog."""
 
 from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 
 
 class BeltMotion:
-    """What is known of the motion of the belt. Times are in ns of the clock of `now`.
+    """Known motion of the belt. Times are in ns of the clock of `now`.
 
-    `measured` is whether the belt input is on, None without one. `released` is true if the belt may
+    `measured` is the state of the belt input, None without one. `released` is true if the belt may
     have run since it was known to be empty. After `watchdog_time` without a sign of life the
     machine stops its belt by itself.
     """
@@ -18,8 +18,8 @@ class BeltMotion:
         self.measured: bool | None = None
         self.released = False
         self._watchdog_time = watchdog_time
-        self._may_run = False  # as the line has allowed last
-        self._stopped_at: int | None = None  # when the line last stopped it without a belt input
+        self._may_run = False  # by the last decision of the line
+        self._stopped_at: int | None = None  # last stop by the line without a belt input
         self._sign: tuple[int, bool] | None = None  # last sign of life; whether it might run then
 
     def measure(self, running: bool | None, now: int) -> int | None:
@@ -32,7 +32,7 @@ class BeltMotion:
     def allow(self, run: bool, now: int) -> bool:
         """Process whether the line lets the belt run; return whether it is stopped unmeasured.
 
-        The places of the items on it are not known then.
+        The places of the items on it are then unknown.
         """
         self._may_run = run
         unmeasured = not run and self.released and self.measured is None
@@ -50,7 +50,7 @@ class BeltMotion:
         self._sign = begun, self._may_run
 
     def is_silent(self, now: int) -> bool:
-        """Return, once, whether a belt that ran was stopped for want of a sign of life."""
+        """Return, once, whether the machine stopped the belt because no sign of life came."""
         last, ran = self._sign or (now, False)
         if not ran or now - last <= self._watchdog_time:
             return False
@@ -58,6 +58,6 @@ class BeltMotion:
         return True
 
     def clear(self) -> None:
-        """Begin again with a belt that stands and is empty."""
+        """Begin again with an empty belt at rest."""
         self.released = self._may_run = False
         self._sign = None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Products that the rejector can have missed, kept until a person has looked for them."""
+"""Products that the rejector may have missed, kept until a person has looked for them."""
 
 from enum import Enum, auto
 
@@ -20,7 +20,7 @@ class LatchEvent(Enum):
     """Events that change the latch."""
 
     MISS = auto()
-    SHOW = auto()  # the stop request shows all that was missed
+    SHOW = auto()  # the stop request shows all missed products
     FORGET = auto()  # reject is not ready, or silent: it may have been started again
     RUN = auto()  # the stop request was taken back
     RESET = auto()
@@ -43,14 +43,14 @@ _TRANSITIONS = {
 class MissedProducts:
     """The latch, and the `texts` of the missed products.
 
-    `looked_at` is the time at which a person had last looked for all of them, ns, None before.
+    `looked_at` is the time in ns at which a person had last looked for all of them, else None.
     """
 
     def __init__(self) -> None:
         self.state = Latch.CLEAR
         self.looked_at: int | None = None
         self.texts: tuple[str, ...] = ()
-        self._stopped = False  # as `stop` has returned last
+        self._stopped = False  # last result of `stop`
 
     @property
     def text(self) -> str:
@@ -58,7 +58,7 @@ class MissedProducts:
         return '; '.join(self.texts)
 
     def add(self, text: str) -> None:
-        """Add the text of a product that can have been missed; only the first texts are kept."""
+        """Add the text of a product that may have been missed; only the first texts are kept."""
         if text in self.texts:
             return
         named = self.texts[:_MAX_MISSED]

@@ -16,7 +16,7 @@ from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 class Permits:
     """The permits, with a `margin` at both ends and a shortest `pause` between them, in ns.
 
-    A permit that has not begun when its item arrives is dropped: the next item would use it.
+    A permit that begins after its item arrives is dropped, because the next item would use it.
     """
 
     def __init__(self, belt: BeltTime, margin: int, pause: int) -> None:
@@ -27,9 +27,9 @@ class Permits:
         self._given = False
 
     def permit(self, arrival: int, passage: int, now: int) -> bool:
-        """Add the permit of an item; return False if the item is at the rejector already.
+        """Add the permit of an item; return False if the item is already at the rejector.
 
-        `arrival` at the rejector and `passage` by it are in ns of the time of the belt.
+        `arrival` is the time of the belt at the rejector, and `passage` the duration there, ns.
         """
         if arrival < self._belt.at(now):
             return False

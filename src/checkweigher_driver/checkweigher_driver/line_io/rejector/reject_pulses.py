@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulse schedule of the rejector: one pulse for each rejected item, on the time of the belt.
 
-The time of the belt stands still while the belt does: a stop delays the pulse of a product on its
-way to the rejector by the duration of the stop.
+The time of the belt stops with the belt, so a stop delays the pulse of a product on its way to the
+rejector by the duration of the stop.
 """
 
 from bisect import insort
@@ -65,9 +65,9 @@ class BeltTime:
     def arrival(self, due: int, since: int | None, entered: int | None) -> tuple[int, bool]:
         """Return the arrival of an item at the rejector, and whether a stop has delayed it.
 
-        The arrival is on the time of the belt, the arguments are on that of the clock. `due` is the
+        The arrival is in time of the belt, the arguments are in time of the clock. `due` is the
         arrival without a stop after `since`, the time at the outfeed eye. `entered` is the time at
-        the infeed eye. If the belt has stood in between, its speed by the eyes is too slow, and
+        the infeed eye. If the belt stood between the eyes, the speed from the eyes is too low, and
         `due` is corrected for that.
         """
         begin, stood = self.at(due), False
@@ -78,7 +78,7 @@ class BeltTime:
                 stood = run < since - entered
                 travel = travel * run // (since - entered)
             begin = self.at(since) + travel
-        # A pulse that waits for the belt to run gets its margin then.
+        # A pulse that waits for the belt gets its margin when the belt runs again.
         return begin, stood or (not self.stopped and begin != self.at(due))
 
 
@@ -106,21 +106,21 @@ class RejectPulses:
         self.skipped = 0
 
     def resume(self, here: int) -> None:
-        """Lengthen the pulses to come after a stop of the belt at its time `here`, ns."""
+        """Lengthen the coming pulses after a stop of the belt at its time `here`, ns."""
         waiting = [(begin, end) for begin, end in self._pulses if end > here]
         self._pulses = []
         for begin, end in waiting:
             self._put(begin, end, here, self._times.belt_margin)
 
     def act(self, now: int) -> None:
-        """Begin a pulse at once, perhaps for another item."""
+        """Begin a pulse at once; it may hit another item."""
         here = self.belt.at(now)
         self._put(here, here + self._times.duration, here)
 
     def add(self, due: int, since: int | None, now: int, entered: int | None = None) -> int:
-        """Add the pulse of an item; return by how many ns it is late, 0 if it is in time.
+        """Add the pulse of an item; return its delay in ns, 0 if it is in time.
 
-        The pulse begins at `due`, ns, if the belt does not stop. `since` and `entered` are those of
+        The pulse begins at `due`, ns, if the belt does not stop. For `since` and `entered`, see
         `BeltTime.arrival`.
         """
         begin, delayed = self.belt.arrival(due, since, entered)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The word of reject: its permission to run and its stop requests."""
+"""Messages of reject: its permission to run and its stop requests."""
 
 from checkweigher_core.records import NANOSECONDS, Permission, StopRequest
 from checkweigher_core.records.reasons import StopReason
@@ -21,10 +21,10 @@ class RejectWord:
         self._missed = missed
         self._permission: tuple[int, bool] | None = None  # time of the last one, whether to run
         self._silent = False  # after the last permission has expired, until reject is back
-        self._asked = ''  # reason for which reject wants the line to stop, known to it alone
+        self._asked = ''  # reason of a stop request, which only reject knows
 
     def permits(self, now: int) -> bool:
-        """Return whether a permission to run is fresh."""
+        """Return whether a fresh permission lets the line run."""
         came, run = self._permission or (now, False)
         if now - came > _PERMISSION_TIME:
             self._permission, self._silent, run = None, True, False
@@ -32,7 +32,7 @@ class RejectWord:
         return run
 
     def take_permission(self, permission: Permission, now: int) -> None:
-        """Process a permission that has come at `now`."""
+        """Process a permission that arrived at `now`."""
         self._end_silence()
         self._permission = now, permission.run
 
@@ -50,7 +50,7 @@ class RejectWord:
             self._missed.take(LatchEvent.SHOW)
 
     def _end_silence(self) -> None:
-        """Latch the request from before a silence: reject has forgotten it if it was restarted."""
+        """Latch the request from before a silence, because a restarted reject has forgotten it."""
         if self._silent and self._asked:
             self._missed.add(self._asked)
         self._silent = False

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The way of each judged item: to the rejector, to a station or, by a permit, straight on."""
+"""Route of each judged item: to the rejector, to a station or, by a permit, straight on."""
 
 import math
 
@@ -17,8 +17,8 @@ from checkweigher_driver.line_io.rejector.switching import Switches
 class Sorter:
     """Pulses of the rejector and of `stations` beside it, and permits to pass.
 
-    Permits have a `permit_margin`, ns, at both ends; without it (None) the machine has no permits.
-    An item that can have taken another way than it should is added to `missed`.
+    Permits have a `permit_margin`, ns, at both ends; if it is None, the machine has no permits. An
+    item that may have taken a wrong route is added to `missed`.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Sorter:
         self.figures: dict[str, float] = dict.fromkeys(counted, 0)
 
     def sort(self, verdict: Verdict, items: BeltItems, now: int, *, reached: bool) -> None:
-        """Send an item of a belt its way. `reached` is false while no output can be switched."""
+        """Route an item of a belt. `reached` is false while no output can be switched."""
         times = self._arrivals.times(verdict, now)
         there, belt = at_station(verdict, times), self._motion.time
         arrivals = [belt.arrival(*each)[0] for each in (times, there) if each]
@@ -62,7 +62,7 @@ class Sorter:
             self._permit(times, passage, now)
 
     def _permit(self, times: Times | None, passage: int | None, now: int) -> None:
-        """Permit an accepted item to pass, if it is known when it arrives and for how long."""
+        """Permit an accepted item to pass, if its arrival and its passage are known."""
         given = False
         if times is not None and passage is not None and not self._was_stopped(times):
             given = self.permits.permit(self._motion.time.arrival(*times)[0], passage, now)
@@ -73,10 +73,10 @@ class Sorter:
         return times is not None and self._motion.was_stopped_since(times.since)
 
     def _was_looked_for(self, verdict: Verdict) -> bool:
-        """Return whether an item was on the belt when a person cleared it, and never left it.
+        """Return whether a person cleared the belt with the item on it, which then never left.
 
-        The line gives up such an item only after some time. If it is still there, it leaves the
-        belt without a verdict, and the line stops for that.
+        The line gives up such an item only after some time. If the item is still there, it leaves
+        the belt without a verdict, and the line stops for that.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
@@ -90,7 +90,7 @@ class Sorter:
             self._pulses[station].add(times.due, times.since, now, times.entered)
 
     def _reject(self, verdict: Verdict, times: Times | None, now: int, *, reached: bool) -> None:
-        """Schedule a pulse, and check whether it can miss its item."""
+        """Schedule a pulse, and check whether it may miss its item."""
         item, station = f'item {verdict.item_id}', verdict.station
         if station >= len(self._pulses):
             times = None
@@ -112,7 +112,7 @@ class Sorter:
             self._missed.add(f'{item}: {why}')
 
     def eject(self, now: int, why: str) -> None:
-        """Eject at once, perhaps another item, and latch the stop."""
+        """Eject at once, even if that hits another item, and latch the stop."""
         self._pulses[0].act(now)
         self._missed.add(why)
 
@@ -137,7 +137,7 @@ class Sorter:
             self._missed.add(why)
 
     def resume(self, here: int) -> None:
-        """Lengthen the pulses to come after a stop of the belt at its time `here`, ns."""
+        """Lengthen the coming pulses after a stop of the belt at its time `here`, ns."""
         for pulses in self._pulses:
             pulses.resume(here)
 

@@ -24,9 +24,9 @@ class Switches(NamedTuple):
 
 
 class SwitchTiming:
-    """Errors of the times of switches; beyond `late_tolerance`, ns, one is too late.
+    """Timing errors of switches; an error above `late_tolerance`, ns, is too late.
 
-    `figures` has the number of switches of the rejector and, in ms, their errors; positive is late.
+    `figures` has the number of switches of the rejector and their errors in ms, positive if late.
     """
 
     def __init__(self, late_tolerance: int) -> None:
@@ -57,7 +57,7 @@ class SwitchTiming:
         ]
 
     def _count(self, error: float, uncertainty: float) -> None:
-        """Add a switch of the rejector to the figures, both in ms."""
+        """Add a switch of the rejector to the figures; the arguments are in ms."""
         figures = self.figures
         figures['switches'] += 1
         figures['switch error ms'] += (error - figures['switch error ms']) / figures['switches']

@@ -12,11 +12,11 @@ _FIRST_TIMEOUT = NANOSECONDS
 
 
 class VerdictWatch:
-    """Check whether a verdict is overdue because the node that gives verdicts hangs.
+    """Watch for an overdue verdict, which shows that the node of the verdicts hangs.
 
-    All times are in ns. Those of the edges are their stamps; `now` is on any clock that never
-    steps back. `timeout` is the longest time from a product at the outfeed eye to the next verdict;
-    with 0 it is the time of the previous product from the outfeed eye to its reject time.
+    All times are in ns. Edges have stamps; `now` is on any clock that never steps back. `timeout`
+    is the longest time from a product at the outfeed eye to the next verdict. If it is 0, the limit
+    is the time of the previous product from the outfeed eye to its reject time.
     """
 
     def __init__(self, timeout: int) -> None:
