@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The audit log: changes with their times, in a file whose lines are chained by hashes.
 
-Each line is one entry in JSON of a fixed form. An entry holds the SHA-256 of the previous entry and
-its own, computed over all its other fields. A line that was changed, removed, inserted or moved
+Each line is one entry in JSON of a fixed form. An entry holds the SHA-256 of the previous entry,
+and its own SHA-256 over all its other fields. A line that was changed, removed, inserted or moved
 therefore breaks the chain. A second file, `LOG.head`, holds the number and the hash of the last
 entry. It is written when the log is begun and after each entry, and shows whether lines were cut
-off at the end. After a power loss the log may end with the beginning of an entry that `LOG.head`
-does not know, or with an entry without its end of line. Such a torn end is not tampering, and the
-next entry records it.
+off at the end. After a power loss, the log may end with an incomplete entry, which `LOG.head` does
+not cover, or with an entry without its end of line. Such a torn end is not tampering, and the next
+entry records it.
 
-The chain has no key. A person who may write both files can rewrite them from the changed entry on.
-Compare the log with a hash that was noted elsewhere to detect that (`verify` with `known_hash`).
+The chain has no key. A person who may write both files can rewrite them from any entry on. To
+detect that, compare the log with a hash that was noted elsewhere (`verify` with `known_hash`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -100,7 +100,7 @@ def head_path(path: Path) -> Path:
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
     """Read and verify a log. Raises `AuditError` if the log cannot be read."""
-    while True:  # until no entry was added between the reads
+    while True:  # again if an entry was added between the reads
         head = _read_head(path)
         data = _read_file(path)
         if _read_head(path) == head:
@@ -121,7 +121,7 @@ def _read_head(path: Path) -> bytes:
 
 
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
-    """Verify a log by its `LOG.head`, empty if there is none, and by the hash of an entry."""
+    """Verify a log against `LOG.head` (empty if missing) and against a known hash, if given."""
     chain = _Chain()
     try:
         chain.follow(data)
@@ -138,12 +138,12 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
 
 
 class _FaultError(Exception):
-    """Line, problem and reason, as in `Verification`."""
+    """Fault of a log: line, problem and reason, as in `Verification`."""
 
 
 @dataclass
 class _Chain:
-    """Entries that were followed, and the remainder of an unfinished entry at the end."""
+    """Valid entries of a log, and the unfinished entry at its end."""
 
     entries: list[Entry] = field(default_factory=list)
     line: int = 1  # number of the next line
@@ -166,7 +166,7 @@ class _Chain:
             self.entries.append(entry)
             self.line += 1
             others = []
-        # After the last end of line follows nothing, a torn entry, or one that lacks only its end.
+        # The last line is empty, a torn entry, or an entry that lacks only its end of line.
         self.torn, self.unended = b'\n'.join(others), not others
         if others and not _may_be_torn(self.torn, len(self.entries) + 1):
             raise self._changed()
@@ -235,8 +235,8 @@ def _check_head(chain: _Chain, head: bytes) -> None:
 class AuditLog(AbstractContextManager['AuditLog', None]):
     """A log that is open for appending, locked against other processes.
 
-    Before each entry, the log and `LOG.head` are compared with their last known state. A log that
-    was replaced, cut or changed is not written to.
+    Before each entry, the log and `LOG.head` are compared with their last known state. Nothing is
+    written to a log that was replaced, cut or changed.
 
     Raises `AuditError` if the log cannot be opened, another process has it open, or its chain is
     broken.
@@ -325,7 +325,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     ) -> Entry:
         """Append an entry and sync it to the disk. Raises `AuditError` if that fails.
 
-        `who` is the person, by default the `source`, and `why` is the reason that was given.
+        `who` is the person, by default ``graph:`` and the `source`; `why` is the given reason.
         """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')
@@ -346,7 +346,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             os.fsync(self._file)
             self._write_head(self._count, self.last_hash)
         if unended or torn:
-            # The torn line is ended by the write that records it: a reader needs both.
+            # One write ends the torn line and records it, because a reader needs both.
             record = (time, source, TORN, 'last entry', None, _fingerprint(torn))
             self._write(record, before=b'\n' if torn else b'', who=f'graph:{source}')
 
@@ -365,7 +365,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         return entry
 
     def _put(self, data: bytes, entry: Entry | None = None) -> None:
-        """Append bytes that end with an entry, and write its head: all or nothing."""
+        """Append bytes and, if they end with `entry`, write `LOG.head`: all or nothing."""
         try:
             if os.write(self._file, data) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -391,13 +391,13 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             os.fsync(file.fileno())
         os.replace(following, head)
         self._head = text
-        # If this fails, a power loss may leave the head one entry behind, which does no harm.
+        # If this fails, a power loss may leave `LOG.head` one entry behind, which is harmless.
         with suppress(OSError):
             sync_folder(self.path.parent)
 
 
 def _parse(line: bytes) -> Entry | None:
-    """Return the entry of a line, None if the line is not exactly as an entry is written."""
+    """Return the entry of a line, None if it is invalid or formatted in another way."""
     try:
         entry = Entry(**json.loads(line))
         good = entry.line() == line + b'\n' and entry.digest() == entry.hash

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Seals of an audit log: digests, signed with a key that the users of the machine do not have.
 
-A log that was rewritten as a whole is only detected by a reader who noted one of its hashes. A seal
-is such a note: number and hash of the last entry and the time of sealing, signed with Ed25519
+If a log was rewritten as a whole, only a reader who noted one of its hashes can detect it. A seal
+is such a note: the number and hash of the last entry and the time of sealing, signed with Ed25519
 (RFC 8032). Each seal holds the hash of the previous one. Seals are kept in a file of their own, one
 per line, in JSON. Persons who may write the log must not have access to that file or to the key.
 """
@@ -57,7 +57,7 @@ def seals_path(log: Path) -> Path:
 def private_key(path: Path) -> Ed25519PrivateKey:
     """Read the signing key from a PEM file.
 
-    Raises `AuditError` if it cannot be read, is not a key, or others than its owner may read it.
+    Raises `AuditError` if it cannot be read, is not a key, or anyone but its owner may read it.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:
@@ -73,7 +73,7 @@ def public_key(path: Path) -> Ed25519PublicKey:
 
 
 def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
-    """Return the key of a file; `AuditError` if it is not of a kind, which `what` describes."""
+    """Return the key of a file; `AuditError` unless it is a `kind`, which `what` describes."""
     try:
         key = load()
     except (ValueError, TypeError, UnsupportedAlgorithm):
@@ -87,7 +87,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     """Read the seals of a file and check their signatures.
 
     Raises `AuditError` if the file cannot be read or is empty, or a seal is not signed with the key
-    or does not follow the one before it.
+    or does not follow the previous seal.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -101,7 +101,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
             raise AuditError(f'{path}: line {number}: does not follow the seal before it')
         previous = hashlib.sha256(line).hexdigest()
         seals.append(seal)
-    if not seals:  # sealing writes a seal with the file: an empty one lost those that it had
+    if not seals:  # a file is created with its first seal, so an empty one has lost its seals
         raise AuditError(
             f'{path}: there is no seal in it; put it back as it was, or name another file by '
             '--seals'
@@ -110,7 +110,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
 
 
 def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return how a log differs from the one that was sealed, empty if it does not."""
+    """Return how a log differs from the sealed log, empty if it does not."""
     for seal in seals:
         begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
         if seal.entries > len(entries):
@@ -138,7 +138,7 @@ def hold_to_seals(
 
 
 def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return a text that says how far a log is sealed."""
+    """Return a text on how far a log is sealed."""
     last = seals[-1]
     return (
         f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '

@@ -28,7 +28,7 @@ class Authors:
     """Persons who are about to call services of the lane.
 
     The request of a service has no field for a name. The page therefore announces the person before
-    the call and ends the announcement after it; entries of the service in between are the person's.
+    the call and ends the announcement after it. Entries of the service in between name the person.
     An announcement ends after `patience` s at the latest. `now` is the time in s.
     """
 
@@ -48,15 +48,15 @@ class Authors:
 
 
 class AuditTrail:
-    """Writer of changes to the audit log; a value that has not changed is not written.
+    """Writer of changes to the audit log. Unchanged states and parameters are not written.
 
     `source` is the node that writes, and `clock` returns the time of an entry, ISO 8601, UTC.
     Without a log nothing is written.
 
     `note`, `state`, `parameters` and `recipes` write an entry before a change is made. They raise
-    `AuditError` if it cannot be written; the change must not be made then. `saw` and `saw_state`
-    write an entry of something that has happened, as soon as that is possible, with the time at
-    which it happened. `trouble` is the reason why the log cannot be written now, else empty.
+    `AuditError` if that fails; the caller must then not make the change. `saw` and `saw_state`
+    write an entry on a past event as soon as possible, with the time of the event. `trouble` is the
+    reason why the log cannot be written now, else empty.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -66,9 +66,9 @@ class AuditTrail:
         self._parameters: dict[str, dict[str, object]] = {}
         self._last: dict[tuple[str, str], object] = {}
         self._zero_out_of_range = False
-        # Arguments of `_append` for entries that are still to be written.
+        # Arguments of `_append` for pending entries.
         self._owed: deque[tuple[str, str, str, object, object, Author | None]] = deque(maxlen=1_000)
-        self._refused, self._reason = 0, ''  # changes since the last entry, and the last reason
+        self._refused, self._reason = 0, ''  # refusals since the last entry, and the last reason
         self.trouble = ''
         for entry in log.entries if log else ():
             self._learn(entry.kind, entry.subject, entry.new)
@@ -106,7 +106,7 @@ class AuditTrail:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Write the entries that are owed, and the number of changes that were refused."""
+        """Write the pending entries, and the number of refused changes."""
         while self._owed:
             self._append(*self._owed[0])
             self._owed.popleft()
@@ -131,12 +131,12 @@ class AuditTrail:
         return self._last.get((kind, subject))
 
     def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write a state that is about to be set, unless it is the last one."""
+        """Write a state that is about to be set, unless it equals the last one."""
         if (old := self.last(kind, subject)) != plain(value):
             self.note(kind, subject, old, value, by)
 
     def saw_state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write a state that was found, unless it is the last one."""
+        """Write a state that was found, unless it equals the last one."""
         if (old := self.last(kind, subject)) != plain(value):
             self.saw(kind, subject, old, value, by)
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text of an audit log for the user: whether it is whole, and what each entry changed.
 
-The texts and values of a log are not trusted; they may be of any kind.
+The texts and values of a log are not trusted; they may be of any type.
 """
 
 import json

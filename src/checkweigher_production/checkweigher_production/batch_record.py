@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of a batch: a file with a line of JSON for each event of the batch.
 
-The lines are begin, product (the recipe), verdict, stop, filler, reset and end, each with its kind
-and a checksum, which records of older versions lack. NaN and infinities are written as NaN,
-Infinity and -Infinity, as in Python. A thread of its own writes and syncs the lines, so that the
-line does not wait for the disk. If the disk is full, it tries again until the lines are written. A
-record without an end is continued after a restart.
+The kinds of lines are begin, product (the recipe), verdict, stop, filler, reset and end. Each line
+has its kind and a checksum; older versions wrote no checksum. NaN and infinities are written as
+NaN, Infinity and -Infinity, as in Python. A separate thread writes and syncs the lines, so that
+production does not wait for the disk. If the disk is full, the thread retries until the lines are
+written. A record without an end is continued after a restart.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -30,7 +30,7 @@ from checkweigher_core.state_files import replace_file
 from checkweigher_production.recipes import product_of
 
 SUFFIX = '.jsonl'
-_LONGEST = 200  # characters of a batch in the name of a file
+_LONGEST = 200  # characters of the name of a batch in a file name
 _RETRY = 1.0  # s
 _LONGEST_LINE = 2**16  # bytes
 _NEWER = ('station', 'station_at')  # fields of verdicts that the first version did not write
@@ -51,9 +51,9 @@ def record_path(folder: Path, batch: str) -> Path:
 
 
 def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
-    """Return the records that have begun and not ended, by batch, and what is wrong with others.
+    """Return the records without an end, by batch, and the faults of other records.
 
-    The first and the last line of each file are read.
+    Only the first and the last line of each file are read.
     """
     found: dict[str, Path] = {}
     faults = []
@@ -114,9 +114,9 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield kind and content of each line of a record: a record, a recipe, or a table of values.
+    """Yield kind and content of each line: a verdict, filler feedback, a recipe or a table.
 
-    Raises `RecordError` with file and line as `read_lines`, and for a content of another form.
+    Raises `RecordError` with file and line, as `read_lines`, or if a content is not valid.
     """
     for number, values in enumerate(read_lines(path), 1):
         kind = values.pop('kind')
@@ -134,7 +134,7 @@ def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
-    """Return a record; only newer fields may be absent, and unknown ones are left out."""
+    """Return a record. Unknown fields are ignored; only `_NEWER` fields may be missing."""
     own, hints = {}, get_type_hints(kind)
     for each in fields(kind):
         if each.name in values:
@@ -188,9 +188,9 @@ class RecordWriter:
         self._executor = ThreadPoolExecutor(1, 'batch record')
 
     def begin(self, batch: str, time: str, **others: object) -> None:
-        """Begin the record of a batch, and end that of the batch before."""
+        """Begin the record of a batch, and end the record of the previous batch."""
         line = line_of('begin', {'time': time, 'batch': batch, **others})
-        # Whole, and before the other one ends: at each moment there is a batch in progress.
+        # Created whole before the other record ends, so that a batch is always in progress.
         self._submit(self._create, record_path(self._folder, batch), line)
         self.end(time)
         self.resume(batch)
@@ -209,7 +209,7 @@ class RecordWriter:
         self._submit(self._finish)
 
     def close(self) -> None:
-        """Write the remaining lines and stop. Lines that the disk does not take are lost."""
+        """Write the remaining lines and stop. Lines that cannot be written are lost."""
         self._closing.set()
         self._executor.submit(self._release)
         self._executor.shutdown()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control chart of mean and spread over subgroups, with the rules of ISO 7870-2.
 
-The rules are quoted from memory of ISO 7870-2:2013, 8.2, not checked against its text.
+The rules of ISO 7870-2:2013, 8.2, are quoted from memory and not checked against its text.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class ControlChart:
 
 
 def control_chart(masses: Sequence[float]) -> ControlChart | None:
-    """Return the chart of masses in kg in order of time, or None below two subgroups.
+    """Return the chart of masses in kg in chronological order, None below two subgroups.
 
     The limits are three standard deviations of a mean (or of a standard deviation) of `SUBGROUP`
     values, estimated from the mean of the standard deviations (A3, B4 of ISO 7870-2, table 2).

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feedback to the filler: an integral controller of its set point, with a dead band.
 
-The median of a subgroup of items is compared with the target. Outside the dead band, the set point
-is changed by a share of the difference. Items that were filled before the change are still on their
-way to the scale. The next `delay` items are therefore ignored; otherwise the same difference would
-be corrected twice.
+The median of a subgroup of items is compared with the target. If the difference exceeds the dead
+band, the set point is changed by a share of it. Items that were filled before the change are still
+on their way to the scale. The next `delay` items are therefore ignored; otherwise the same
+difference would be corrected twice.
 """
 
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class FillerController:
         if self._on_the_way:
             self._on_the_way -= 1
             return None
-        # A fault may have a mass, for instance that of a product with metal in it.
+        # A fault may have a mass, for example if the product contains metal.
         if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
             self._masses.append(verdict.mass - self._tare)
         if len(self._masses) < self._parameters.subgroup:

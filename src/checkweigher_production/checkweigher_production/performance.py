@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The performance test of a recipe: passes of a test product of known mass, at due times.
 
-A recipe asks for a test after a number of hours, at the begin of each shift, in each batch, or by
+A recipe asks for a test after a number of hours, at the start of each shift, in each batch, or by
 several of these rules. A reminder is shown from the due time on, and after a grace time the line is
 asked to stop. A passed test is valid until the next due time. A failed test stops the line until a
 test passes.
@@ -63,7 +63,7 @@ class PerformancePlan(Parameters):
     def due(self, last: int | None, began: int, *, in_batch: bool, zone: tzinfo) -> int | None:
         """Return the due time of the next test in ns, None if only the next batch asks for one.
 
-        `last` is the time of the last test that passed (None if none has), `began` the begin of the
+        `last` is the time of the last test that passed (None if none has), `began` the start of the
         product or of the batch, both in ns. `in_batch` is whether a test has passed in this batch,
         and `zone` the time zone of the shifts.
         """
@@ -103,8 +103,8 @@ _NEVER = LastTest(0, '', '', passed=True)  # before the first test
 class PerformanceTests:
     """State of the performance test of the product on the line.
 
-    Times are in ns of the system clock; shifts begin in the time `zone`. `plan` is that of the
-    recipe, None if it asks for no test.
+    Times are in ns of the system clock, and shifts are in the time zone `zone`. `plan` is the plan
+    of the recipe, None if the recipe asks for no test.
     """
 
     def __init__(self, zone: tzinfo) -> None:
@@ -117,7 +117,7 @@ class PerformanceTests:
 
     @property
     def wanted(self) -> bool:
-        """Whether a test goes on. Each item is then a test product, and must be rejected."""
+        """Whether a test is running. Each item is then a test product, and must be rejected."""
         return self.state.state is PerformanceState.RUNNING
 
     def remember(self, product: str, last: LastTest) -> None:
@@ -133,7 +133,7 @@ class PerformanceTests:
         self.advance(now)
 
     def plan_to_begin(self) -> PerformancePlan:
-        """Return the plan of the recipe; `ValueError` if there is none, or a test goes on."""
+        """Return the plan of the recipe; `ValueError` if there is none, or a test is running."""
         if self.plan is None:
             raise ValueError('the recipe of the product asks for no performance test')
         if self.wanted:
@@ -230,7 +230,7 @@ def _why_failed(plan: PerformancePlan, last: LastTest) -> str:
 
 
 def as_entry(plan: PerformancePlan, ended: LastTest, reason: str) -> dict[str, Any]:
-    """Return the value of a test that has ended in the audit log."""
+    """Return the value of a completed test for the audit log."""
     return asdict(ended) | {'reason': reason, 'mass': plan.mass, 'limit': plan.limit}
 
 

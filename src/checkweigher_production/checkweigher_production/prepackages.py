@@ -4,11 +4,11 @@
 
 The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is
 not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE, and none is below
-TU2 = nominal - 2 TNE. Percentages are not rounded here; the directive rounds them up to the next
-0.1 g (quoted from memory). The limits here are therefore never less strict.
+TU2 = nominal - 2 TNE. The directive rounds a TNE given in percent up to the next 0.1 g (quoted from
+memory). It is not rounded here, so the limits are never less strict.
 
-Nothing here is type-approved for legal metrology. The reference test of Annex II, by samples, is in
-`reference_test`.
+Nothing here is type-approved for legal metrology. The reference test of Annex II, which draws
+samples, is in `reference_method`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # kg, range of the table
 
-# Largest nominal quantity of a row in kg, and its TNE: a share of the quantity, or kg.
+# Largest nominal quantity of a row in kg, and its TNE: a share of the quantity, plus kg.
 _ROWS = (
     (0.05, 0.09, 0.0),
     (0.1, 0.0, 0.0045),
@@ -99,7 +99,7 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Judge a batch by the three requirements. Masses are those of the contents in kg.
+    """Judge a batch by the three requirements. Masses are of the contents, in kg.
 
     Raises `ValueError` if the batch is empty, a mass is not finite or the directive has no limits
     for `nominal`.

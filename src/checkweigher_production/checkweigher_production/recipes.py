@@ -19,8 +19,9 @@
           identifier:
             estimator: gauss_markov
 
-All masses of a product are those of its contents. The scale weighs contents and packaging; the
-limits of the reject node are therefore tare + limit.
+Masses are of the contents, except `tare` and the mass of the test product, which includes its
+packaging. The scale weighs contents and packaging, so the limits of the reject node are tare +
+limit.
 """
 
 from collections.abc import Mapping
@@ -52,7 +53,7 @@ NODES: dict[str, type[Parameters]] = {
     'identifier': IdentifierParameters,
     'reject': RejectParameters,
 }
-_OWN = (*LIMITS, 'needs_product')  # of reject, not for `parameters`
+_OWN = (*LIMITS, 'needs_product')  # parameters of reject that `parameters` must not set
 _LARGEST_MASS = 1e4  # kg
 _LARGEST_ERROR = 0.1  # share of the mass of a test product
 
@@ -61,7 +62,7 @@ Changes = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Product(Settings):
-    """Recipe of one product. Masses are of the contents, in kg."""
+    """Recipe of one product. Masses are in kg."""
 
     name: str = parameter(text='by which the operator selects it')
     nominal: float = parameter(
@@ -78,7 +79,7 @@ class Product(Settings):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
-    tu1: float = math.nan  # of 76/211/EEC; NaN where it has none for this nominal weight
+    tu1: float = math.nan  # of 76/211/EEC; NaN if it has none for this nominal weight
     tu2: float = math.nan
     length: tuple[float, float] = parameter(
         (0.0, math.inf), 'smallest and largest', unit='m', minimum=0, maximum=1e3
@@ -144,7 +145,7 @@ class Product(Settings):
         return self.tu1 if given == 'TU1' else self.tu2
 
     def limits(self) -> dict[str, object]:
-        """Return the limits of the product with its packaging by the parameters of reject."""
+        """Return the limits of contents and packaging, by parameter of reject."""
         quota = math.isfinite(self.tu1_quota)
         return {
             'lower_limit': self.tare + self.lower_limit,
@@ -186,7 +187,7 @@ def product_of(values: Mapping[str, Any]) -> Product:
     return settings_of(Product, values, values.get('name'), newer=True)
 
 
-# These bounds detect masses that were given in g instead of kg. No product comes near to them.
+# These bounds detect masses that were given in g instead of kg. No product comes near them.
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
         text = f'{filler.target:g} kg is more than half off nominal, {nominal:g} kg'

@@ -3,17 +3,17 @@
 """The reference test of an inspector on a batch, non-destructive, by one of two sampling plans.
 
 Double sampling follows EU Directive 76/211/EEC, Annex II, section 2. The contents are judged by one
-or two samples (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - k s. The text is
-that of legislation.gov.uk, which shows the criteria of 2.3.3 as pictures. Therefore k is from the
-same tables in schedule 2 of UK SI 2006/659; it is t(0.995, n - 1) / sqrt(n) of 2.3.1.
+or two samples (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - k s. The text
+was read on legislation.gov.uk, which shows the criteria of 2.3.3 as pictures. Therefore k is taken
+from the same tables in schedule 2 of UK SI 2006/659. It equals t(0.995, n - 1) / sqrt(n) of 2.3.1.
 
-Single sampling follows OIML R 87, which was not at hand. One sample is judged, for the mean as
-well, and none of it may be below TU2. Sources: Australian National Trade Measurement Regulations
-2009, 4.34, which has the numbers of R 87, and for TU2 the examples in the Guide to the Average
-Quantity System in Australia.
+Single sampling follows OIML R 87, whose text was not available. One sample is judged, also for the
+mean, and no prepackage in it may be below TU2. The numbers of R 87 are from the Australian National
+Trade Measurement Regulations 2009, 4.34. The rule on TU2 is from the examples in the Guide to the
+Average Quantity System in Australia.
 
-A batch below 100 is tested whole (2.1.3). The directive has no numbers for that: the mean must
-reach the nominal quantity (UK SI 2006/659, 4.7), and this program applies the packers' rules to the
+A batch of fewer than 100 is tested whole (2.1.3). The directive has no numbers for that. Here, the
+mean must reach the nominal quantity (UK SI 2006/659, 4.7), and the packers' rules apply to the
 shares below TU1 and TU2. A batch at the end of the packing line may exceed 10,000 (2.1.2).
 
 Nothing here is type-approved for legal metrology.
@@ -29,18 +29,18 @@ import numpy as np
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 from checkweigher_production.prepackages import MAX_SHARE_BELOW_TU1, batch_of, limits
 
-WHOLE_BELOW = 100  # prepackages, tested one by one
+WHOLE_BELOW = 100  # prepackages; a smaller batch is tested whole
 
 
 class SamplingPlan(Enum):
-    """Plan by which samples of a batch are drawn."""
+    """Plan for drawing samples from a batch."""
 
     DOUBLE = 'double'  # 76/211/EEC, Annex II
     SINGLE = 'single'  # OIML R 87
 
 
-# Largest batch of a row; then for the first sample, and for both samples together: their size, the
-# largest number of defective ones to accept, and the smallest number to reject.
+# Largest batch of a row; then, for the first sample and for both samples together: the size, the
+# largest number of defective prepackages to accept, and the smallest number to reject.
 _CONTENTS = {
     SamplingPlan.DOUBLE: (
         (500, ((30, 1, 3), (60, 4, 5))),
@@ -79,8 +79,8 @@ class ReferenceTest:
     seed: int
     drawn: tuple[int, ...]
     samples: tuple[SampleResult, ...]
-    below_tu2: int  # number among those drawn
-    tu2_decides: bool  # whether a single one below TU2 fails the contents
+    below_tu2: int  # number among the drawn prepackages
+    tu2_decides: bool  # whether a single prepackage below TU2 fails the contents
     contents_passed: bool
     mean_count: int
     mean: float
@@ -103,8 +103,8 @@ def reference_test(
 ) -> ReferenceTest:
     """Draw the samples of a batch at random by a plan, and judge the batch by them.
 
-    `masses` are those of the contents of every prepackage, and `nominal` is the nominal quantity,
-    in kg. `seed` is that of the draw. A batch below 100 is tested whole.
+    `masses` are the contents of all prepackages and `nominal` is the nominal quantity, in kg.
+    `seed` is the seed of the random draw. A batch of fewer than 100 is tested whole.
 
     Raises `ValueError` if the batch is empty, a mass is not finite or the directive has no limits
     for `nominal`.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What is selected on the line: product, limits and batch, which go on after a restart."""
+"""The selection on the line, kept across restarts: product, limits and batch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _ANEW = 'select the product again'
 
 @dataclass(frozen=True)
 class Selection(Settings):
-    """Product, limits and batch on the line, as they were selected last."""
+    """Last selection of product, limits and batch on the line."""
 
     batch: str = parameter('', 'name of the batch')
     before: str = parameter('', 'batch before, whose record may lack its end')
@@ -44,14 +44,14 @@ class Selection(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the table; `SettingsError` if it is not as it was written."""
+        """Return the table; `SettingsError` if it was changed after it was written."""
         if not isinstance(content, dict) or content.get('sha256') != _digest(content):
             raise SettingsError(f'is not as it was written; {_ANEW}')
         return content
 
     @property
     def product(self) -> Product | None:
-        """Recipe of the product as it was selected, None if none was or its limits are missing."""
+        """Recipe of the selected product, None if there is none or its limits are incomplete."""
         known = (self.limits or {}).keys() == {*LIMITS}
         return next(iter((self.products or {}).values()), None) if known else None
 
@@ -65,7 +65,7 @@ class Selection(Settings):
 def read_selection(folder: Path, entries: Sequence[Entry]) -> Selection | None:
     """Return the last selection, None if the folder has none.
 
-    Raises `SettingsError` if it cannot be used, or the `entries` of the audit log go on to another.
+    Raises `SettingsError` if it cannot be used, or if the audit log `entries` have a later one.
     """
     path = folder / FILE
     if not path.exists():
@@ -77,7 +77,7 @@ def read_selection(folder: Path, entries: Sequence[Entry]) -> Selection | None:
 
 
 def write_selection(folder: Path, selection: Selection) -> None:
-    """Replace the last selection; OSError leaves it as it was."""
+    """Replace the saved selection; if that raises OSError, the old one stays."""
     content = {'format': selection.format, **plain(selection)}
     write_settings(folder / FILE, replace(selection, sha256=_digest(content)))
 

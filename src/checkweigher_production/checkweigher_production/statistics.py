@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of production for each product and batch, in the time of the samples.
+"""Statistics of production for each product and batch, timed by the stamps of the samples.
 
 All items are counted by decision and reason. Mean, standard deviation, giveaway and the shares
 below TU1 and TU2 are computed from the accepted items. Masses are of the contents, without tare.
@@ -53,14 +53,14 @@ class ProductionStatistics:
             self._below_tu2 += mass < product.tu2 - slack
 
     def begin_stream(self) -> None:
-        """Measure the throughput from now on, because a new stream may have another clock."""
+        """Restart the measurement of throughput, because a new stream may have another clock."""
         self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
-        """Return and count whether length or speed of an item are outside those of the product."""
+        """Count an item with a length or speed outside its limits; return whether it is one."""
         if self.product is None:
             return False
-        # An unknown value (NaN) is not outside; the item has another reason.
+        # An unknown value (NaN) is not counted, because the item has another reason.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
         self._length_faults += length
@@ -123,20 +123,20 @@ class ProductionRecord:
     def current(self) -> ProductionStatistics:
         """Statistics of the present product in the present batch."""
         found = self._all.get(self._key)
-        # If its recipe was changed, the counts begin at 0 because the limits differ.
+        # If the recipe has changed, count from 0 because the limits differ.
         if found is None or found.product != self.product:
             found = self._all[self._key] = ProductionStatistics(self.product)
         return found
 
     def tally(self, product: str, batch: str) -> BatchTally:
-        """Return the counts of a product in a batch from its last verdict."""
+        """Return the counts in the last verdict on a product in a batch."""
         return self._tallies.get((product, batch), BatchTally(product, batch))
 
     def add(self, verdict: Verdict) -> bool:
         """Count an item for the product and batch of its verdict, unless it was counted before.
 
-        Returns whether it was counted. A node that was restarted gets verdicts again; the number of
-        items of the batch in a verdict shows whether it is new.
+        Returns whether it was counted. A restarted node receives verdicts again. The number of
+        items of the batch in a verdict shows whether the verdict is new.
         """
         key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
@@ -159,7 +159,7 @@ class ProductionRecord:
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
-        """Measure the throughput of all products and batches from now on."""
+        """Restart the measurement of throughput for all products and batches."""
         for each in self._all.values():
             each.begin_stream()
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Joining and cutting of the blocks of a recording or a simulation to lengths that suit its pace.
+"""Joining and cutting of the blocks of a recording or simulation to suit its pace.
 
 The masses do not depend on how a stream is cut into blocks or on the place of an edge between
 blocks. The stamp of each sample is preserved to within a nanosecond.
@@ -29,12 +29,12 @@ def join(
     *,
     ends_block: Callable[[EyeEdge], bool] = lambda edge: False,
 ) -> Iterator[Event]:
-    """Yield a stream with fewer, longer blocks. An edge precedes the block in which it falls.
+    """Yield a stream with fewer, longer blocks. An edge precedes the block that contains it.
 
-    Blocks without a gap between them, in index and in time, are joined to at most `longest` s of
-    signal. A longer block is cut at each edge. If the events are in canonical order, they are
-    yielded in the order in which they are due; a block is due when its last sample has been taken.
-    If `ends_block` returns True for an edge, the block ends there and precedes the edge.
+    Blocks without a gap in index or time are joined to at most `longest` s of signal. A longer
+    block is cut at each edge. If the events are in canonical order, they are yielded in the order
+    in which they are due; a block is due when its last sample has been taken. If `ends_block`
+    returns True for an edge, the block ends there and precedes the edge.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -50,7 +50,7 @@ def join(
 
 
 class _Run:
-    """Blocks without a gap between them, which become one block."""
+    """Blocks without a gap between them, which will be joined to one block."""
 
     def __init__(self, sample_rate: float, longest: float) -> None:
         self._sample_rate = sample_rate
@@ -104,8 +104,8 @@ class _Run:
 def join_recording(recording: Recording, longest: float = LONGEST) -> list[SampleBlock | EyeEdge]:
     """Return samples and edges of a recording with fewer, longer blocks, without the references.
 
-    The events are those of `join` if no edge ends a block, in a fraction of the time. Blocks that
-    are longer than `longest` s in the recording stay whole, and their edges follow them.
+    The result equals that of `join` if no edge ends a block, and takes a fraction of the time.
+    Blocks of the recording that are longer than `longest` s stay whole and precede their edges.
     """
     rate = recording.load_cell.sample_rate
     blocks = BlockColumns.of(recording.blocks)
@@ -124,12 +124,12 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
 
 
 def join_stretches(stretches: Iterable[Recording]) -> Iterator[SampleBlock | EyeEdge]:
-    """Yield samples and edges of a recording that comes in stretches, each joined by itself."""
+    """Yield samples and edges of a recording in stretches; each stretch is joined separately."""
     return chain.from_iterable(map(join_recording, stretches))
 
 
 def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:
-    """Return the numbers of the blocks with which a joined block begins."""
+    """Return the number of the first block of each joined block."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
     # A difference of unsigned numbers may have wrapped around.
@@ -148,7 +148,7 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
 
 
 def is_exit(edge: EyeEdge) -> bool:
-    """Return whether an edge is t3, at which a window ends; no other edge waits for samples."""
+    """Return whether an edge is t3, the only edge that waits for the samples before it."""
     return edge.eye == Eye.OUTFEED and edge.blocked
 
 

@@ -17,7 +17,7 @@ _PREFIX = 'checkweigher-bag-'
 def scratch_folder() -> Iterator[Path]:
     """Make a temporary folder and remove it at the end of the block.
 
-    The process holds a lock on the folder, which the kernel frees when the process ends in any way.
+    The process holds a lock on the folder, which the kernel releases however the process ends.
     Folders of processes that have ended are removed first.
     """
     remove_abandoned()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs on the workers of a Dask cluster; dask.distributed need not be installed."""
+"""Jobs on the workers of a Dask cluster; dask.distributed is optional."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future
@@ -21,13 +21,13 @@ _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
 
 class SchedulerError(ValueError):
-    """A cluster cannot be used; the message has its address, the reason and advice."""
+    """A cluster that cannot be used. The message has its address, the reason and advice."""
 
 
 class _Cluster(Workers):
     """Workers of a cluster with the given addresses, or all workers, including later ones."""
 
-    ahead = 5000  # enough for any cluster, and little memory of its scheduler
+    ahead = 5000  # enough for any cluster, with little memory in its scheduler
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
         from distributed import KilledWorker
@@ -36,7 +36,7 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor: Executor = client.get_executor(pure=False, workers=addresses)
-        self._gone: float | None = None  # time since when there is no worker
+        self._gone: float | None = None  # time since which there has been no worker
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         return self._executor.submit(job)
@@ -75,8 +75,8 @@ def on_scheduler(
     """Run the jobs of `checkweigher_validation.jobs` on a scheduler.
 
     `address` is 'local' for processes of this machine, or the address of a Dask scheduler, for
-    example 'tcp://HOST:8786'. Each worker of a cluster calls `question`, whose answer is pickled.
-    `refusal` returns why a worker with an answer is not used, in one line, empty if it is used.
+    example 'tcp://HOST:8786'. Each worker of a cluster calls `question`, and its answer is pickled.
+    `refusal` gets the answer and returns why the worker is not used, in one line, or an empty text.
 
     Yields a line for each worker that is refused. The others do the jobs.
 
@@ -93,7 +93,7 @@ def on_scheduler(
         if not workers:
             lines = '; '.join(refused.values()) or 'it has no worker; start "dask worker" there'
             raise SchedulerError(f'{address}: {lines}')
-        # Addresses only if some are refused, because a restarted worker has another address.
+        # Name addresses only if some are refused, because a restarted worker has another address.
         with jobs_done_by(partial(_Cluster, client, workers if refused else None)):
             yield list(refused.values())
 
@@ -106,7 +106,7 @@ def _client(address: str) -> Iterator[Any]:
         raise SchedulerError(
             f'--scheduler {address}: dask.distributed is not installed; pip install distributed'
         ) from None
-    # Its tracebacks while it reconnects are also raised as exceptions.
+    # The client logs tracebacks while it reconnects, but raises the exceptions as well.
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     with warnings.catch_warnings():
         # Tuning sends passes of known mass, which are large.
@@ -128,8 +128,8 @@ def _refused(
     answers = client.run(question, on_error='return')
     refused = {}
     for name, answer in answers.items():
-        # Dask's own errors, of a connection, have no errno: the worker has ended meanwhile, and
-        # the worker in its place has another address.
+        # A connection error of Dask has no errno: the worker has ended meanwhile, and its
+        # replacement has another address.
         if isinstance(answer, OSError) and answer.errno is None:
             continue
         is_error = isinstance(answer, BaseException)

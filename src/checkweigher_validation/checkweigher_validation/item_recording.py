@@ -13,14 +13,15 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, V
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
-# Largest difference of the masses, in standard deviations: the zero depends on all earlier samples.
+# Largest difference of the masses, in standard deviations. They differ because the zero depends on
+# all earlier samples.
 _SAME_MASS = 0.1
 _FEWEST = 2  # smallest number of items before it, which give belt speed and zero
 _AFTER = NANOSECONDS  # signal after the item, for each item before it
 
 
 class KeepError(ValueError):
-    """An item cannot be kept; the message has the reason and advice."""
+    """An item that cannot be kept. The message has the reason and advice."""
 
 
 def keep_item(
@@ -29,11 +30,11 @@ def keep_item(
     """Cut an item out, with as many items before it as its verdict depends on.
 
     Zero, belt speed and lag of the eyes are learned from earlier items. Their number is doubled
-    until the item in the small recording has the same verdict. The parameters are those with which
-    the item got its estimate and verdict.
+    until the item in the small recording has the same verdict. `parameters` must be the ones that
+    gave the estimate and the verdict.
 
     Returns the small recording and the item in it. Its decision and reasons are the same, and its
-    mass differs by at most a tenth of its standard deviation. Its number counts from 1.
+    mass differs by at most a tenth of its standard deviation. Its number is counted from 1.
 
     Raises `KeepError` if the item has another result even in the whole recording.
     """

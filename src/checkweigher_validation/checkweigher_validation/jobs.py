@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Independent jobs side by side, by `concurrent.futures`: on this machine, or on a cluster."""
+"""Independent jobs in parallel, by `concurrent.futures`, on this machine or on a cluster."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -25,11 +25,11 @@ _LOOK = 5.0  # interval of the checks of the workers while no job is done, s
 
 
 class WorkerLostError(ValueError):
-    """A job killed its worker, and did so again when it was tried alone."""
+    """A job that killed its worker twice, the second time when it ran alone."""
 
 
 class ClusterLostError(ValueError):
-    """A cluster has ended, has no worker left, or cannot be reached any more."""
+    """A cluster that has ended, has no worker left, or cannot be reached any more."""
 
 
 class Workers(AbstractContextManager['Workers']):
@@ -40,7 +40,7 @@ class Workers(AbstractContextManager['Workers']):
 
     @abstractmethod
     def submit(self, job: Job, alone: bool) -> Future[Any]:
-        """Submit a job; if `alone`, no other job runs beside it."""
+        """Submit a job; if `alone`, no other job may run."""
 
     def check(self) -> None:
         """Raise ClusterLostError if no further job will be done."""
@@ -59,7 +59,7 @@ class _Processes(Workers):
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         with _mute():
             while True:
-                # A new executor if a process of the last one was killed.
+                # This makes a new executor if a process of the last one was killed.
                 self._executor = get_reusable_executor(
                     1 if alone else self._count,
                     timeout=None,
@@ -118,12 +118,13 @@ def run_jobs(
 ) -> list[Any]:
     """Run independent jobs, and return their results in the same order.
 
-    The jobs have their arguments, as by `functools.partial`; jobs and results are pickled. `n_jobs`
-    is the number of processes of this machine, by default one for each core; 1 is this process
-    alone. A bar with the label `doing` is shown on a terminal if they take more than a second.
+    Jobs are called without arguments (see `functools.partial`); jobs and results are pickled.
+    `n_jobs` is the number of processes on this machine, by default one for each core; with 1, this
+    process runs the jobs. A bar labelled `doing` is shown on a terminal if they take more than a
+    second.
 
     Raises `WorkerLostError` if a job killed its worker, also when it was tried alone, and
-    `ClusterLostError` if the jobs were done by a cluster, and it was lost.
+    `ClusterLostError` if a cluster does the jobs and is lost.
     """
     with closing(jobs_as_done(jobs, n_jobs)) as results:
         found = dict(with_progress(results, doing, len(jobs), unit=unit))
@@ -139,8 +140,8 @@ def jobs_as_done(
     """Run independent jobs; yield the number and the result of each as soon as it is done.
 
     If a worker is killed, the jobs that were submitted at that time are tried again, one at a time.
-    The result of a job that kills its worker again is a `WorkerLostError`. The parameters are those
-    of `run_jobs`.
+    The result of a job that kills its worker again is a `WorkerLostError`. The parameters are as in
+    `run_jobs`.
 
     Raises `ClusterLostError` if the jobs were done by a cluster, and it was lost.
     """
@@ -163,7 +164,7 @@ def jobs_as_done(
 def _results(
     workers: Workers, jobs: Mapping[int, Job], at_once: int
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run jobs, yield number and result; the result is a WorkerLostError if the worker died."""
+    """Run jobs and yield numbers and results; a result is a WorkerLostError if its worker died."""
     left = iter(jobs.items())
     running: dict[Future[Any], int] = {}
     while True:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The batches of a line: counts, records, and the feedback to the filler, across restarts."""
+"""The batches of a line, across restarts: counts, records and feedback to the filler."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -27,12 +27,12 @@ from checkweigher_production.statistics import ProductionRecord
 
 
 class LineBatches:
-    """Counts of the batches of a line, with a record of each batch if there is a folder for it.
+    """Counts of the batches of a line, with a record of each batch if `folder` is not empty.
 
-    The batch that was interrupted by a restart goes on with its name, its product and its counts.
-    If it is not certain which one that is, or its counts are lost, no batch goes on until a person
-    begins one. `first` is the name of the first batch, `clock` returns the time for the records
-    (ISO 8601, UTC), and `log` is the audit log of the lane, None for none.
+    A batch that a restart interrupted continues with its name, product and counts. If it is not
+    certain which batch that is, or if its counts are lost, no batch continues until a person begins
+    one. `first` is the name of the first batch, `clock` returns the time for the records (ISO 8601,
+    UTC), and `log` is the audit log of the lane, or None.
 
     Raises `RecordError` if the folder cannot be used.
 
@@ -41,11 +41,11 @@ class LineBatches:
     production : ProductionRecord
         The counts.
     selected : Selection or None
-        Last selection before this start, None if there is none or it is not certain.
+        Last selection before this start, None if there is none or it is uncertain.
     doubt : str
-        Reason why no batch goes on, empty if one does.
+        Reason why no batch continues, empty if one does.
     not_kept : str
-        Reason why product and batch could not be kept for the next start, empty if they were.
+        Reason why product and batch could not be saved for the next start, else empty.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class LineBatches:
         self._corrected = '', 0.0  # last product, and the correction of the filler for it
         self._folder = Path(folder)
         self._writer: RecordWriter | None = None
-        self._open: dict[str, Path] = {}  # records begun and not ended, but for the present one
-        self._left_out: list[str] = []  # what is wrong with other records
-        self._forgotten = ''  # why the last selection is not known
-        self._batch = self._before = ''  # batch whose record is written, and the one before
-        self._kept: Selection | None = None  # as it is in the file
-        self.not_kept = ''  # why it is not
+        self._open: dict[str, Path] = {}  # records without an end, except the present one
+        self._left_out: list[str] = []  # faults of other records
+        self._forgotten = ''  # why the last selection is unknown
+        self._batch = self._before = ''  # recorded batch, and previous batch
+        self._kept: Selection | None = None  # selection in the file
+        self.not_kept = ''  # why the file was not written
         if folder:
             self._writer = RecordWriter(self._folder)
             self._open, self._left_out = records_in(self._folder)
@@ -73,7 +73,7 @@ class LineBatches:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether a person has to say which product is on the line, and in which batch."""
+        """Whether a person must select the product or begin a batch, because it is uncertain."""
         return bool(self.doubt or self._forgotten)
 
     def _resume(self, writer: RecordWriter) -> None:
@@ -95,7 +95,7 @@ class LineBatches:
             self.use(self.selected.product if self.selected else None)
 
     def _batch_in_progress(self, first: str) -> str:
-        """Return the batch that has begun and not ended, or a first one; else `RecordError`."""
+        """Return the only open batch, or `first` if none is open; `RecordError` if in doubt."""
         if len(self._open) > 1 or self._left_out:
             several = '; '.join([*map(str, self._open.values()), *self._left_out])
             raise RecordError(f'it is not certain which batch is in progress: {several}')
@@ -127,7 +127,7 @@ class LineBatches:
         self._batch, self._before = batch, before
 
     def _restore(self, path: Path) -> None:
-        """Count again what is in a record; `RecordError` if it cannot be used."""
+        """Restore the counts from a record; `RecordError` if it cannot be used."""
         production = self.production
         try:
             for kind, event in read_events(path):
@@ -142,10 +142,10 @@ class LineBatches:
                 elif kind == 'reset':
                     production.reset()
         finally:
-            production.product = None  # it is still to be selected
+            production.product = None  # it has not been selected yet
 
     def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
-        """Keep product, limits and batch for the next start, if they have changed or `anew`."""
+        """Save product, limits and batch for the next start, if they have changed or `anew`."""
         if self._writer is None or self.doubt:
             return
         its = self.production
@@ -173,7 +173,7 @@ class LineBatches:
             self.write('product', {'name': product.name, **plain(product)})
 
     def control_filler(self, product: Product) -> None:
-        """Begin to control the filler for a product, or go on with its last correction."""
+        """Begin to control the filler for a product, from its last correction if known."""
         last, correction = self._corrected
         correction = correction if last == product.name else 0.0
         self._corrected, self._filler = (product.name, correction), None
@@ -203,9 +203,9 @@ class LineBatches:
         self.write('reset', {'time': self._clock()})
 
     def begin(self) -> None:
-        """End the record of the batch before, and begin or continue that of the present one.
+        """End the record of the previous batch, and begin or continue the record of this one.
 
-        Raises `RecordError` if the one that is to be continued cannot be used.
+        Raises `RecordError` if the record to continue cannot be used.
         """
         if self._writer is not None:
             if path := self._open.get(self.production.batch):

@@ -28,12 +28,12 @@ _CALL_PATIENCE = 150.0  # s, longest time from the announcement of a person's ca
 class LineAudit:
     """Writer of the audit log of a lane: what changes, who changes it, and why.
 
-    The parameters of each node are written when it is started, and changes before they are made. A
-    change that was announced and not made is found when the parameters are read again later.
+    The parameters of a node are written when it starts, and each change before it is made. If an
+    announced change was not made, a later reading of the parameters shows that.
 
-    `log` is None on a lane without one. `node` is the full name of the node that writes, `clock`
+    `log` is None on a lane without a log. `node` is the full name of the node that writes, `clock`
     returns the time of an entry (ISO 8601, UTC), and `line` is the client of the parameters.
-    `has_record` returns whether a batch, by its name, has a record, and `warn` logs a warning.
+    `has_record` returns whether the named batch has a record, and `warn` logs a warning.
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class LineAudit:
         self._has_record = has_record
         self._warn = warn
         self._authors = Authors(_CALL_PATIENCE)
-        self._unread = set(ports.NODES)  # nodes whose parameters are still to be read
-        self._announced: dict[str, float] = {}  # time of the entry, by nodes to be read again
+        self._unread = set(ports.NODES)  # nodes whose parameters have not been read yet
+        self._announced: dict[str, float] = {}  # time of the entry, by node to read again
         self.trail = AuditTrail(log, node, clock)
         # Subject, node that makes the change, and service that asks for it, by kind of the entry.
         self._asked = {
@@ -63,17 +63,17 @@ class LineAudit:
         }
 
     def awaits(self, nodes: set[str]) -> bool:
-        """Return whether parameters of some nodes must be in the log before they are changed."""
+        """Return whether the log lacks parameters of `nodes`, which must not change until then."""
         return self._log is not None and not self._unread.isdisjoint(nodes)
 
     def add_started(self, nodes: set[str]) -> None:
-        """Add nodes that have been started, whose parameters are to be read."""
+        """Register started nodes, so that their parameters are read."""
         self._unread |= nodes.intersection(ports.NODES)
 
     def announce(self, changes: Mapping[str, Values], by: Author) -> None:
-        """Write the parameters that some nodes are about to get.
+        """Write the parameters that are about to be set in some nodes.
 
-        Raises `AuditError` if that fails; the parameters must not be set then.
+        Raises `AuditError` if that fails; the caller must then not set them.
         """
         for node, values in changes.items():
             if node not in ports.NODES:
@@ -82,7 +82,7 @@ class LineAudit:
             self.trail.parameters(f'{self._namespace}/{node}', values, by)
 
     def author_of(self, service: str, node: str = 'product') -> Author:
-        """Return the person who calls a service of a node, by default the node."""
+        """Return the person who calls a service of a node, or the node if nobody does."""
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
     def on_change(self, request: Any, response: Any) -> Any:
@@ -128,7 +128,7 @@ class LineAudit:
             raise AuditError(f'{name}: what a person did is a text')
 
     async def read_started(self) -> None:
-        """Write entries that are owed, and compare the parameters of nodes with the log."""
+        """Write pending entries, and compare the parameters of nodes with the log."""
         with suppress(AuditError):  # shown by the diagnostics
             self.trail.catch_up()
         for node in ports.NODES:
@@ -138,7 +138,7 @@ class LineAudit:
                 continue
             try:
                 values = await self._line.get_all(node)
-                # Otherwise the values may precede a change that was announced meanwhile.
+                # Otherwise the values may precede a change that has been announced.
                 if self._announced.get(node, -math.inf) < began:
                     self.trail.found(f'{self._namespace}/{node}', values)
                     self._unread.discard(node)

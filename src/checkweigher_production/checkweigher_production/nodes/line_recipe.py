@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The product on the line: its limits for the reject node, its parameters in the other nodes."""
+"""The product on the line: its limits for the reject node, and its parameters in all nodes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -24,8 +24,8 @@ from checkweigher_production.recipes import NODES, Product
 class LineRecipe:
     """Limits and parameters of the selected product, in all nodes of the line or in none.
 
-    While nodes have yet to get their parameters, no product is on the line, and the reject node
-    accepts nothing. Each step waits until the reject node uses the result of the previous one. The
+    Until all nodes have their parameters, no product is on the line, and the reject node accepts
+    nothing. Each step waits until the reject node uses the result of the previous one. The
     coroutines raise `RefusedError` if a node refuses its part or does not answer.
 
     `line` is the client of the parameters, `publish` publishes the product on the line, `clock`
@@ -38,7 +38,7 @@ class LineRecipe:
     on_line : ProductOnLine
         Last published product; its name is empty while no product is on the line.
     in_use : ProductOnLine or None
-        Product by which the reject node judges, None until that is known.
+        Product by which the reject node judges, None while unknown.
     """
 
     line: LineParametersClient
@@ -51,23 +51,23 @@ class LineRecipe:
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
         self._taken = Future()  # done when the reject node uses the last published product
-        # Values before the first recipe that set them, for products that do not set them.
+        # Values from before any recipe set them, for products that do not set them.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # values of the selected product
         self._restarted: set[str] = set()
 
     @property
     def ready(self) -> bool:
-        """Whether all nodes of a recipe are there."""
+        """Whether all nodes of a recipe are ready, and the product in use is known."""
         return self.in_use is not None and all(self.line.ready(node) for node in NODES)
 
     @property
     def lost(self) -> set[str]:
-        """Nodes that were restarted and have not got the parameters of the product yet."""
+        """Restarted nodes that do not have the parameters of the product yet."""
         return self._restarted & self._set.keys()
 
     def add_started(self, nodes: set[str]) -> None:
-        """Add nodes that have been started."""
+        """Register nodes that have started."""
         self._restarted |= nodes
 
     def taken(
@@ -75,8 +75,8 @@ class LineRecipe:
     ) -> None:
         """Process the product by which the reject node judges from now on.
 
-        If it has none when this node starts, `resumed` is selected, and unless it `waits` for the
-        parameters of other nodes, on the line.
+        If that node has no product when this node starts, `resumed` is selected. It is also put on
+        the line, unless it `waits` for the parameters of other nodes.
         """
         first, self.in_use = self.in_use is None, product
         # The reject node may have had a product, or limits of its own, when this node started.
@@ -89,7 +89,7 @@ class LineRecipe:
             self._taken.set_result(product)
 
     def update(self) -> None:
-        """Publish the present counts, with which a reject node goes on after a restart."""
+        """Publish the present counts, from which a restarted reject node continues."""
         if self.on_line.product:
             self.publish(self._counted(self.on_line))
 
@@ -101,8 +101,8 @@ class LineRecipe:
     ) -> None:
         """Put a product on the line. If a node refuses, all nodes keep their parameters.
 
-        `selected` has its limits. `announce` gets the parameters that are about to be set, by node;
-        if it raises, none is set.
+        `selected` has the limits of the product. `announce` is called with the parameters to set,
+        by node; if it raises, no parameter is set.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)
@@ -126,7 +126,7 @@ class LineRecipe:
         self._restarted -= restarted
 
     async def _check_speed(self, product: Product) -> None:
-        """Raise `RefusedError` if the segmenter does not weigh products of this speed."""
+        """Raise `RefusedError` if the product is too slow for the segmenter."""
         slowest: Any = await self.line.get('segmenter', ['min_belt_speed'])
         if product.speed[1] < slowest['min_belt_speed']:
             raise RefusedError(
@@ -135,7 +135,7 @@ class LineRecipe:
             )
 
     async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
-        """Return the values without a recipe of all parameters of present and past products."""
+        """Return the values, before any recipe, of the parameters of this and past products."""
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
             if not self.line.ready(node):
@@ -151,7 +151,7 @@ class LineRecipe:
         changed = replace(self.selected, **values)
         if self.on_line.product:
             await self._change({}, changed, self.selected)
-        else:  # it is put there when all nodes have their parameters
+        else:  # it is put on the line once all nodes have their parameters
             self.selected = changed
 
     async def restore(self) -> str:
@@ -167,7 +167,7 @@ class LineRecipe:
     ) -> None:
         """Set parameters while no product is on the line, then put a product there.
 
-        If a node refuses, `otherwise` is on the line, or no product if the parameters may not fit.
+        If a node refuses, put `otherwise` there, or no product if the parameters may not fit it.
         """
         try:
             if values:

@@ -28,7 +28,7 @@ _COUNTED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 
 
 
 def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
-    """Return all products of a recipe file, and one of them; `SettingsError` if it is not there."""
+    """Return all products of a recipe file, and the named one; `SettingsError` if it is missing."""
     if not file:
         raise SettingsError('the parameter recipes of the node product names no file')
     products = read_recipes(Path(file))
@@ -39,12 +39,12 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
 
 @dataclass(eq=False)
 class LineSelection:
-    """Selection of a product of a recipe file and of a batch, for nodes, counts and records.
+    """Selection of product and batch, for nodes, counts and records.
 
-    A change is in the audit log before it is made.
+    Each change is written to the audit log before it is made.
 
-    `file` is the recipe file, empty for none, and `first` the product at the first start, empty for
-    none. `warn` logs a warning.
+    `file` is the recipe file and `first` the product at the first start; empty for none. `warn`
+    logs a warning.
     """
 
     file: str
@@ -56,22 +56,22 @@ class LineSelection:
     warn: Callable[[str], object]
 
     def __post_init__(self) -> None:
-        # Product and limits that go on after a restart of the line, until all nodes have them.
+        # Product and limits to restore after a restart of the line; None once all nodes have them.
         selected = self.batches.selected
         self._resumed = (selected.product, selected.on_line) if selected else (None, None)
         self._begun = not self.file  # whether the product at the start is on the line
 
     async def select(self, name: str, by: Author) -> None:
-        """Select a product, or raise an error and leave all as it is."""
+        """Select a product; if that raises an error, the selection is unchanged."""
         products, product = find(self.file, name)
         if self.batches.doubt:
             raise SettingsError(self.batches.doubt)
         trail, production = self.audit.trail, self.batches.production
         trail.recipes(plain(products), by)
-        # Written before it is made: a change that cannot be written is not made.
+        # Written first, because a change that cannot be written must not be made.
         before, wanted = production.product, product.on_line(production.batch)
         trail.note(changes.SELECTION, 'product', _audited(self.recipe.in_use), _audited(wanted), by)
-        # Items that are judged by the new recipe while it is being set belong to it already.
+        # Items judged by the new recipe while it is being set already count for it.
         self.batches.use(product)
         try:
             await self.recipe.set(product, wanted, partial(self.audit.announce, by=by))
@@ -90,18 +90,18 @@ class LineSelection:
 
     def taken(self, product: ProductOnLine) -> None:
         """Process the product by which the reject node judges from now on."""
-        if self.batches.doubt:  # nothing is accepted that no batch counts
+        if self.batches.doubt:  # without a batch, no item is accepted
             product = replace(product, product='')
         recipe, limits = self._resumed
         if recipe is not None and self.recipe.in_use is None:
             self._select_in_counts(recipe)
-        # With parameters of its own a product waits until the nodes have them.
+        # A product with parameters of its own waits until the nodes have them.
         self.recipe.taken(product, limits, waits=recipe is not None and bool(recipe.parameters))
         if product.product:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the product of before or the first one; return whether that was done just now."""
+        """Select the previous or the first product; return whether this call selected one."""
         if self._begun or self.batches.doubt:
             return False
         resumed, _ = self._resumed
@@ -113,7 +113,7 @@ class LineSelection:
             return False
         if self.audit.awaits(set(NODES)):
             return False
-        # If only this node was started again, the product on the line stays.
+        # If only this node was restarted, the product on the line stays.
         name = self.recipe.on_line.product or name
         try:
             await self._begin(name)
@@ -124,7 +124,7 @@ class LineSelection:
         return bool(name)
 
     async def _begin(self, name: str) -> None:
-        """Set the product of before with its limits, or select another one; '' for none."""
+        """Restore the previous product with its limits, or select `name`, '' for none."""
         resumed, limits = self._resumed
         if resumed is not None and limits is not None and resumed.name == name:
             on_line = self.recipe.on_line
@@ -133,10 +133,10 @@ class LineSelection:
             limits = replace(on_line if on_line.product else limits, batch=batch)
             await self.recipe.set(resumed, limits, partial(self.audit.announce, by=Author()))
         elif name and self.batches.production.product is None:
-            await self.select(name, Author())  # otherwise the limits of the line hold
+            await self.select(name, Author())  # otherwise the line keeps its limits
 
     async def restore(self) -> None:
-        """Set the parameters of the product in nodes of the line that were started again."""
+        """Set the parameters of the product in restarted nodes of the line."""
         lost = self.recipe.lost
         if not lost or self.audit.awaits(lost):
             return
@@ -149,9 +149,9 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Let the reject node count for another batch, then end the record of this one.
+        """Begin a batch at the reject node, then end the record of the previous batch.
 
-        Returns the statistics of the batch that ends; raises an error if none of that is done.
+        Returns the statistics of the previous batch; raises an error if the batch does not begin.
         """
         if not name or not self.batches.may_begin(name):
             raise RecordError(f'batch {name!r}: a name that was not used before is needed')
@@ -172,7 +172,7 @@ class LineSelection:
         return finished
 
     async def reset_counts(self, by: Author) -> Statistics:
-        """Count the product in this batch from 0, and return what was counted."""
+        """Reset the counts of the product in this batch; return the statistics until then."""
         finished = self._end_count(changes.RESET, None, by)
         self.batches.reset()
         return finished
@@ -184,7 +184,7 @@ class LineSelection:
         return finished
 
     def ended_batches(self) -> Iterator[BatchResult]:
-        """Yield the batches whose record is complete, once its hash is in the audit log."""
+        """Yield the batches with a complete record, after writing its hash to the audit log."""
         for ended in self.batches.ended():
             if self.audit.trail.last(changes.RECORD, ended.batch) != ended.sha256:
                 self.audit.trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
@@ -217,7 +217,7 @@ class LineSelection:
 
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:
-    """Return the product and its limits as in the entries of the audit log."""
+    """Return a product and its limits in the form of the audit log."""
     if product is None:
         return None
     return {'product': product.product, 'batch': product.batch, **limits_of(product)}

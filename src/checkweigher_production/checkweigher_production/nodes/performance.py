@@ -26,9 +26,9 @@ _LEVELS = {
 
 @dataclass(eq=False)
 class LineTest:
-    """Performance test of the product on the line, which rejects all items during a test.
+    """Performance test of the product on the line. During a test, all items are rejected.
 
-    `recipe` tells the reject node that a test goes on, and `trail` writes the entries. `publish`
+    `recipe` tells the reject node that a test is running, and `trail` writes the entries. `publish`
     publishes a new state, and `clock` returns the time of the system clock in ns.
     """
 
@@ -40,7 +40,7 @@ class LineTest:
     def __post_init__(self) -> None:
         self._tests = PerformanceTests(datetime.now(UTC).astimezone().tzinfo or UTC)
         self._reason = ''
-        self._rejecting = False  # whether the reject node was told that a test goes on
+        self._rejecting = False  # whether the reject node was told that a test is running
 
     def select(self, product: Product, batch: str) -> None:
         """Use the product and the batch on the line."""
@@ -87,7 +87,7 @@ class LineTest:
             self.publish(self._tests.state)
 
     async def advance(self) -> None:
-        """Publish what is due now, and let the reject node accept items again after a test."""
+        """Publish a new state, and let the reject node accept items again after a test."""
         if self._tests.advance(self.clock()):
             self.publish(self._tests.state)
         if self._rejecting and not self._tests.wanted:

@@ -69,7 +69,7 @@ class ProductNode(StageNode[ProductParameters]):
     """Node for the recipes of the line, the counts of its batches, and its audit log."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        self._files = ExitStack()  # before the parameters, which may be refused
+        self._files = ExitStack()  # `destroy_node` closes it, also if a parameter is refused
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
         known, name = self.parameters, self.get_fully_qualified_name()
         self._host_clock = HostClock()
@@ -100,7 +100,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
-        # With a record, also verdicts that were published while this node was away.
+        # With a record, also receive the verdicts that were published while this node was down.
         latched = ports.VERDICT.qos if known.batch_folder else None
         self.subscribe(ports.VERDICT, self._on_verdict, qos=latched)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
@@ -128,14 +128,14 @@ class ProductNode(StageNode[ProductParameters]):
             self.create_timer(_POLL_PERIOD, self._advance_recipe, callback_group=group)
 
     def _audit_others(self) -> None:
-        """Begin to write changes of other nodes of the line."""
+        """Begin to log the changes of other nodes of the line."""
         self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
         self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
         own_group = MutuallyExclusiveCallbackGroup()
         self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
 
     def destroy_node(self) -> None:
-        """Close log and record as well."""
+        """Close the log and the record, then destroy the node."""
         self._files.close()
         super().destroy_node()
 
@@ -147,9 +147,9 @@ class ProductNode(StageNode[ProductParameters]):
         return datetime.fromtimestamp(seconds, UTC).isoformat(timespec='microseconds')
 
     async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> Any:
-        """Return the response of a service to some work; `failed` begins the warning.
+        """Await the work of a service and return its response; `failed` begins the warning.
 
-        The result of the work are the statistics of a count that has ended, a message, or None.
+        The work returns the statistics of a completed count, a message, or None.
         """
         try:
             made = await work
@@ -186,7 +186,7 @@ class ProductNode(StageNode[ProductParameters]):
         return await self._answer(response, begin_or_cancel(author), 'performance test')
 
     async def _advance_recipe(self) -> None:
-        """Let each node have the parameters of the product, and advance the performance test."""
+        """Set the parameters of the product where they are missing, and advance the test."""
         self._add_started()
         if await self._selection.select_at_start():
             self._publish()
@@ -207,7 +207,7 @@ class ProductNode(StageNode[ProductParameters]):
             self._feedback.send(feedback)
 
     def _advance_records(self) -> None:
-        """Publish the records that are complete, and write what was not kept."""
+        """Publish complete records, and save product and batch again if that failed."""
         for ended in self._selection.ended_batches():
             self._results.send(replace(ended, stamp=self._stamp()))
         if self._batches.not_kept:

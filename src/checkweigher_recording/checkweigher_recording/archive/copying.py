@@ -26,7 +26,7 @@ def holds_bag(names: Iterable[str]) -> bool:
 def local_bag(bag: str) -> Iterator[Path]:
     """Yield the path of a bag on this machine, or of a temporary copy if the bag is a URL.
 
-    Raises `BagError` if it cannot be copied. An error of the bag names its URL, not the copy.
+    Raises `BagError` if the bag cannot be copied. Errors of the bag name its URL, not the copy.
     """
     if not is_url(bag):
         yield Path(bag)

@@ -12,7 +12,7 @@ from checkweigher_recording.bags.definitions import BagError, bag_errors
 def bag_digest(path: Path) -> str:
     """Return the SHA-256 over a bag: its file, or names and contents of the files in its folder.
 
-    Place and name of the bag are not part of it.
+    The path of the bag is not included.
 
     Raises `BagError` if there is no bag, or it cannot be read.
     """

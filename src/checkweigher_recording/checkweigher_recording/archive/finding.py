@@ -14,13 +14,13 @@ _SUFFIXES = ('.mcap', '.db3')
 
 
 def find_bags(places: Iterable[str]) -> dict[str, str]:
-    """Return bags and the bags in folders, each with the place in which it was found.
+    """Return the bags in some places, each with the place in which it was found.
 
-    Each bag is listed once, however it is spelled, in the order of places and names. A place is a
-    path or a URL of fsspec. A bag is a file ``.mcap`` or ``.db3``, or a folder with one, or with
-    ``metadata.yaml``. A place without a bag, or that cannot be listed, is returned as it is: the
-    error is raised when it is read, and the other bags are read nevertheless. Folders whose names
-    begin with a point are skipped.
+    Each bag is listed once, even if its path is spelled in several ways, in the order of places and
+    names. A place is a path or a URL of fsspec. A bag is a ``.mcap`` or ``.db3`` file, or a folder
+    with an ``.mcap`` file or ``metadata.yaml``. A place that has no bag or cannot be listed is
+    itself returned, so that reading it raises the error and the other bags are still read. Folders
+    whose names begin with a dot are skipped.
 
     Raises `BagError` if no place has a bag.
     """
@@ -46,8 +46,9 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
 def result_names(found: Mapping[str, str]) -> dict[str, str]:
     """Return a unique name for the results of each bag: its place, then its path below.
 
-    Names begin with the last part of the place, or with more of the folders above if two bags would
-    have the same name. Adding bags therefore keeps the names. The parts are separated by slashes.
+    Names begin with the last part of the place, or with more of the folders above it if two bags
+    would have the same name. Adding bags to a single place therefore does not change names. The
+    parts are separated by slashes.
     """
     parts = {bag: _parts(bag) for bag in found}
     above = {bag: max(len(_parts(place)) - 1, 0) for bag, place in found.items()}
@@ -60,7 +61,7 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
 
 
 def _spelled_out(bag: str) -> str:
-    """Return the real path of a bag on this machine, or a URL."""
+    """Return the real path of a bag on this machine, or its unchanged URL."""
     path = bag.removeprefix('file://')
     return path if is_url(path) else os.path.realpath(path)
 

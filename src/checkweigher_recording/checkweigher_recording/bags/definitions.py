@@ -82,9 +82,9 @@ def _parts(field: Any) -> Iterator[str]:
 
 
 def serialize(port: Port, record: Any, stamp: int) -> bytes:
-    """Return the message of a record of a port in CDR.
+    """Return the CDR message of a record of a port.
 
-    `stamp`, in ns, is that of the header if the record has no stamp of its own.
+    `stamp`, in ns, is used for the header if the record has no stamp.
     """
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)
@@ -98,7 +98,7 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
 
 
 def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
-    """Return the record of a message in CDR, by the definitions of `store` or the installed ones.
+    """Return the record of a CDR message, by the definitions of `store` or the installed ones.
 
     Raises an exception if the bytes are not such a message, or a value is not valid.
     """
@@ -128,7 +128,7 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
 def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
     """Return the definitions for reading the messages of a connection.
 
-    They are those of this version, or those of the bag if it is older and lacks newer fields.
+    These are the installed definitions, or those in an older bag that lacks only newer fields.
     Raises `BagError` if the definitions differ in any other way.
     """
     if connection.msgtype == port.message_type:

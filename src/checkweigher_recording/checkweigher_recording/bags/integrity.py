@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Integrity checks of the files of a bag: check sums of MCAP, and the own check of SQLite."""
+"""Integrity checks of the files of a bag: check sums of MCAP, and the check by SQLite."""
 
 from contextlib import closing
 import os
@@ -27,8 +27,8 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
     `name` is the name of the file for errors if `path` is a copy.
 
-    Raises `BagError` if it cannot be read, is of another kind, was cut, or was changed after it was
-    written.
+    Raises `BagError` if the file cannot be read, has another format, was cut off, or was changed
+    after it was written.
     """
     name = name or path
     with bag_errors(name):
@@ -40,7 +40,7 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check begin, end and check sums of a file. A check sum of 0 was not written."""
+    """Check the start, end and check sums of a file. A check sum of 0 means none."""
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         raise BagError(f'{name}: empty; the recording has not begun')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a lane of a bag, in any order, and the stretches of a recording from them."""
+"""Messages of a lane of a bag, in any order, and the recording that they form, in stretches."""
 
 from bisect import bisect_left
 from collections import Counter
@@ -27,14 +27,14 @@ class OutOfOrderError(BagError):
 class LaneMessages:
     """Messages of a lane of a bag that are not in a stretch yet.
 
-    `path` is that of the bag, for errors. `numbers` counts the messages by topic.
+    `path` is the path of the bag, for errors. `numbers` counts the messages by topic.
     """
 
     def __init__(self, path: Path) -> None:
         self.numbers: Counter[str] = Counter()
         self._path = path
         self._cell: LoadCell | None = None
-        self._samples: list[bytes] = []  # messages that are still to be decoded
+        self._samples: list[bytes] = []  # messages that are not decoded yet
         self._blocks = [BlockColumns.of([])]
         self._events: list[EyeEdge | Reference] = []
         self._since = self._bytes = 0  # messages since the last decoding, and their bytes
@@ -76,7 +76,7 @@ class LaneMessages:
     def stretch(self) -> Recording | None:
         """Return the events up to a minute before the latest stamp, None if it is too soon.
 
-        Raises `OutOfOrderError` if a message belongs before the end of a stretch that was returned.
+        Raises `OutOfOrderError` if a message belongs to a stretch that was already returned.
         """
         if self._since:  # only after messages were decoded
             return None
@@ -94,7 +94,7 @@ class LaneMessages:
         return self._recording(complete, events)
 
     def rest(self) -> Recording:
-        """Return the remaining events, or all if there was no stretch; raises as `stretch`."""
+        """Return the remaining events, all if there was no stretch; errors as in `stretch`."""
         self._decode()
         blocks = self._sorted()
         recording = self._recording(blocks, self._events)
@@ -111,7 +111,7 @@ class LaneMessages:
 
     @property
     def load_cell(self) -> LoadCell:
-        """Load cell of the lane; `BagError` if there was no message of it."""
+        """Load cell of the lane; `BagError` if the bag has no message of it."""
         if self._cell is None:
             raise BagError(
                 f'{self._path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that '

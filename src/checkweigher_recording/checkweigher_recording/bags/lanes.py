@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The lanes of a bag: a lane's topics are those below its namespace."""
+"""The lanes of a bag, each with the topics in its namespace."""
 
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ Lane = list[tuple[Connection, Port]]
 
 
 def lane_prefix(namespace: str) -> str:
-    """Return the prefix of the topics of a lane from its namespace with any slashes."""
+    """Return the prefix of the topics in a namespace, given with or without slashes."""
     return ''.join(f'/{part}' for part in namespace.split('/') if part)
 
 
@@ -24,13 +24,13 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
     found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
         return None
-    # The longest name: load_cell/status is not the status of a lane named load_cell.
+    # Choose the longest name: load_cell/status is not the status of a lane named load_cell.
     port = max(found, key=lambda port: len(port.name))
     return name.removesuffix(port.name).removesuffix('/'), port
 
 
 def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict[str, Lane]:
-    """Return the connections of ports with their ports, by lane."""
+    """Return the connections that have a port, with their ports, by lane."""
     lanes: dict[str, Lane] = {}
     for connection in connections:
         if found := find_port(connection.topic, ports):

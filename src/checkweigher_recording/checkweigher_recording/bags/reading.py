@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
+"""Reading of whole ROS 2 bags, MCAP or SQLite, into records."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -40,8 +40,8 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Returns
     -------
     Recording
-        Events in canonical order, independent of their order in the bag. It has a `warning` if the
-        recording broke off or has no check sums.
+        Events in canonical order, independent of their order in the bag. The recording has a
+        `warning` if it broke off or has no check sums.
 
     Raises
     ------
@@ -50,8 +50,8 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 
     Notes
     -----
-    Check sums are checked if the file has them; some writers leave them out. All numbers of
-    messages that the bag states must agree.
+    Check sums are verified if the file has them; some writers omit them. All message counts in
+    the bag must agree.
     """
     (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording
@@ -62,11 +62,11 @@ def read_stretches(
 ) -> Iterator[Recording]:
     """Read one lane of a bag in stretches of about a minute, in limited memory.
 
-    With `whole` the bag is a single stretch.
+    With `whole`, the bag is a single stretch.
 
-    Together they have all events that `read_bag` returns, in the same order. The first stretch has
-    samples, and the last one has the `warning`. An error at the end may concern the whole bag.
-    Parameters and errors are those of `read_bag`.
+    Together, the stretches have all events that `read_bag` returns, in the same order. The first
+    stretch has samples, and the last one has the `warning`. An error at the end may concern the
+    whole bag. Parameters and errors are as in `read_bag`.
 
     Raises `OutOfOrderError` if a message is logged more than a minute after one with a later stamp.
     `read_bag` reads such a bag.
@@ -101,7 +101,7 @@ def over_stretches(
     """Return the result of `work` for the stretches of a bag.
 
     If the messages are too far out of order for stretches, `work` is called again with the whole
-    bag as one stretch. Parameters and errors are those of `read_bag`.
+    bag as one stretch. Parameters and errors are as in `read_bag`.
     """
     try:
         return work(read_stretches(path, namespace, progress=progress))
@@ -110,7 +110,7 @@ def over_stretches(
 
 
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
-    """Return the first message of the load cell, which may follow the first stretch."""
+    """Return the first message of the load cell, which may come after the first stretch."""
     cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
     # Without connections rosbags would return all messages.
     return next((data for _, _, data in bag.messages(cells)), None) if cells else None
@@ -181,10 +181,10 @@ def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
 def _check_numbers(
     path: Path, reader: Reader, topics: Iterable[str], read: Mapping[str, int]
 ) -> None:
-    """Check the numbers of messages that were read against those that the bag states.
+    """Check the numbers of messages read against the numbers that the bag states.
 
-    A folder states them in ``metadata.yaml`` and in its files. If the two disagree, or name a topic
-    differently, messages would be lost silently.
+    A folder states them in ``metadata.yaml`` and in its files. If the two disagreed, or named a
+    topic differently, messages would be lost silently.
     """
     stated = _numbers(reader.connections)
     stored = _numbers(one for part in _parts(reader) for one in part.connections)

@@ -14,14 +14,14 @@ from checkweigher_recording.bags.writing import BagWriter
 
 
 def recover_bag(source: Path, path: Path) -> int:
-    """Write a new bag of the messages up to where a recording was cut; return their number.
+    """Write a new bag of the messages before the cut of a recording; return their number.
 
     `source` is an ``.mcap`` file without an end, or the folder of a recording that broke off. A
     chunk with a wrong check sum and everything after it are left out.
 
-    Raises `BagError` if there is no message of a checkweigher in it, if they are of several lanes,
-    or if they have other definitions than those that are installed here; `OutputError` if the bag
-    cannot be written.
+    Raises `BagError` if the recording has no messages of a checkweigher, messages of several lanes,
+    or messages whose definitions differ from the installed ones; `OutputError` if the bag cannot be
+    written.
     """
     parts = unfinished_parts(source) or [source]
     if not parts[0].is_file():

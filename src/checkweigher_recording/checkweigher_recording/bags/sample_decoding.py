@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Decoding of sample blocks, the most frequent messages of a bag, many at once by numpy."""
+"""Decoding of many sample blocks at once by numpy, because a bag consists mostly of them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -36,7 +36,7 @@ def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
-    """Decode the messages that have the layout of the first one; also return which, (n,) bool.
+    """Decode the messages with the layout of the first one; also return their mask, (n,) bool.
 
     There is at least one message, and all have the same size.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a recording without an end, because its recorder was killed."""
+"""Messages of a recording that has no end because its recorder was killed."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
@@ -53,9 +53,8 @@ class UnfinishedBag:
     """Messages of the files of a recording up to the place where it broke off.
 
     `parts` are the files in the order in which they were written; the last one has no end.
-    `connections` are those of all parts, with their numbers of messages. `damage` describes a place
-    at which something is missing and other data follow, else it is empty. Messages after that place
-    are left out.
+    `connections` are the connections of all parts, with their numbers of messages. `damage`
+    describes a gap that other data follow, if any. Messages after the gap are left out.
 
     Raises `BagError` if a file is not MCAP, and `OSError` if a file cannot be read.
     """
@@ -116,10 +115,10 @@ def _number(part: Path) -> int:
 class _Part:
     """An MCAP file up to the place where it was cut.
 
-    `ended` is whether all its data are there; its index may be missing. `damage` describes a state
-    of the file that is not that of a killed recorder or a power loss, such as a wrong check sum
-    with other data after it. Only messages before it are read. `times` are the earliest and the
-    latest log time of a message in ns, empty without messages.
+    `ended` is whether the data are complete; the index may be missing. `damage` describes a fault
+    that neither a killed recorder nor a power loss explains, such as a wrong check sum with other
+    data after it. Only messages before it are read. `times` are the earliest and the latest log
+    time of a message in ns, empty without messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -209,7 +208,7 @@ class _Part:
 
 
 def _is_empty(head: bytes, file: BinaryIO) -> bool:
-    """Return whether only space follows that the file system had reserved before a power loss."""
+    """Return whether only zeros follow: space that was reserved before a power loss."""
     rest = iter(lambda: file.read(_PIECE), b'')
     return not any(head) and not any(piece.strip(b'\0') for piece in rest)
 

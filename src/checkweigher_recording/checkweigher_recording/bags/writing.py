@@ -30,7 +30,7 @@ from checkweigher_core.whole_file import OutputError, check_new, output_error, w
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 
-# Does not depend on the folder, so that equal recordings have equal bytes.
+# Independent of the folder, so that equal recordings have equal bytes.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # of the bag format
 _FOREVER = QosTime(9223372036, 854775807)
@@ -71,17 +71,17 @@ def write_bag(
 
 
 class BagWriter(AbstractContextManager['BagWriter', None]):
-    """A new bag of serialized messages of some ports, a context manager.
+    """Context manager that writes serialized messages of some ports to a new bag.
 
-    The bag appears complete when the block ends without an exception, otherwise not at all. With
-    `in_place` it grows at its place from the first message on, without ``metadata.yaml`` until the
-    end, so that a recording survives its recorder. Equal messages with equal calls of `flush` give
-    equal bytes. `path`, `namespace` and errors are those of `write_bag`.
+    The bag appears, complete, only if the block ends without an exception. With `in_place`, it
+    grows in its folder from the first message on, and ``metadata.yaml`` is added at the end, so
+    that the recording survives if the recorder is killed. Equal messages with equal calls of
+    `flush` give equal bytes. `path`, `namespace` and errors are as in `write_bag`.
 
     Notes
     -----
     The file has check sums of each chunk, of the data section and of the summary, so that damage is
-    detected. It is written by the mcap package because rosbags leaves the check sums out.
+    detected. The mcap package writes it, because rosbags omits the check sums.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._begin = self._end = 0
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Complete the bag. After an exception remove it, unless it is written in place."""
+        """Complete the bag. After an exception, remove it unless it is written in place."""
         try:
             if error is None:
                 self._complete()
@@ -121,9 +121,9 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         return self._counts.total()
 
     def put(self, port: Port, stamp: int, data: bytes) -> None:
-        """Append a message in CDR of one of the ports of the bag; `stamp` is its log time in ns.
+        """Append a CDR message of one of the ports of the bag; `stamp` is its log time in ns.
 
-        Raises `OutputError` if it cannot be written, because the disk is full for instance.
+        Raises `OutputError` if it cannot be written, for example because the disk is full.
         """
         mcap = self._mcap or self._open()
         try:
@@ -136,7 +136,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
     def put_record(self, port: Port, stamp: int, record: object) -> None:
-        """Append a record of one of the ports of the bag; parameters and errors as those of `put`.
+        """Append a record of one of the ports of the bag; parameters and errors as in `put`.
 
         The header has the stamp of the record, or `stamp` if it has none.
         """
@@ -160,7 +160,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._file = (self._folder / _FILE).open('xb')
             # The check sum of the data section is off by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # The default name of the library, with its version, would change the bytes.
+            # The default name contains the version of the library, which would change the bytes.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:
@@ -197,7 +197,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._mcap.finish()
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-        # Written at the end, because for readers a bag with this file is complete.
+        # Written last, because readers take a bag with this file as complete.
         write_whole(self._folder / 'metadata.yaml', text)
         if not self._in_place:
             self._folder.rename(self._path)

@@ -20,17 +20,16 @@ class EdgesFile:
 
     # Eye, row at which it switched, and whether it is blocked from that row on.
     switches: tuple[tuple[Eye, float, bool], ...]
-    masses: tuple[float, ...]  # kg, true ones of the items in order of entry; empty if not known
+    masses: tuple[float, ...]  # kg, true masses in order of entry; empty if unknown
     sample_rate: float | None  # Hz
 
 
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     """Read an edges file of a log of `rows` rows.
 
-    It is a JSON object. For each eye it has, at the key in `keys`, a list of ``[row, level]``;
-    level 1 means that the eye is blocked from that row on. The first entry is the state at the
-    begin, not an edge. Optional keys are ``sample_rate_hz`` and ``mass_g``, a number for all items
-    or a list.
+    The file is a JSON object. For each eye, its key in `keys` has a list of ``[row, level]``; level
+    1 means that the eye is blocked from that row on. The first entry is the state at the start, not
+    an edge. Optional keys are ``sample_rate_hz`` and ``mass_g``, a number for all items or a list.
 
     Raises `CsvError` if the file cannot be read or has other content.
     """
@@ -93,4 +92,4 @@ def _sample_rate(path: Path, content: dict[str, Any]) -> float | None:
 def _is_number(value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
-    return -_LARGEST_NUMBER < value < _LARGEST_NUMBER  # NaN is not
+    return -_LARGEST_NUMBER < value < _LARGEST_NUMBER  # False for NaN

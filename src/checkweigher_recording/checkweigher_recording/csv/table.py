@@ -27,7 +27,7 @@ class Columns:
     _line_numbers: 'array[int]'  # from 0
 
     def place(self, row: int) -> str:
-        """Return file and line number of a row, counted from 0, for error messages."""
+        """Return file and line number of a row for error messages; rows count from 0."""
         return f'{self.path}:{self._line_numbers[row] + 1}'
 
 
@@ -36,8 +36,8 @@ def read_table(
 ) -> Columns:
     """Read columns of a CSV file. The first row is the header unless it has numbers only.
 
-    `columns` has name or number from 0 of the column for each use, empty for the only column. The
-    `delimiter` None means white space, and `decimal` is the decimal mark.
+    `columns` has the name of the column for each use, or its number from 0; empty for the only
+    column. A `delimiter` of None means white space, and `decimal` is the decimal mark.
 
     Raises `CsvError` if the file cannot be read, lacks a column or holds something that is not a
     number.
@@ -109,7 +109,7 @@ def _parse(
     delimiter: str | None,
     decimal: str,
 ) -> NDArray[np.float64]:
-    """Return the columns at some places of the lines with some numbers, (n, m)."""
+    """Return the columns at `places` of the lines with `numbers`, (n, m)."""
     if not numbers:
         raise CsvError(f'{path}: no rows below the header')
 
@@ -121,7 +121,7 @@ def _parse(
             rows(), delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
-        # The error of numpy has the number of a row instead of the line.
+        # The error of numpy names the row, not the line.
         for number, row in zip(numbers, rows(), strict=True):
             if problem := _problem(_cells(row, delimiter), places):
                 raise CsvError(f'{path}:{number + 1}: {problem}') from None

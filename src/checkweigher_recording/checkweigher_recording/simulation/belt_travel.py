@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from checkweigher_recording.simulation.noise import Array
 
-# Half of the mass of a product that is half on the belt moves with the platform. The share is
-# kept constant over 1/16 of the crossing. The error is at most 1/32 of the product.
+# Only the share of a product that is on the belt moves with the platform. It is kept constant over
+# 1/16 of the crossing, so its error is at most 1/32 of the product.
 _STAIRS = 16
 
 
@@ -23,11 +23,11 @@ class Line:
 
     speed: float  # m/s, mean
     speed_jitter: float  # relative standard deviation; the speed changes at each entry
-    spacing: float  # m, as the two lengths
+    spacing: float  # m; lengths are in m, too
     product_length: float
     weigh_length: float
     masses: tuple[float, ...]  # kg, taken in turn
-    count: int  # 0 for no end
+    count: int  # 0 for an endless line
     first_entry: float  # s, t1 of the first product
     spacing_jitter: float = 0.0  # m, standard deviations from product to product
     length_jitter: float = 0.0  # m
@@ -56,8 +56,8 @@ class BeltTravel:
     `last_exit` is t4 of the last product in s, once it is planned.
 
     An operator may set `speed` in m/s, `feed` (whether products come), their `mass` in kg (0 for
-    those of the line), and `resting`, the mass that stands on the belt in kg. They hold for what is
-    planned afterwards.
+    the masses of the line), and `resting`, the mass that rests on the belt, in kg. The settings
+    apply from the next call of `plan` on.
     """
 
     def __init__(
@@ -69,7 +69,8 @@ class BeltTravel:
     ) -> None:
         """Begin a line with random speeds from `random`, and lengths and gaps from `products`.
 
-        `next_mass` returns the mass of each product in kg, by default that of the line.
+        `next_mass` returns the mass of each product in kg, by default the masses of the line in
+        turn.
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
@@ -84,7 +85,7 @@ class BeltTravel:
         self._next = 0.0  # m, travel at which the next product enters
         self._knots = 0
         self._impacts: deque[float] = deque()
-        # Times and travels of changes of the speed: 1 s before the begin, and at each entry.
+        # Times and travels at which the speed changes: 1 s before the start, and at each entry.
         self._times = [-1.0, line.first_entry]
         self._travels = [-(line.first_entry + 1.0) * line.speed, 0.0]
 
@@ -161,7 +162,7 @@ class BeltTravel:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
-        mass = self._next_mass()  # also if the operator has set another one
+        mass = self._next_mass()  # drawn even if the operator has set a mass
         self._planned += 1
         if self._complete():
             self.last_exit = t4

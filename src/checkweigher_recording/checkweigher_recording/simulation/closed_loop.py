@@ -13,10 +13,9 @@ from checkweigher_recording.simulation.simulator import Simulation
 
 
 def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
-    """Yield the events of a line whose filler takes each correction as soon as it is known.
+    """Yield the events of a line whose filler applies each correction as soon as it is known.
 
-    The line weighs by the recipe of `product`, which must have feedback to the filler. Raises
-    `ValueError` if it has none.
+    The line uses the recipe `product`. Raises `ValueError` if that has no feedback to the filler.
     """
     if product.filler is None:
         raise ValueError(f'{product.name}: its recipe has no filler')

@@ -3,8 +3,8 @@
 """A family of belt scales: profile ``machine:SEED`` draws one of them at random.
 
 A drawn machine has disturbances that a simple model leaves out. Each cause is a field of `Machine`,
-and `without` removes causes. The ranges are those of belt scales for products up to some kilograms,
-chosen by physics and not fitted to one machine. Masses are in kg, lengths in m, forces in kg
+and `without` removes causes. The ranges suit belt scales for products of up to some kilograms. They
+are chosen by physics and not fitted to one machine. Masses are in kg, lengths in m, forces in kg
 (divided by g).
 """
 
@@ -24,15 +24,15 @@ class _Draw:
         self._random = generator(seed)
 
     def even(self, low: float, high: float) -> float:
-        """Return a number from a range, all equally likely."""
+        """Return a number from the uniform distribution over a range."""
         return float(self._random.uniform(low, high))
 
     def ratio(self, low: float, high: float) -> float:
-        """Return a number from a range, all orders of magnitude equally likely."""
+        """Return a number from the log-uniform distribution over a range."""
         return float(low * (high / low) ** self._random.uniform())
 
     def sign(self, low: float, high: float) -> float:
-        """Return a number as `ratio` with a random sign."""
+        """Return a number like `ratio`, with a random sign."""
         return self.ratio(low, high) * self.one_of(-1, 1)
 
     def one_of(self, *values: Any) -> Any:
@@ -40,12 +40,12 @@ class _Draw:
         return values[int(self._random.integers(len(values)))]
 
     def all_of(self, kind: Callable[..., _Cause]) -> _Cause:
-        """Return an object of a class whose fields have ranges."""
+        """Return a random object of a class whose fields have ranges."""
         return kind(*(each.metadata['draw'](self) for each in fields(kind)))  # type: ignore[arg-type]
 
 
 def generator(seed: np.random.SeedSequence) -> np.random.Generator:
-    """Return the generator of all random numbers of a simulation."""
+    """Return a random number generator of the type that all simulations use."""
     return np.random.Generator(np.random.PCG64(seed))
 
 
@@ -86,8 +86,9 @@ class Corner:
 class Transfer:
     """Forces of a product that crosses an end of the belt, in proportion to mass**power.
 
-    Its edges strike the belt, and it tips: the load on the belt is not proportional to the length
-    on the belt. Both have a part that is the same in each pass and a part that varies.
+    The edges of the product strike the belt. The product also tips, so its load on the belt is not
+    proportional to its length on the belt. Both effects have a constant part, and a part that
+    varies from pass to pass.
     """
 
     strike: float = _sign(0.002, 0.03)  # s/m, peak force per kg and belt speed, mean over passes
@@ -105,7 +106,7 @@ class Bounce:
     size: float = _ratio(0.002, 0.015)  # s/m, amplitude per kg and belt speed, standard deviation
     frequency: float = _ratio(8.0, 40.0)  # Hz, varies by a tenth
     decay: float = _ratio(0.02, 0.08)  # s
-    power: float = _even(0.8, 1.4)  # as that of `Transfer`
+    power: float = _even(0.8, 1.4)  # as in `Transfer`
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +115,7 @@ class Roller:
 
     diameter: float  # m
     amplitudes: tuple[float, ...]  # kg s/m, per belt speed, by order from 1
-    wander: float  # rad, standard deviation of the phase about its mean turning
+    wander: float  # rad, standard deviation of the phase from uniform rotation
     growth: float  # 1/kg, of the amplitude with the load
     place: float  # from -1 at the infeed to 1 at the outfeed
 
@@ -134,7 +135,7 @@ class Floor:
 
     noise: float  # kg, standard deviation
     lines: tuple[tuple[float, float], ...]  # Hz and kg
-    wander: float  # rad, standard deviation of the phase; the amplitude breathes by a third
+    wander: float  # rad, standard deviation of the phase; the amplitude varies by a third
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +230,7 @@ CAUSES = tuple(field.name for field in fields(Machine))[2:]
 
 
 def machine_of(profile: str) -> Machine | None:
-    """Return the machine of ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``, None of others.
+    """Return the machine of ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``, None for others.
 
     Raises `ValueError` if the seed is not a whole number, or there is no such cause.
     """
@@ -276,7 +277,7 @@ def _setup(draw: _Draw) -> Setup:
     product, plateau, gap = draw.even(0.08, 0.14), draw.even(0.07, 0.2), draw.even(0.3, 0.45)
     return Setup(
         sample_rate=draw.one_of(600.0, 800.0, 960.0, 1200.0),
-        counts_per_kg=1e6 / draw.one_of(1.0, 2.0, 5.0, 10.0, 20.0),  # mg, one step
+        counts_per_kg=1e6 / draw.one_of(1.0, 2.0, 5.0, 10.0, 20.0),  # mg per count
         product_length=round(product, 3),
         weigh_length=round(product + plateau, 3),
         spacing=round(2 * product + plateau + gap, 3),
@@ -302,7 +303,7 @@ def _roller(draw: _Draw) -> Roller:
 
 
 def _joint(draw: _Draw, setup: Setup) -> Joint:
-    # The belt runs around both rollers, whose distance is that of the eyes.
+    # The belt runs around both rollers, which are as far apart as the eyes.
     belt = 2 * setup.weigh_length * draw.even(1.1, 1.5)
     return Joint(belt, draw.even(0.004, 0.015), draw.sign(5e-4, 5e-3))
 

@@ -23,7 +23,7 @@ _TYPICAL_MASS = 0.165  # kg, reference mass of the disturbance parameters
 
 
 def positions(entry: Pass, travel: Array, weigh_length: float) -> Array:
-    """Return the middle of the load on the belt, (n,) from -1 at its begin to 1 at its end.
+    """Return the middle of the load on the belt, (n,) from -1 at the infeed to 1 at the outfeed.
 
     `travel`, (n,) in m, is the travel of the belt while the product is on it.
     """
@@ -73,7 +73,7 @@ def roller_force(
 
 
 def joint_force(joint: Joint, travel: Array, speed: float, first: float) -> Array:
-    """Return the force of the joint at a roller, (n,) in kg; `first` is its travel there in m."""
+    """Return the force of the joint at a roller, (n,) in kg; it passes at travel `first`, m."""
     return joint.size * speed * _half_sine(((travel - first) % joint.belt_length) / joint.width)
 
 
@@ -101,7 +101,7 @@ class MachineSignal:
         step: float,
         seed: np.random.SeedSequence,
     ) -> None:
-        """Begin with the empty platform at rest; `step` is that of the integration in s."""
+        """Begin with the empty platform at rest; `step` is the integration step in s."""
         self._machine, self._belt, self._line, self._step = machine, belt, line, step
         drawn, broadband, floor, electronic, passes = seed.spawn(5)
         self._broadband, self._electronic = generator(broadband), generator(electronic)

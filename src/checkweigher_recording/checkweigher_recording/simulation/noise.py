@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Random functions: white noise, vibration of the floor, slow wander of a phase or a zero."""
+"""Random functions: white noise, vibration of the floor, and slow wander of a phase or zero."""
 
 import math
 
@@ -17,8 +17,8 @@ _WAVES = 12
 
 
 def white(density: float, step: float, steps: int, random: np.random.Generator) -> Array:
-    """Return white noise at steps of `step` s from the square root of its one-sided density."""
-    # The power density times the bandwidth, which is half the step rate.
+    """Return white noise at steps of `step` s; `density` is the root of its one-sided density."""
+    # The variance is the power density times the bandwidth, which is half the step rate.
     return density * math.sqrt(1 / step / 2) * random.standard_normal(steps)
 
 
@@ -44,7 +44,7 @@ class FloorNoise:
 
 
 class Wander:
-    """A random function of time or travel with mean 0 and standard deviation 1, about normal.
+    """Random function of time or travel, about normal, with mean 0 and standard deviation 1.
 
     It is flicker noise: a sum of sines with random phases and the same power in each octave of a
     band of rates. It has no state, so that any stretch of it can be computed.
@@ -59,7 +59,7 @@ class Wander:
 
     def __call__(self, at: Array) -> Array:
         """Return the function at (n,) ascending arguments."""
-        # Interpolate linearly between knots that are close for the fastest sine.
+        # Interpolate linearly between knots that are dense enough for the fastest sine.
         knots = np.arange(math.floor(at[0] * 20 * self._fastest), at[-1] * 20 * self._fastest + 2)
         knots /= 20 * self._fastest
         waves = np.sin(np.multiply.outer(knots, self._rates) + self._phases)

@@ -16,27 +16,27 @@ from checkweigher_recording.simulation.noise import Array
 class PlatformDynamics:
     """A second-order platform whose mass changes with the products on it.
 
-    Readings and forces are in kg, that is, divided by the stiffness over g and by g. For a
-    constant mass and forces that are constant over each step the solution
+    Readings and forces are in kg: the displacement times stiffness / g, and the force / g. For a
+    constant mass and forces that are constant over each step, the solution
 
         y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k)
         v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
 
-    is exact; y and its derivative v do not change when the mass changes. As a filter
+    is exact. When the mass changes, y and its derivative v do not jump. The solution is the filter
 
         y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2),
 
-    whose state in the transposed direct form is (y, a12 v - a22 y). Its gain for a constant force
-    is 1 at any mass.
+    with the state (y, a12 v - a22 y) in transposed direct form. Its gain for a constant force is 1
+    at any mass.
     """
 
-    mode: Mode  # of the empty platform; its frequency is that without damping, its ratio below 1
+    mode: Mode  # of the empty platform: undamped frequency, and damping ratio below 1
     step: float  # s
     _reading: float = field(default=0.0, init=False)
     _rate: float = field(default=0.0, init=False)
 
     def run(self, force: Array, bounds: NDArray[np.intp], loads: Array) -> Array:
-        """Return the reading at the begin of each step under a force, both (n,) in kg.
+        """Return the reading at the start of each step under a force, both (n,) in kg.
 
         `loads`, (m,) in kg, is the mass on the platform between the steps `bounds`, (m + 1,) from
         0 to n.

@@ -6,13 +6,14 @@ The platform is a mass on a spring and a damper. In kilograms of static reading,
 
     y'' = w^2 (f - y) - c / (m0 + m) y',    w^2 = beta / (m0 + m),
 
-where m0 is the moving mass of the empty platform, m the load that rests on it and f the sum of
-all forces divided by g: the load and disturbances. A product that rests on the belt
-therefore reads its mass exactly, and it lowers the natural frequency while it is on.
+where m0 is the moving mass of the empty platform, m the load that rests on it and f the sum of all
+forces divided by g: the load and disturbances. A product at rest on the belt therefore reads its
+mass exactly, and lowers the natural frequency.
 
-The equation is integrated exactly for forces that are constant over 1/8 of a sample, with their
-values in the middle of that time. This adds no numerical damping or delay. The converter averages 8
-such steps. The stamp of a sample is the middle of its interval, so that the average has no delay.
+The equation is integrated exactly for forces that are constant over 1/8 of a sample; their values
+are taken in the middle of that time. This adds no numerical damping or delay. The converter
+averages 8 such steps. The stamp of a sample is the middle of its interval, so that the average has
+no delay.
 
 The forces on the platform are the load, which changes linearly while a product crosses an end of
 the belt; an impact of random sign at the entry; rollers with harmonics, motor and broadband noise,
@@ -224,14 +225,14 @@ def own_values(profile: str) -> dict[str, float]:
 
 
 class Simulation:
-    """A running line. Iterate it for its events in canonical order.
+    """Simulated line. Iterate over it for its events in canonical order.
 
     Every iteration starts the same line again. Events are not kept, so that a line may have any
     length; with ``count`` 0 it does not end. The first products do not depend on the number of
-    products that follow. `filler` is that of the last iteration; its correction holds for products
-    that are planned afterwards, up to a second ahead. `operation` has the settings of the operator,
-    which may change at any time and hold a second later. `start` is the stamp of the first sample
-    of the next iteration, ns.
+    products that follow. `filler` belongs to the last iteration; its correction applies to products
+    planned later, up to a second ahead. `operation` has the settings of the operator, which may
+    change at any time and apply up to a second later. `start` is the stamp of the first sample of
+    the next iteration, ns.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
@@ -326,7 +327,7 @@ class _Machine:
                 line,
                 speed_jitter=variation.speed,
                 length_jitter=variation.length * line.product_length,
-                # Products stay apart.
+                # Keep the products apart.
                 spacing_jitter=min(variation.spacing, (line.spacing - line.product_length) / 5),
             )
         self.filler = Filler(
@@ -344,7 +345,7 @@ class _Machine:
             self._signal = MachineSignal(machine, self._belt, line, 1 / self._rate, drawn)
 
     def operate(self, operation: OperationParameters) -> None:
-        """Set belt and feed for the next products."""
+        """Apply the settings of the operator to the belt."""
         belt = self._belt
         belt.speed, belt.feed = operation.speed or self._parameters.speed, operation.feed
         belt.mass, belt.resting = operation.mass, operation.load
@@ -352,7 +353,7 @@ class _Machine:
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the readings from `first` up to `end` or the end of the line, and new passes.
 
-        The times of the passes are those of the photo-eyes. `first` must be the previous `end`.
+        The passes have the times that the photo-eyes report. `first` must be the previous `end`.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:
@@ -367,7 +368,7 @@ class _Machine:
     def _middle(self, index: int) -> float:
         """Return the middle of the first step of a sample in s.
 
-        The readings at the begin of the steps of a sample are symmetric about its stamp.
+        The readings at the start of the steps of a sample are symmetric about its stamp.
         """
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
 

@@ -8,13 +8,14 @@ deviation. Category Y contains all other catchweighers. A class Y(I), Y(II), Y(a
 error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with e = 0.1 g at initial
 verification; GB/T 27739 writes XIV for XIIII.
 
-Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II for classes, factors, the errors of both
-categories at initial verification, and e. UK SI 2016/1153, Schedule 1G, repeats them, and has the
-errors of category Y at rest (Chapter II, Table 1, "Static"); those in service are in NI SR
-2006/154, Schedule 5, Table 2, and the least Min of Y(a) and Y(b) in UK SI 2003/2761, Schedule 1.
-The errors of category Y in motion in service and the standard deviations above 300 g are quoted
-from memory and were not checked against the text of R 51. The prepackages that a class may check
-are from the German FPackV of 2020, Annex 7, 1 b, whose table of the largest e is not used.
+Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II, for classes, factors, e, and the errors
+of both categories at initial verification. UK SI 2016/1153, Schedule 1G, repeats these; its Chapter
+II, Table 1, "Static", has the errors of category Y at rest. The errors at rest in service are from
+NI SR 2006/154, Schedule 5, Table 2. The least Min of Y(a) and Y(b) is from UK SI 2003/2761,
+Schedule 1. The errors of category Y in motion in service and the standard deviations above 300 g
+are quoted from memory and were not checked against the text of R 51. The rule for the prepackages
+that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table of the largest e
+is not used.
 
 Nothing here is type-approved for legal metrology: a verdict applies to a simulation or a test run
 and does not mean that a machine conforms.
@@ -40,8 +41,8 @@ _STEPS = {
 _LIKE = {'Y(I)': 'XI', 'Y(II)': 'XII', 'Y(a)': 'XIII', 'Y(b)': 'XIIII'}
 CLASSES = (*_STEPS, *_LIKE)
 
-# Steps of the error in e: of the mean in category X and of all loads at rest, of each weighing in
-# category Y.
+# Steps of the error in e: of the mean in category X and of loads at rest in both categories, of
+# each weighing in category Y.
 _ERRORS = {
     ('X', False): (0.5, 1.0, 1.5),
     ('X', True): (1.0, 2.0, 3.0),
@@ -91,7 +92,7 @@ class AccuracyClass:
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
     factor: float = 1.0  # class factor x of category X: 1, 2 or 5 times 10^k, at most 2
     interval: float = 0.1e-3  # verification scale interval e, kg
-    in_service: bool = False  # whether these limits hold instead of those at initial verification
+    in_service: bool = False  # whether limits in service apply, else at initial verification
 
     def __post_init__(self) -> None:
         if self.name == 'XIV':
@@ -126,7 +127,7 @@ class AccuracyClass:
     def max_static_error(self, mass: float) -> float:
         """Return the largest magnitude of the error of a load at rest, kg.
 
-        In both categories it is the limit of the mean of category X. NaN as in `max_error`.
+        In both categories, this is the limit of the mean in category X. NaN as in `max_error`.
         """
         return self._step_of_error(mass, 'X')
 
@@ -187,7 +188,7 @@ def _interval_counts(name: str, interval: float) -> tuple[float, float]:
 def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -> None:
     """Check that a class allows its e for a range from Min to Max, kg.
 
-    The least Min is known for Y(a) and Y(b) alone.
+    The least Min is known only for Y(a) and Y(b).
 
     Raises `ValueError` if the class does not allow it; the message has the rule, in g.
 
@@ -242,8 +243,8 @@ class Suitability:
 def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
     """Compare a class with a fifth of the tolerable negative error of prepackages.
 
-    The limits are those in service, also if the class is given at initial verification. `nominal`
-    is the nominal quantity in kg; `ValueError` if 76/211/EEC has no limits for it.
+    The limits in service are used, even if the class is given at initial verification. `nominal` is
+    the nominal quantity in kg; `ValueError` if 76/211/EEC has no limits for it.
 
     References
     ----------
@@ -263,7 +264,7 @@ class Judgement:
     """Comparison of a condition with its limits in kg and with the required number of weighings.
 
     `max_error` applies to the mean in category X and to each weighing in category Y; it is NaN for
-    a load above the range of the class. A limit that is NaN, or without a value, is not passed.
+    a load above the range of the class. A limit is not passed if it or the value is NaN.
     """
 
     max_error: float
@@ -275,7 +276,7 @@ class Judgement:
 
     @property
     def enough_weighings(self) -> bool:
-        """Whether there are as many weighings as required."""
+        """Whether there are enough weighings."""
         return self.weighings >= self.weighings_required
 
     @property
@@ -285,7 +286,7 @@ class Judgement:
 
 
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
-    """Compare a condition with the limits of a class; a pass without a mass is no weighing."""
+    """Compare a condition with the limits of a class; a pass without a mass does not count."""
     limit = accuracy_class.max_error(condition.mass)
     std_dev_limit = accuracy_class.max_std_dev(condition.mass)
     error = abs(condition.mean_error)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of the results of items: name, unit and value of each; and the CSV file of them."""
+"""Columns of the results of items, each with name, unit and value, and their CSV file."""
 
 from collections.abc import Callable, Iterable
 import csv
@@ -16,7 +16,7 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 
 class ColumnType(Enum):
-    """Type of the values of a column; a value that is not known is None."""
+    """Type of the values of a column; an unknown value is None."""
 
     WHOLE = 'whole number'
     TIME = 'time of the bag'  # values are in ns
@@ -36,17 +36,17 @@ class Column:
     digits: int = 6  # of a number in the CSV
 
     def value(self, item: ItemResult) -> Any:
-        """Return the value of an item, a time in ns; None if it is not known."""
+        """Return the value of an item, a time in ns; None if unknown."""
         value = self.value_of(item)
         return None if self.kind is ColumnType.NUMBER and not math.isfinite(value) else value
 
     def text(self, item: ItemResult) -> str:
-        """Return the text of an item in the CSV, empty if it is not known."""
+        """Return the text of an item in the CSV, empty if unknown."""
         value = self.value(item)
         if value is None:
             return ''
         if self.kind is ColumnType.TIME:
-            # Seconds, without the rounding of a float of today's date.
+            # Seconds, without a float, which would round a present-day time.
             whole, part = divmod(value, NANOSECONDS)
             return f'{whole}.{part:09d}'
         if self.kind is ColumnType.TEXTS:
@@ -83,7 +83,7 @@ COLUMNS = (
 
 
 def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
-    """Write results as CSV: one row per item, empty where a value is not known."""
+    """Write results as CSV: one row per item; an unknown value is empty."""
     names = [[column.name for column in COLUMNS]]
     write_rows(file, chain(names, ([each.text(item) for each in COLUMNS] for item in results)))
 
@@ -91,8 +91,8 @@ def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
 def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
     """Write rows as CSV.
 
-    A text that a spreadsheet would calculate, such as the name of a folder that begins with =,
-    begins with an apostrophe.
+    A text that a spreadsheet would evaluate, such as a folder name that begins with =, is prefixed
+    with an apostrophe.
     """
     writer = csv.writer(file, lineterminator='\n')
     for row in rows:

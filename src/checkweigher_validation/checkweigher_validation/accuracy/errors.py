@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Accuracy of estimators: errors of passes whose mass is known, and their statistics.
 
-The figures of merit are those of Long et al.: the mean error mu against the true mass, the standard
-deviation sigma with n - 1, and the overall index A = |mu| + 3 sigma. (The paper's equation 20
-subtracts the mean of the readings, which would make every mu zero; its table does not.)
+The figures of merit are from Long et al.: the mean error mu against the true mass, the standard
+deviation sigma with n - 1, and the overall index A = |mu| + 3 sigma. (Equation 20 of the paper
+subtracts the mean of the readings, which would make every mu zero, but its table does not.)
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.examples import Example
 
-# Speeds and masses that differ by less are equal; they are typed in or computed in steps.
+# Speeds and masses that differ by less are equal, because they may have rounding errors.
 _SAME = 1e-6
 
 
@@ -30,9 +30,9 @@ class ConditionResult:
     mass: float  # kg, true
     part: str  # 'train' if the estimator was tuned on these passes, else 'test'
     errors: NDArray[np.float64]  # (n,), kg: mass less true mass of the passes that were weighed
-    std_devs: NDArray[np.float64]  # (n,), kg: stated for each; NaN where none is stated
+    std_devs: NDArray[np.float64]  # (n,), kg, as stated; NaN if not stated
     faults: int = 0  # passes that got no mass
-    bound: float = math.nan  # kg, the Gauss-Markov bound of sigma; NaN where it is not known
+    bound: float = math.nan  # kg, the Gauss-Markov bound of sigma; NaN if unknown
 
     @property
     def count(self) -> int:
@@ -56,7 +56,7 @@ class ConditionResult:
 
     @property
     def ratio(self) -> float:
-        """Standard deviation over its Gauss-Markov bound, NaN where that is not known."""
+        """Standard deviation over its Gauss-Markov bound, NaN if the bound is unknown."""
         return self.std_dev / self.bound if self.bound else math.nan
 
 
@@ -64,8 +64,8 @@ class ConditionResult:
 class MeanErrors:
     """Means over conditions, each with the same weight.
 
-    A mean is NaN if one of the conditions has no value: a condition that could not be weighed must
-    not make an estimator look better.
+    A mean is NaN if one of the conditions has no value, because a condition that could not be
+    weighed must not make an estimator look better.
     """
 
     mean_error: float  # kg, of the magnitudes of mu
@@ -79,10 +79,10 @@ class MeanErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """Result of a protocol: all conditions, their provenance, signals to show.
+    """Result of a protocol: conditions, their provenance, and signals for figures.
 
-    The provenance has the name and value of everything that is needed to repeat the protocol:
-    profile, seed, bags, versions. No two conditions have the same estimator, speed, mass and part.
+    The provenance names all inputs of the protocol with their values: profile, seed, bags,
+    versions. No two conditions have the same estimator, speed, mass and part.
     """
 
     title: str  # one line
@@ -132,7 +132,7 @@ class Evaluation:
     def ranked(self, part: str) -> dict[str, MeanErrors]:
         """Return the means of each estimator over its conditions of a part, the smallest A first.
 
-        Estimators without a value of A are the last.
+        Estimators without a value of A are last.
         """
         means = {name: average(self.select(estimator=name, part=part)) for name in self.estimators}
         ordered = sorted(means.items(), key=lambda item: np.nan_to_num(item[1].index, nan=math.inf))
@@ -140,7 +140,7 @@ class Evaluation:
 
 
 def average(conditions: Iterable[ConditionResult]) -> MeanErrors:
-    """Return the means over conditions; without conditions NaN, and 0 for the numbers of passes."""
+    """Return the means over conditions; without any, they are NaN and the numbers of passes 0."""
     there = tuple(conditions)
     return MeanErrors(
         mean_error=_mean([abs(one.mean_error) for one in there]),
@@ -156,9 +156,9 @@ def average(conditions: Iterable[ConditionResult]) -> MeanErrors:
 def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
     """Return the fraction of the stated intervals that contain the error, over all passes.
 
-    `level` is the probability of the interval for a normal distribution, in 0..1 without its ends.
-    The fraction is close to it if the stated standard deviations are right and there is no bias,
-    and NaN if no pass states one.
+    `level`, between 0 and 1, is the probability of the interval for a normal distribution. The
+    fraction is close to it if the stated standard deviations are right and there is no bias. It is
+    NaN if no pass states a standard deviation.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [
@@ -180,7 +180,7 @@ def same(one: float, other: float) -> bool:
 
 
 def distinct(values: Iterable[float]) -> tuple[float, ...]:
-    """Return values in ascending order, without those that are the `same` as the one before."""
+    """Return values in ascending order, without repetitions of the `same` value."""
     kept: list[float] = []
     for value in sorted(values):
         if not kept or not same(kept[-1], value):

@@ -38,7 +38,7 @@ def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> lis
 
 
 def evaluate_set(known: PassSet, parameters: LineParameters) -> list[ConditionResult]:
-    """Return the results of the estimator of the parameters, a condition for each mass."""
+    """Return the results of the selected estimator on a set, one condition per mass."""
     estimates = weigh_passes(known.passes, parameters)
     masses = np.array([each.mass for each in known.passes])
     keys = np.round(masses / _MASS_STEP)
@@ -66,8 +66,8 @@ def evaluate_sets(
 ) -> tuple[ConditionResult, ...]:
     """Return the results of estimators on sets, in the order of the estimators.
 
-    Each set of parameters has another estimator. `n_jobs` is the number of processes, as in
-    `checkweigher_validation.jobs.run_jobs`.
+    Each of the `estimators` selects a different estimator. `n_jobs` is the number of processes, as
+    in `checkweigher_validation.jobs.run_jobs`.
     """
     calls = [partial(evaluate_set, known, line) for line in estimators for known in sets]
     return tuple(chain.from_iterable(run_jobs(calls, n_jobs, 'weighing')))

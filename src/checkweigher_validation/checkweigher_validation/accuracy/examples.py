@@ -24,7 +24,7 @@ from checkweigher_recording.simulation.simulator import (
 )
 from checkweigher_validation.accuracy.passes import KnownPass, known_passes
 
-_PRODUCTS = 3  # of a simulated example; the last one is shown, after the ring-down of another
+_PRODUCTS = 3  # of a simulated example; the last one, which follows others, is shown
 _LEAD = 0.15  # s before t1
 _TRAIL = 1.0  # s after t3, or until the item has left
 
@@ -45,7 +45,7 @@ class Example:
     t3: float  # it begins to leave
     t4: float  # it has left
     signal: NDArray[np.float64]  # (n,), zero removed
-    ideal: NDArray[np.float64]  # (n,), of the platform without any noise; empty if not known
+    ideal: NDArray[np.float64]  # (n,), of the platform without any noise; empty if unknown
     denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
     bands: tuple[tuple[str, NDArray[np.float64]], ...] = ()
 
@@ -60,7 +60,7 @@ class Example:
 def simulated_examples(
     profile: str, speeds: Sequence[float], mass: float, parameters: LineParameters, seed: int
 ) -> tuple[Example, ...]:
-    """Return one pass of a product of a mass in kg at each speed in m/s of a simulated machine."""
+    """Return one simulated pass of a product of `mass`, kg, at each of the `speeds`, m/s."""
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
     platform = Platform(PROFILES[profile].natural_frequency, DAMPING_RATIO, MOVING_MASS)
     line = SimulationParameters(profile=profile, masses=(mass,), count=_PRODUCTS, seed=seed)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators on several machines compared with the attainable accuracy: text, CSV and JSON."""
+"""Accuracy on several machines relative to the attainable one, as text, CSV and JSON."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -25,14 +25,14 @@ from checkweigher_validation.accuracy.tables import (
 
 # Further names of estimators in the results of a machine.
 ATTAINABLE = 'attainable'
-CHOSEN = 'chosen'  # by `tune`, of the tuned ones
+CHOSEN = 'chosen'  # the tuned estimator that `tune` chooses
 
 
 @dataclass(frozen=True, slots=True)
 class MachineResult:
     """Results of tuned and of untrained estimators on a machine of the family.
 
-    Both contain the conditions of `ATTAINABLE`; the tuned ones also contain those of `CHOSEN`.
+    Both include conditions of `ATTAINABLE`; `tuned` also includes conditions of `CHOSEN`.
     """
 
     machine: int  # seed that draws it
@@ -46,7 +46,7 @@ class FamilyRow:
     """Results of one estimator over all machines, as ratios of A to the attainable A."""
 
     estimator: str
-    cells: tuple[tuple[float, float], ...]  # mean and largest ratio of each speed, then of all
+    cells: tuple[tuple[float, float], ...]  # mean and largest ratio at each speed, then overall
     coverages: tuple[float, ...]  # of the intervals of `LEVELS`
     faults: int
     trained: float  # mean ratio in training; NaN without training
@@ -58,12 +58,12 @@ class FamilyTable:
 
     title: str
     speeds: tuple[float, ...]  # m/s
-    attainable: tuple[float, ...]  # A in kg, mean over the machines: each speed, then all
+    attainable: tuple[float, ...]  # A in kg, mean over the machines: at each speed, then overall
     rows: tuple[FamilyRow, ...]
 
 
 def family_tables(machines: Sequence[MachineResult]) -> tuple[FamilyTable, FamilyTable]:
-    """Return the tables of the tuned estimators and of the untrained ones, of test passes."""
+    """Return the tables of the tuned and of the untrained estimators, for test passes."""
     return (
         _family_table('tuned', [each.tuned for each in machines]),
         _family_table('untrained', [each.untrained for each in machines]),
@@ -136,7 +136,7 @@ def _table_text(table: FamilyTable) -> Iterator[str]:
 
 
 def choices(machines: Sequence[MachineResult]) -> str:
-    """Return how often `tune` chooses which estimator."""
+    """Return how often `tune` chooses each estimator."""
     counts = Counter(each.chosen for each in machines).most_common()
     return 'tune chooses ' + ', '.join(f'{name} on {count}' for name, count in counts)
 
@@ -146,8 +146,8 @@ def family_csv(
 ) -> str:
     """Return one row for each machine, estimator, speed, mass and part as CSV.
 
-    The columns are ``machine``, ``tuned`` (1 or 0) and those of `csv_text`. The attainable accuracy
-    has rows of its own.
+    The columns are ``machine``, ``tuned`` (1 or 0) and the columns of `csv_text`. The attainable
+    accuracy has separate rows.
     """
     file = io.StringIO()
     for each in machines:

@@ -52,7 +52,7 @@ def paper_result(estimator: str, speed: float, mass: float) -> PaperResult | Non
 def paper_index(estimator: str, speed: float | None = None) -> float:
     """Return the mean A of an algorithm over the masses, in kg; NaN if the paper has none.
 
-    At a speed in m/s, or averaged over the speeds if no speed is given.
+    A is taken at `speed` in m/s, or averaged over the speeds without one.
     """
     speeds = PAPER_SPEEDS if speed is None else (speed,)
     found = [paper_result(estimator, one, mass) for one in speeds for mass in PAPER_MASSES]
@@ -61,17 +61,17 @@ def paper_index(estimator: str, speed: float | None = None) -> float:
 
 
 def has_paper_masses(evaluation: Evaluation) -> bool:
-    """Return whether the masses are those of the paper, so that averages can be compared."""
+    """Return whether the masses equal those of the paper, so that averages can be compared."""
     return _all_same(evaluation.masses, PAPER_MASSES)
 
 
 def has_paper_conditions(evaluation: Evaluation) -> bool:
-    """Return whether speeds and masses are those of the paper."""
+    """Return whether speeds and masses equal those of the paper."""
     return has_paper_masses(evaluation) and _all_same(evaluation.speeds, PAPER_SPEEDS)
 
 
 def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
-    """Return `paper_index` if the conditions of an evaluation are those of the paper, else NaN."""
+    """Return `paper_index` if an evaluation has the conditions of the paper, else NaN."""
     has_conditions = has_paper_conditions if speed is None else has_paper_masses
     return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan
 

@@ -15,9 +15,10 @@ from checkweigher_core.records import NANOSECONDS, LoadCell, Reference, WeighWin
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-# Largest difference of a reference and the t1 of its item, ns: half a block, for foreign bags.
+# Largest difference between a reference and t1 of its item, ns: half a block, for foreign bags.
 SAME_ITEM = NANOSECONDS // 100
-# Largest relative difference of the speeds of a group; a belt varies by a few tenths of a percent.
+# Largest relative difference between the speeds in a group; a belt varies by a few tenths of a
+# percent.
 _SAME_SPEED = 0.05
 
 
@@ -38,7 +39,7 @@ class ReferenceMasses:
         del self._references[: self._first(t1)]
 
     def at(self, t1: int | None) -> float:
-        """Return the mass in kg of the item that entered at `t1` in ns; NaN if it is not known."""
+        """Return the mass in kg of the item that entered at `t1` in ns; NaN if unknown."""
         if t1 is None:
             return math.nan
         first = self._first(t1)
@@ -68,8 +69,8 @@ class KnownPass:
 class SpeedGroup:
     """All passes of one belt speed in m/s, in the order in which they ran.
 
-    The speed of a group of `group_by_speed` is the mean of the slowest and the fastest pass. Each
-    pass is then within the speed tolerance of the identifier.
+    `group_by_speed` sets the speed to the mean of the slowest and the fastest pass, so that each
+    pass is within the speed tolerance of the identifier.
     """
 
     speed: float
@@ -86,7 +87,7 @@ def known_passes(
 ) -> list[KnownPass]:
     """Return the passes of known mass of a recording or simulation, in order of entry.
 
-    The events are blocks of samples, edges and references in the order in which they came.
+    The events are blocks of samples, edges and references in order of arrival.
     """
     segmenter = Segmenter(load_cell, parameters)
     windows: list[WeighWindow] = []

@@ -38,7 +38,7 @@ class ItemResult:
 
     @property
     def error(self) -> float:
-        """Mass less reference in kg; NaN if one of them is not known."""
+        """Mass less reference in kg; NaN if one of them is unknown."""
         return self.estimate.mass - self.reference
 
 
@@ -70,7 +70,7 @@ class ResultJoiner:
         return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
 
     def is_complete(self, estimate: MassEstimate, known: int) -> bool:
-        """Return whether nothing more will arrive for an item; all before `known`, ns, is there."""
+        """Return whether an item is complete, given all events before `known`, ns."""
         return (estimate.t1 is None or estimate.t1 + SAME_ITEM < known) and (
             estimate.t3 is None
             or bisect_right(self._outfeed, (estimate.t3, True)) < len(self._outfeed)
@@ -92,10 +92,10 @@ def weigh(
 ) -> list[ItemResult]:
     """Weigh everything in a recording, and return the results in order of entry.
 
-    With `progress` a bar is shown on a terminal if it takes more than a second.
+    With `progress`, a bar is shown on a terminal if it takes more than a second.
     """
     line = WeighingLine(recording.load_cell, parameters)
-    # Longer blocks are less work; the length of the blocks changes no mass.
+    # Longer blocks are faster, and their length does not affect the masses.
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
     joiner = ResultJoiner(recording.edges, recording.references)
@@ -106,7 +106,7 @@ def weigh(
 def weigh_stretches(
     stretches: Iterable[Recording], parameters: LineParameters
 ) -> Iterator[ItemResult]:
-    """Weigh a recording that comes in stretches, in memory that does not grow with its length.
+    """Weigh a recording in stretches, with memory that does not grow with its length.
 
     Yields the results that `weigh` returns for the whole recording, in the same order. There must
     be at least one stretch; see `checkweigher_recording.bags.reading.read_stretches`.
@@ -114,8 +114,8 @@ def weigh_stretches(
     stretches = iter(stretches)
     first = next(stretches)
     joiner = ResultJoiner((), ())
-    waiting: list[Weighing] = []  # for edges, references and earlier items; by item
-    known, following = -1, 1  # ns, time before which all has arrived; number of the next item
+    waiting: list[Weighing] = []  # for edges, references and earlier items; sorted by item
+    known, following = -1, 1  # ns, all before it has arrived; number of the next item
 
     def arriving() -> Iterator[Recording]:
         nonlocal known
@@ -163,7 +163,7 @@ def table_row(result: ItemResult, origin: int) -> str:
 
 
 class ErrorSum(RunningMoments):
-    """Number, mean, standard deviation and largest magnitude of errors that are not kept."""
+    """Number, mean, standard deviation and largest of the added errors, which are not kept."""
 
     def __init__(self) -> None:
         super().__init__()

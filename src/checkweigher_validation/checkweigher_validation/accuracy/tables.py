@@ -16,7 +16,7 @@ from checkweigher_validation.accuracy.columns import write_rows
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
 from checkweigher_validation.accuracy.paper_table import comparable_index, has_paper_masses
 
-METRES_PER_MINUTE = 60.0  # in a metre per second
+METRES_PER_MINUTE = 60.0  # m/min in 1 m/s
 
 # Probabilities of the stated intervals whose coverage is reported.
 LEVELS = (0.68, 0.95)
@@ -32,10 +32,11 @@ _FORMATS = {
 
 
 def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return one row for each condition as CSV, empty where a value is not known.
+    """Return one row for each condition as CSV; an unknown value is empty.
 
-    The limits are those of the class, in category Y those of the error of each weighing;
-    ``within_class`` is 1 if both are kept by enough weighings. At least one condition is needed.
+    The limits are those of the class; in category Y, the limit of the error applies to each
+    weighing. ``within_class`` is 1 if enough weighings are within both limits. At least one
+    condition is needed.
     """
     rows = []
     for one in _ordered(evaluation):
@@ -58,7 +59,7 @@ def json_text(evaluation: Evaluation) -> str:
 
 
 def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return each condition with every error as plain values, None where one is not known."""
+    """Return each condition with every error as plain values, None for an unknown one."""
     return [
         plain_values({**_values(one), 'errors_kg': one.errors, 'stated_std_devs_kg': one.std_devs})
         for one in _ordered(evaluation)
@@ -66,11 +67,11 @@ def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return means over the masses by speed and estimator, then those over all, for a terminal.
+    """Return a table for a terminal: means over the masses by speed and estimator, then over all.
 
-    The means are those of the test passes if there are any. The columns include the fractions of
-    the stated 68 % and 95 % intervals that contain the error, and the conditions within the limits
-    of a class. The paper's A is added where speed and masses are those of the paper.
+    Only test passes are used if there are any. The columns include the fractions of the stated 68 %
+    and 95 % intervals that contain the error, and the number of conditions within the limits of a
+    class. The paper's A is added if the paper has the same speed and masses.
     """
     part = evaluation.parts[0]
     lines = [
@@ -100,7 +101,7 @@ def _ordered(evaluation: Evaluation) -> list[ConditionResult]:
 
 
 def _values(one: ConditionResult) -> dict[str, Any]:
-    """Return the values of a condition in CSV and JSON, in SI units; NaN if not known."""
+    """Return the values of a condition in CSV and JSON, in SI units; NaN if unknown."""
     return {
         'part': one.part,
         'estimator': one.estimator,

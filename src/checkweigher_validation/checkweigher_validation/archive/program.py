@@ -42,7 +42,7 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return why a worker with its program is not used, in one line; empty if it is used."""
+    """Return why a worker with the program `there` is not used, in one line; empty if it is."""
     if there == here:
         return ''
     return f'the worker runs {there}, here is {here}; bring it to the same version'

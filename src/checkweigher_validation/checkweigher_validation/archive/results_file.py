@@ -25,7 +25,7 @@ _TYPES = {
     ColumnType.TEXTS: pa.list_(pa.string()),
 }
 _KEY = 'checkweigher'  # of the metadata
-_ROWS = 10_000  # written at the same time
+_ROWS = 10_000  # written at once
 SCHEMA = pa.schema(
     [
         pa.field(column.name, _TYPES[column.kind], metadata={'unit': column.unit})
@@ -90,7 +90,7 @@ def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
 
 
 def _value(column: Column, result: ItemResult) -> Any:
-    """Return the value of a result for pyarrow; None if it is not known."""
+    """Return the value of a result for pyarrow; None if unknown."""
     value = column.value(result)
     is_time = column.kind is ColumnType.TIME and value is not None
     return Decimal(value).scaleb(-9) if is_time else value

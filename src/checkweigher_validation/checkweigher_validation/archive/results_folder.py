@@ -18,18 +18,18 @@ _SECONDS_PER_HOUR = 3600
 
 
 class ResultsFolder:
-    """Results of jobs as they are done, in the folder `path`, which is made if necessary.
+    """Results of jobs in the folder `path`, which is created if necessary.
 
-    Results of the same bags, parameters and program that are in it are kept. All jobs are given by
-    the names of their results; the attribute `jobs` has them with the digests of the bags whose
-    results are in the folder. Raises `OutputError` if the folder cannot be made or written to.
+    Earlier results of the same bags, parameters and program are kept. `jobs` has all jobs by the
+    names of their results. The attribute `jobs` has them with the digest of each bag whose results
+    are in the folder. Raises `OutputError` if the folder cannot be created or written to.
     """
 
     def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:
         self._path = path
         self._names = {job.bag: f'{name}.parquet' for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
-        self._before: dict[str, BagSummary] = {}  # of bags whose results are there
+        self._before: dict[str, BagSummary] = {}  # of bags with earlier results
         try:
             path.mkdir(exist_ok=True)
         except OSError as error:
@@ -42,7 +42,7 @@ class ResultsFolder:
         return self._path / self._names[bag]
 
     def _known(self, job: WeighJob) -> str:
-        """Return the digest of the bag if its results are there, made in the same way; else ''."""
+        """Return the digest of the bag if it has results of the same origin, else ''."""
         found = read_origin(self.file_of(job.bag))
         if found is None or found[0] != origin_of(job, found[0].bag_sha256):
             return ''
@@ -52,8 +52,8 @@ class ResultsFolder:
     def take(self, weighed: Weighed) -> Weighed:
         """Write the results of a bag; return them with their summary.
 
-        Earlier results of a bag that is broken now are removed. They stay if the bag could not be
-        reached.
+        If the bag is broken now, its earlier results are removed. If it could not be reached, they
+        stay.
 
         Raises `OutputError` if they cannot be written.
         """
@@ -88,7 +88,7 @@ class ResultsFolder:
         return f'{len(self._done)} of {len(self.jobs)} bags, {self.hours:.2f} h of signal'
 
     def close(self) -> str:
-        """Write the summary, one row per bag in the order of the jobs; return one line on all.
+        """Write the summary, one row per bag in the order of the jobs; return a line on all bags.
 
         Raises `OutputError` if it cannot be written.
         """

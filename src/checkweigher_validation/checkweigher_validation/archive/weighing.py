@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The job of one bag: its results from the bag and parameters, on any machine."""
+"""The job of one bag, on any machine: compute its results with some parameters."""
 
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -43,7 +43,7 @@ class WeighJob:
     parameters: LineParameters
     lane: str | None  # namespace, None if the bag has only one lane
     program: Program
-    known: str = ''  # SHA-256 of the bag for which the same parameters and program have results
+    known: str = ''  # SHA-256 of the bag if it has results by these parameters and program
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ class Weighed:
     """Result of a job."""
 
     bag: str
-    host: str  # name of the machine, empty if it is not known
+    host: str  # name of the machine, empty if unknown
     summary: BagSummary | None = None
     file: bytes | None = None  # Parquet file; None with a problem, or if known results still hold
     problem: str = ''  # one line
-    broken: bool = False  # whether the problem is in the bag, and not that it cannot be reached
+    broken: bool = False  # whether the bag itself is at fault; not if it cannot be reached
 
 
 def parameters_digest(parameters: LineParameters) -> str:
@@ -65,7 +65,7 @@ def parameters_digest(parameters: LineParameters) -> str:
 
 
 def origin_of(job: WeighJob, digest: str) -> Origin:
-    """Return the origin of the results of a job; `digest` is that of its bag."""
+    """Return the origin of the results of a job; `digest` is the digest of its bag."""
     return Origin(digest, parameters_digest(job.parameters), job.lane or '', str(job.program))
 
 
@@ -79,7 +79,7 @@ def weigh_bag(job: WeighJob) -> Weighed:
             digest = bag_digest(bag)
             if digest == job.known:
                 return Weighed(job.bag, gethostname())
-            broken = True  # errors from here on are those of the bag, unless the machine fails
+            broken = True  # later errors are faults of the bag, unless the machine fails
             summary, file = _weigh(job, bag, digest)
             return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
@@ -101,9 +101,9 @@ def weigh_bags(
 ) -> Generator[Weighed, None, None]:
     """Weigh bags by processes, as `run_jobs` does; yield the result of each as soon as it is done.
 
-    A bag that kills its process has a problem; the others are weighed.
+    If a bag kills its process, its result has a problem, and the others are weighed.
 
-    Raises `ClusterLostError` if the jobs were done by a cluster, and it was lost.
+    Raises `ClusterLostError` if a cluster does the jobs and is lost.
     """
     with closing(jobs_as_done([partial(weigh_bag, job) for job in jobs], n_jobs)) as done:
         for number, found in done:
@@ -130,7 +130,7 @@ def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
 
 @dataclass
 class _Tally:
-    """Sums over the stretches and results of a bag; `name` is the begin of its warnings."""
+    """Sums over the stretches and results of a bag; `name` is the start of its warnings."""
 
     name: str
     begin: int | None = None  # ns, of the signal

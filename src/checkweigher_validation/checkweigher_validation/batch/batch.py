@@ -22,7 +22,7 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 
 class BatchError(ValueError):
-    """A batch cannot be read; the message has the file, the line and the error."""
+    """A batch that cannot be read. The message has the file, the line and the error."""
 
 
 class InLog(StrEnum):
@@ -77,7 +77,7 @@ class Batch:
     strays: int = 0  # items of another batch in the record of this one
 
     def with_log(self, entries: Sequence[Entry]) -> 'Batch':
-        """Return the batch with its entries in an audit log, with which its record is compared."""
+        """Return the batch with its entries in an audit log and a comparison with that log."""
         end = self.end or '~'
         found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
         in_log = InLog.ABSENT

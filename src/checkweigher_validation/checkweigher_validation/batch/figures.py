@@ -25,9 +25,9 @@ _MOST_BINS = 60
 class PartFigures:
     """Figures of one product in a batch; masses in kg, of the contents.
 
-    Mean, standard deviation, rules, reference test, histogram and control chart are those of the
-    accepted items. `judgement` and `reference` are None if nothing was accepted or 76/211/EEC has
-    no limits for the nominal weight.
+    Mean, standard deviation, rules, reference test, histogram and control chart are computed from
+    the accepted items. `judgement` and `reference` are None if nothing was accepted or 76/211/EEC
+    has no limits for the nominal weight.
     """
 
     product: Product
@@ -52,7 +52,7 @@ class PartFigures:
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation; NaN of fewer than two accepted items."""
+        """Standard deviation; NaN for fewer than two accepted items."""
         return float(self.masses.std(ddof=1)) if len(self.masses) > 1 else math.nan
 
     @property
@@ -62,7 +62,7 @@ class PartFigures:
 
 
 def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) -> PartFigures:
-    """Return the figures of a product in a batch; `seed` draws the reference test by a plan."""
+    """Return the figures of a product in a batch; `seed` and `plan` are for the reference test."""
     nominal, decisions = part.product.nominal, Counter(item.decision for item in part.items)
     rejected = [item for item in part.items if item.decision is not Decision.ACCEPT]
     reasons = Counter(why for item in rejected for why in item.reasons or (item.decision.name,))

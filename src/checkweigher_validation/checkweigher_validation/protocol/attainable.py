@@ -4,8 +4,8 @@
 
 A drawn machine has no bound in closed form: its disturbances grow with the mass, and its speed and
 edges vary, so its noise has no single covariance. A regression on some thousand passes of the same
-machine needs no model. With the number of passes recorded for tuning the regression is less good,
-and an estimator with a physical model can be better.
+machine needs no model. With as few passes as are recorded for tuning, the regression is less
+accurate, and an estimator with a physical model can be better.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,8 @@ def attainable_errors(
     """Return the errors of passes, (n,) in kg, by a regression on other passes.
 
     All passes are whole, of one machine and one nominal speed. The regressors are the samples from
-    before t1 to t3, less the zero of the empty belt, at fixed fractions of a pass. The penalty has
-    the smallest A in leave-one-out cross-validation.
+    before t1 to t3, less the zero of the empty belt, at fixed fractions of a pass. The chosen
+    penalty has the smallest A in leave-one-out cross-validation.
     """
     span = min(_samples(each.window) for each in learn)
     signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
@@ -43,7 +43,7 @@ def _samples(window: WeighWindow) -> int:
 
 
 def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:
-    """Return the signals, (n, k) in kg, at k fractions of the pass of which `span` are after t1."""
+    """Return the signals, (n, k) in kg, at k fractions of the pass, `span` of them after t1."""
     rows = []
     for each in passes:
         window = each.window

@@ -4,14 +4,14 @@ r"""Smallest standard deviation of an unbiased linear estimate of a simulated ma
 
 The signal of a pass is r = M s + n, with s the response of the platform to a load of 1 kg and C the
 covariance of the noise n. The smallest variance of an unbiased linear estimate of M is
-:math:`1 / (s^T C^{-1} s)` (Gauss, Markov). A simulator knows both, so the accuracy on its passes
-can be compared with the best possible one.
+:math:`1 / (s^T C^{-1} s)` (Gauss, Markov). The simulator knows s and C, so the accuracy on its
+passes can be compared with the best possible one.
 
-C is the sum of the rollers' and the motor's lines, of known amplitude and random phase; the
-broadband noise and the floor's vibration, which are white noise through a linear system and so
-follow exactly from its difference equation; the impact at entry, of known form and random size; the
-noise and the steps of the converter. All forces act on the platform, which gets heavier while the
-product moves onto the belt. The ring-down of the previous product is assumed to be known.
+C is the sum of four parts: the lines of rollers and motor, of known amplitude and random phase; the
+broadband noise and the vibration of the floor, which are white noise through a linear system and
+follow exactly from its difference equation; the impact at entry, of known form and random size; and
+the noise and the quantisation of the converter. All forces act on the platform, which gets heavier
+while the product moves onto the belt. The ring-down of the previous product is assumed to be known.
 
 The dependence of the platform on the unknown mass is also assumed to be known. It changes s by a
 few parts in a thousand and would give an estimator almost no information.
@@ -42,15 +42,15 @@ from checkweigher_recording.simulation.simulator import (
     SimulationParameters,
 )
 
-_SETTLING = 2.0  # s, until the start is below 1e-7 on the softest platform
+_SETTLING = 2.0  # s, after which the transient is below 1e-7 on the softest platform
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassModel:
     """Response and noise of a pass, both known before it is recorded.
 
-    `time`, (n,), in s from t1, ends with the last sample before t3. `response`, (n,), is that to
-    the load of a product, per kg of it; `covariance`, (n, n), is that of the noise, kg^2.
+    `time`, (n,), in s from t1, ends with the last sample before t3. `response`, (n,), is the
+    reading per kg of product, and `covariance`, (n, n), is the covariance of the noise in kg^2.
     """
 
     time: NDArray[np.float64]
@@ -94,8 +94,8 @@ class _SimulatedPass:
         self._mass = mass
         sample_rate = parameters.sample_rate
         self._step = 1 / (OVERSAMPLING * sample_rate)
-        # t1 is at a sample. In practice it is anywhere between two samples, with little effect.
-        # It is at a whole second, so that rounding of times hardly depends on `before`.
+        # t1 is at a sample. In practice it falls between two samples, which has little effect. It
+        # is at a whole second, so that rounding of times hardly depends on `before`.
         entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
         last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
         self._first = entry - round(before * sample_rate)
@@ -121,11 +121,11 @@ class _SimulatedPass:
         self._bounds, self._loads = belt.load_steps(self._time, self._travel)
 
     def sample_time(self) -> NDArray[np.float64]:
-        """Return the time of the samples that are used, in s from t1."""
+        """Return the times of the used samples, in s from t1."""
         return (np.arange(self._first, self._samples) - self._entry) / self._parameters.sample_rate
 
     def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the readings of the converter, in the samples used, of a force in steps."""
+        """Return the used samples of the converter under a force that is given at each step."""
         reading = self._platform().run(force, self._bounds, self._loads)
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
@@ -138,7 +138,7 @@ class _SimulatedPass:
         ]
         angles.append((profile.motor, 2 * math.pi * profile.motor_frequency))
         parts = [
-            # A sine of random phase is a sine and a cosine, uncorrelated, of half its power each.
+            # A sine of random phase is an uncorrelated sine and cosine, each of half its power.
             speed * amplitude / math.sqrt(2) * self.response(wave(angle * self._travel))
             for amplitude, angle in angles
             if amplitude
@@ -163,23 +163,23 @@ class _SimulatedPass:
         return covariance
 
     def _broadband(self) -> StateSpace:
-        """Return a system without a state of its own: white noise as a force."""
+        """Return the broadband noise as a system without a state, driven by white noise."""
         half_rate = 1 / (2 * self._step)
         force = self._profile.broadband * self._parameters.speed * math.sqrt(half_rate)
         return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), force, dt=1)
 
     def _floor(self) -> StateSpace:
-        """Return the band-pass filter of the floor as a system that white noise goes through."""
+        """Return the band-pass filter of the floor as a system that is driven by white noise."""
         rate = 1 / self._step
         sections = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
         size = self._profile.floor / math.sqrt(FLOOR_BANDWIDTH / (rate / 2))
         return reduce(mul, (StateSpace(*tf2ss(one[:3], one[3:]), dt=1) for one in sections)) * size
 
     def _shaken(self, force: StateSpace) -> NDArray[np.float64]:
-        """Return the covariance of the readings under a force that white noise makes.
+        """Return the covariance of the readings under a force of filtered white noise.
 
-        White noise of variance 1 goes through `force`, and its output through the platform. The
-        state of both is that of the platform, reading and its derivative, and that of `force`.
+        White noise of variance 1 drives `force`, and its output drives the platform. The joint
+        state consists of the reading, its derivative and the state of `force`.
         """
 
         def step(load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -201,7 +201,7 @@ def _covariance_of_readings(
     step: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]],
     loads: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the covariance of samples, each the mean of the readings at the begin of its steps.
+    """Return the covariance of samples, each the mean of the readings at the start of its steps.
 
     `step` returns F (d, d) and G (d,) of x' = F x + G w for a load in kg; the reading is x[0].
     `loads`, (n, steps) in kg, are the loads of each sample. Before the first sample the state is
@@ -227,9 +227,9 @@ def _covariance_of_readings(
 def _sample_step(
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the transition of the state over one sample, (d + 1, d), and its noise's covariance.
+    """Return the transition of the state over one sample, (d + 1, d), and the noise covariance.
 
-    The sample itself is the last row.
+    The last row is the sample itself.
     """
     size = len(steps[0][1])
     over = np.eye(size + 1, size)

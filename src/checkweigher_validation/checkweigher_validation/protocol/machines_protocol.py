@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of machines: estimators on machines of the family, of which there is no model."""
+"""Protocol that tests estimators on machines of the family, for which there is no model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -51,8 +51,8 @@ class MachinesProtocol:
 class MachineRun:
     """Passes of a machine at one speed in m/s, and the attainable accuracy on the test passes.
 
-    Training and test passes are cut by the eyes. `untrained` are the test passes as cut by a line
-    without knowledge of the machine: by the eyes and the rise of the load.
+    The eyes cut training and test passes. `untrained` has the test passes as a line without
+    knowledge of the machine cuts them, by the eyes and the rise of the load.
     """
 
     speed: float
@@ -71,9 +71,9 @@ def passes_of(
     segmenter: SegmenterParameters,
     without: tuple[str, ...] = (),
 ) -> tuple[KnownPass, ...]:
-    """Simulate `count` passes of a machine at a speed, m/s, the masses in random order.
+    """Simulate `count` passes of a machine at a speed in m/s, with the masses in random order.
 
-    Each seed, from 0 on, gives other passes of the same machine, less the causes `without`.
+    Each seed, from 0 on, gives other passes of the same machine. `without` are causes to omit.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
     profile = '-'.join((f'{PREFIX}{machine}', *without))
@@ -117,9 +117,9 @@ def evaluate_machines(
     budget: int = BUDGET,
     n_jobs: int | None = None,
 ) -> tuple[MachineResult, ...]:
-    """Simulate machines, tune on each one's training passes, weigh with and without.
+    """Simulate machines, tune on their training passes, and weigh with and without tuning.
 
-    The arguments are those of `checkweigher_validation.tuning.tuner.tune`.
+    The other arguments are as in `checkweigher_validation.tuning.tuner.tune`.
     """
     calls = [
         partial(run_machine, protocol, machine, speed, base.segmenter)
@@ -143,7 +143,7 @@ def _weigh(
     base: LineParameters,
     n_jobs: int | None,
 ) -> MachineResult:
-    """Return the results of the tuned estimators on both parts, of untrained ones on the test."""
+    """Return the results of tuned estimators on both parts, and of untrained ones on the test."""
     parts = [PassSet(run.speed, 'train', run.train) for run in runs]
     parts += [PassSet(run.speed, 'test', run.test) for run in runs]
     unknown = [PassSet(run.speed, 'test', run.untrained) for run in runs]

@@ -33,7 +33,7 @@ PASSES = 120  # of each mass at each speed: the first half trains, the second ha
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """The passes of one nominal speed in m/s, in halves, and how they were simulated."""
+    """Passes of one nominal speed in m/s, in halves, and the parameters of their simulation."""
 
     speed: float
     train: tuple[KnownPass, ...]
@@ -52,11 +52,11 @@ class Protocol:
 
 
 def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameters) -> Run:
-    """Simulate one speed, m/s, of a protocol as one line that does not stop.
+    """Simulate one speed of a protocol, in m/s, as one uninterrupted line.
 
     The masses are in random order, because the trace that a product leaves must not depend on the
-    next product, and each is as frequent in the first half as in the second. Each speed has random
-    numbers of its own.
+    next product. Each mass is equally frequent in both halves. Each speed has its own random
+    numbers.
     """
     each = np.repeat(MASSES, protocol.passes // 2)
     order = np.random.default_rng((protocol.seed, round(1000 * speed)))
@@ -81,10 +81,10 @@ def evaluate_protocol(
     budget: int = BUDGET,
     n_jobs: int | None = None,
 ) -> tuple[tuple[ConditionResult, ...], dict[str, Tuned]]:
-    """Simulate the protocol, tune on the first half of the passes, weigh both halves.
+    """Simulate the protocol, tune on the first half of the passes, and weigh both halves.
 
-    The arguments are those of `checkweigher_validation.tuning.tuner.tune`. Returns the conditions,
-    estimator by estimator, and the tuned parameters of each estimator.
+    The other arguments are as in `checkweigher_validation.tuning.tuner.tune`. Returns the
+    conditions, estimator by estimator, and the tuned parameters of each estimator.
     """
     exact = unchecked(base.segmenter)  # because the simulated eyes are exact
     simulations = [partial(run_protocol, protocol, speed, exact) for speed in protocol.speeds]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of the report of an evaluation, and how they are written."""
+"""Numbers and sentences of the report of an evaluation."""
 
 from collections.abc import Iterator, Sequence
 from itertools import cycle
@@ -30,18 +30,18 @@ from checkweigher_validation.accuracy.tables import LEVELS, METRES_PER_MINUTE
 
 NONE = '–'
 
-# Looks of estimators, the same ones in every table and figure. Colours are told apart with any kind
-# of colour vision (after Okabe and Ito), each in a light and a dark variant.
+# Looks of estimators, the same in every table and figure. The colours can be told apart with any
+# kind of colour vision (after Okabe and Ito), and each has a light and a dark variant.
 _LOOKS = {name: each.look for name, each in ESTIMATORS.items() if each.look}
 # Name of the estimator that `tune` has chosen, in machine_tables.
 _LOOKS['chosen'] = PlotStyle('Chosen by tune', '<', '#7a5230', '#c79a6f')
 
-# For estimators that have no look of their own.
+# For estimators without a look.
 _OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 
 def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
-    """Return the looks of estimators by name; one that is not known here is called as it is."""
+    """Return the looks of estimators by name; an unknown one is shown under its name."""
     others = cycle(_OTHERS)
     return {
         name: _LOOKS[name] if name in _LOOKS else PlotStyle(name, *next(others))
@@ -50,7 +50,7 @@ def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
 
 
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
-    """Return a number as it is shown, with a true minus; `unknown` if it is not known."""
+    """Return a number as text, with a true minus sign; `unknown` if it is not finite."""
     if value is None or not math.isfinite(value):
         return unknown
     # Adding zero removes the sign of minus zero.
@@ -75,8 +75,8 @@ def mass_label(mass: float) -> str:
 class Content:
     """Numbers and findings of an evaluation with at least one condition, by the limits of a class.
 
-    They are of the test passes if there are any, otherwise of the training passes, unless a part
-    is given. The keywords `chosen` are those of `Evaluation.select`.
+    They are computed from the test passes if there are any, otherwise from the training passes,
+    unless a part is given. `chosen` has keywords of `Evaluation.select`.
     """
 
     def __init__(self, evaluation: Evaluation, accuracy_class: AccuracyClass) -> None:
@@ -92,7 +92,7 @@ class Content:
         )
 
     def findings(self) -> Iterator[str]:
-        """Yield the sentences at the begin of the report."""
+        """Yield the sentences at the start of the report."""
         best, means = next(iter(self.means.items()))
         times = f'; its σ is {number(means.ratio, 2)} times the bound' if means.ratio > 0 else ''
         if math.isnan(means.index):
@@ -144,7 +144,7 @@ class Content:
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:
-        """Return the exceeded limits: μ of the error, σ of its deviation, n of the weighings."""
+        """Return the missed limits: μ for the error, σ for its deviation, n for the weighings."""
         found = judge(condition, self._class)
         kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)
         return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)

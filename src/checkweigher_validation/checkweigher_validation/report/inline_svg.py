@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of the reports, as SVG within an HTML page that uses the colours of the page.
 
-A figure is drawn in stand-in colours. In the finished SVG these become CSS variables, so the same
+A figure is drawn in stand-in colours. In the finished SVG, these become CSS variables, so the same
 figure suits a light page, a dark page and paper. Text stays text, in the font of the page.
 """
 
@@ -21,7 +21,7 @@ INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
 _SERIES = re.compile('#f1e2([0-9a-f]{2})')
 _VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
 
-# Style of the figures, for matplotlib.rc_context: they are drawn and written within it.
+# Style of the figures, which are drawn and written within matplotlib.rc_context.
 STYLE = Path(__file__).with_name('report.mplstyle')
 
 # Lines of limits.
@@ -41,20 +41,20 @@ def new_figure(height: float, rows: int = 1, columns: int = 1, **more: Any) -> t
 
 
 def label_rows(axes: Axes, labels: Sequence[str]) -> None:
-    """Label the rows of a diagram, whose first row is on top."""
+    """Label the rows of a diagram, with the first row on top."""
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis='y', length=0, labelcolor=INK)
     axes.invert_yaxis()
 
 
 def to_inline_svg(figure: Figure, name: str, description: str) -> str:
-    """Return a figure, drawn within `STYLE`, as an SVG element for an HTML page; call it there.
+    """Return a figure as an SVG element for an HTML page; draw and convert it within `STYLE`.
 
-    `name` is the prefix of all ids within the figure, which have to be unique on the page, and
-    `description` a text for readers who cannot see the figure.
+    `name` is the prefix of all ids in the figure, which must be unique on the page. `description`
+    is a text for readers who cannot see the figure.
     """
     file = io.StringIO()
-    # Without metadata, which would have the names of programs and a date.
+    # The metadata would contain the names of programs and a date.
     no_metadata = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
     figure.savefig(file, format='svg', metadata=no_metadata)
     text = file.getvalue()

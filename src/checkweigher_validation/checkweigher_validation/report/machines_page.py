@@ -36,7 +36,7 @@ from checkweigher_validation.report.page import fill
 def render_machines(
     machines: Sequence[MachineResult], title: str, provenance: Sequence[tuple[str, str]]
 ) -> str:
-    """Return the report as one HTML page that needs no other file; at least one machine."""
+    """Return the report on at least one machine as one HTML page that needs no other file."""
     tables = family_tables(machines)
     estimators = tuple(row.estimator for row in tables[0].rows)
     looks = looks_of(estimators)
@@ -69,7 +69,7 @@ def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, PlotStyle]) -> 
 
 
 def _by_speed(machine: Evaluation, looks: Mapping[str, PlotStyle]) -> list[tuple[str, list[float]]]:
-    """Return the attainable A in kg at each speed, then that of each estimator."""
+    """Return A in kg at each speed: the attainable A, then A of each estimator."""
     found = []
     for name in machine.estimators:
         at_speeds = [machine.select(estimator=name, speed=at, part='test') for at in machine.speeds]

@@ -26,9 +26,10 @@ def render(
 ) -> str:
     """Return the report of an evaluation as one HTML page that needs no other file.
 
-    It is of part 'test' of the conditions if there is one, by the limits of the class; at least one
-    condition is needed. With a `nominal` quantity of prepackages in kg their limits are shown, and
-    whether a scale of the class may check them; `ValueError` if they have no limits.
+    The report covers the part 'test' of the conditions if there is one, and applies the limits of
+    the class; at least one condition is needed. With a `nominal` quantity of prepackages in kg, it
+    shows their limits, and whether a scale of the class may check them; `ValueError` if they have
+    no limits.
     """
     shown = content.Content(evaluation, accuracy_class)
     return fill(
@@ -70,7 +71,7 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
 
 
 def picture(name: str, figure: Figure, caption: str) -> Markup:
-    """Return a figure with its caption; `name` begins its ids, which are unique on a page."""
+    """Return a figure with its caption; `name` is a prefix that makes its ids unique."""
     caption = Markup(' ').join(caption.split())
     svg = Markup(to_inline_svg(figure, name, caption))
     return Markup(

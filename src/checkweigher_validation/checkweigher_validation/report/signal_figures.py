@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of signals: a pass, its spectrum, its wavelet bands, the denoised window."""
+"""Figures of signals: a pass, its spectrum, its wavelet bands, and the denoised window."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ from checkweigher_validation.report.inline_svg import (
 
 MILLISECONDS = 1000.0  # in a second
 
-# Numbers of the colours on the page that are not those of an estimator.
+# Numbers of the colours on the page that belong to no estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
 _THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
 
@@ -59,7 +59,7 @@ def ideal_figure(example: Example) -> Figure:
 
 
 def spectrum_figure(example: Example) -> Figure:
-    """Draw the amplitude spectra of a pass and of its ideal (figure 6)."""
+    """Draw the amplitude spectra of a pass and of its ideal signal (figure 6)."""
     figure, axes = new_figure(3.0)
     frequency, amplitude = amplitude_spectrum(example.signal, example.sample_rate)
     axes.semilogy(frequency, GRAMS * amplitude, color=stand_in(SIGNAL), lw=1.0, label='signal')
@@ -116,8 +116,8 @@ def amplitude_spectrum(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the magnitude of the Fourier transform of a signal that begins and ends at zero.
 
-    The signal, (n,), is padded by zeros, for a smooth curve. Returned are frequencies in Hz and
-    amplitudes in the signal's unit per Hz: that at 0 Hz is the area.
+    The signal, (n,), is padded with zeros for a smooth curve. Returns frequencies in Hz and
+    amplitudes in the signal's unit per Hz; the amplitude at 0 Hz is the area.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)
@@ -126,7 +126,7 @@ def amplitude_spectrum(
 
 
 def energy_limit(example: Example) -> float:
-    """Return the frequency in Hz below which 99 % of the energy of the ideal signal lie."""
+    """Return the frequency in Hz below which 99 % of the energy of the ideal signal lies."""
     frequency, amplitude = amplitude_spectrum(example.ideal, example.sample_rate)
     energy = np.cumsum(amplitude**2)
     return float(frequency[np.searchsorted(energy, _ENERGY_SHARE * energy[-1])])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a verification as one HTML page, to be read on a screen and to be printed."""
+"""The report of a verification as one HTML page, for screen and print."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gain, offset and uncertainty of an estimator from training passes.
 
-The index by which everything is tuned is that of the paper, A = |mean error| + 3 sigma, averaged
-over the masses.
+Everything is tuned by the index of the paper, A = |mean error| + 3 sigma, averaged over the masses.
 """
 
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from checkweigher_validation.accuracy.errors import overall_index
 
 # Masses with fewer passes are judged together, because their standard deviation is too uncertain.
 _FEWEST_OF_A_MASS = 5
-# Passes that are needed to fit an offset beside the gain.
+# Passes needed to fit an offset besides the gain.
 _FEWEST_FOR_OFFSET = 6
 _DISTINCT_MASSES = 1.2  # heaviest over lightest
 _FOLDS = 5
@@ -47,7 +46,7 @@ class Uncertainty:
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:
     """Return the gain and offset with the smallest squared errors; (n,), kg, not NaN.
 
-    There is no offset if there are few passes or their masses hardly differ.
+    The offset is 0 if there are few passes or their masses hardly differ.
     """
     if len(masses) >= _FEWEST_FOR_OFFSET and are_distinct(masses):
         slope, intercept = np.polyfit(estimates, masses, 1)
@@ -105,10 +104,10 @@ def held_out_errors(
 
 
 def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Uncertainty:
-    """Estimate the spread of errors by maximum likelihood; a part is in proportion to the mass.
+    """Estimate the spread of errors, in part proportional to the mass, by maximum likelihood.
 
-    The errors, (n,) in kg, are of passes that were held out. The spread of few passes is uncertain
-    itself; it is widened so that 95 % intervals hold (Student).
+    The errors, (n,) in kg, are of held-out passes. The spread of few passes is itself uncertain, so
+    it is widened until 95 % intervals hold (Student).
     """
     mean = float(np.mean(masses))
     shares = np.linspace(0.0, 1.0, 21)  # of the proportional part, at the mean mass

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The choice among tuned estimators, by passes that were held out from all of them."""
+"""The choice among tuned estimators, by passes that were held out of their tuning."""
 
 from collections.abc import Mapping
 import math
@@ -15,19 +15,19 @@ from checkweigher_validation.tuning.tuner import Tuned
 # Largest loss of a simpler estimator; A itself scatters by more between sets of 100 passes.
 _NEGLIGIBLE = math.log(1.05)
 _BLOCKS = 20  # of passes, left out in turn
-_LEAST = 1e-12  # kg, of an index without errors
+_LEAST = 1e-12  # kg, least index, for passes without errors
 
 
 def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
-    """Choose the estimator of the smallest A on held-out passes, or a simpler one as good.
+    """Choose the estimator with the smallest A on held-out passes, or an equally good simpler one.
 
     Returns its name, and the reason in one line.
 
-    A is compared as a ratio, in the geometric mean over the belt speeds. A simpler estimator is as
-    good if its difference from the best and the standard error together are negligible (a test of
-    non-inferiority). With few passes none is, and the best is chosen. The standard
-    error is that of a jackknife over blocks of passes. Both estimators weigh the same passes, so
-    that common disturbances cancel. [own derivation]
+    A is compared as a ratio, by the geometric mean over the belt speeds. A simpler estimator is
+    equally good if the sum of its difference from the best and the standard error is negligible (a
+    test of non-inferiority). With few passes no simpler one is, and the best is chosen. The
+    standard error is computed by a jackknife over blocks of passes. Both estimators weigh the same
+    passes, so that common disturbances cancel. [own derivation]
 
     Raises `ValueError` if there are no estimators.
     """
@@ -38,7 +38,7 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
         return best, f'{best}: nothing else was tuned'
     without = {name: _without_blocks(tuned[name]) for name in names}
     more = {name: logs[name] - logs[best] for name in others}
-    # The standard error of a jackknife, by the results without each block.
+    # Standard errors by the jackknife, from the results without each block.
     errors = {
         name: float(np.std(without[name] - without[best]) * math.sqrt(len(without[name]) - 1))
         for name in others

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning of the Gauss-Markov estimator: its model is learned, only the order is searched.
+"""Tuning of the Gauss-Markov estimator: the model is learned, and its order is searched.
 
-First the platform, by nonlinear least squares on passes of known mass, in noise that an
-autoregression of the empty belt makes white; then the noise itself, from the residuals of the
-training passes.
+First, the platform is fitted to passes of known mass by nonlinear least squares; an autoregression
+of the empty belt whitens the noise. Then the noise is learned from the residuals of the training
+passes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,17 +29,17 @@ from checkweigher_validation.tuning.calibration import held_out_errors, index
 from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable, TuningError
 
-# Of the autoregression; a line of the rollers takes about twenty to be resolved.
+# Orders of the autoregression; to resolve a line of the rollers takes about twenty.
 ORDERS = (20, 40, 80, 120, 160, 200)
-_CHECKED_PASSES = 40  # of each speed and with this order, to decide between the model and none
+_CHECKED_PASSES = 40  # of each speed, to decide whether to use the model
 _CHECKED_ORDER = 40
-_STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient: written out it is not 1
+_STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient, not rounded to 1 in a file
 _FIRST_ORDER = 40
 _PASSES_FOR_PLATFORM = 20  # of each speed
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # Hz, where the search for the platform begins
 _LEAST_NOISE = 1e-9  # kg
-_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, of oscillations and zero: nothing is known
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, prior std. dev. of oscillations and zero: unknown
 # Searched: ln f_n, ln xi, ln (moving mass / heaviest product), entry_begin and entry_end in mm.
 _LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
 _HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
@@ -50,7 +50,7 @@ class TunedGaussMarkov(Tunable):
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with a platform fitted to the passes of all speeds, if that is of use."""
+        """Return `base` with a platform fitted to the passes of all speeds, if that lowers A."""
         sample_rate = groups[0].passes[0].window.sample_rate
         known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)
         models = fit_platform(groups, known), replace(known, sample_rate=0.0)
@@ -61,7 +61,7 @@ class TunedGaussMarkov(Tunable):
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the order of the smallest badness, and that badness."""
+        """Return the order with the smallest badness, and the badness."""
         if not self.known.sample_rate:
             return {}, badness({})
         longest = min(len(pass_signal(window, self.known).time) for window in self.windows) // 2
@@ -82,7 +82,7 @@ class TunedGaussMarkov(Tunable):
         return {'order': order, 'reflection': reflection, 'noise': (std_dev,), 'impact': (impact,)}
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the noise model of all passes, filled up with zeros to the largest order."""
+        """Return the noise model of all passes, padded with zeros to the largest order."""
         model = self.learn(np.arange(len(self.windows)), values)
         order = model.pop('order')
         if self.known.sample_rate:
@@ -91,17 +91,17 @@ class TunedGaussMarkov(Tunable):
 
 
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
-    """Return A in kg on some passes, weighed with the noise of others.
+    """Return A in kg on some passes, weighed with a noise model from other passes.
 
-    A model of the machine may be worse than none if there are few passes, or if they show little of
-    the platform beside its disturbances.
+    A model of the machine may be worse than none if there are few passes, or if its disturbances
+    hide the platform.
     """
     indices = []
     for group in groups:
         some = replace(group, passes=tuple(evenly_chosen(group, _CHECKED_PASSES)))
         tunable = TunedGaussMarkov('gauss_markov', some, base)
         estimates = tunable.estimates({'order': _CHECKED_ORDER})
-        if not np.all(estimates > 0):  # NaN is not
+        if not np.all(estimates > 0):  # also if one is NaN
             return math.inf
         indices.append(index(held_out_errors(estimates, some.masses), some.masses))
     return float(np.mean(indices))
@@ -129,7 +129,7 @@ def fit_platform(
         )
 
     def chosen(count: int) -> list[tuple[Prewhitener, KnownPass, PassSignal]]:
-        # The samples stay the same where the entry is searched.
+        # The samples stay the same while the entry is searched.
         return [
             (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups
@@ -164,7 +164,7 @@ def fit_platform(
 def fit_noise(
     group: SpeedGroup, known: GaussMarkovParameters, order: int
 ) -> tuple[NDArray[np.float64], float, float]:
-    """Fit the noise of the passes of one speed beside a model.
+    """Fit the noise of the passes of one speed, given a model of the platform.
 
     Returns the reflection coefficients of an autoregression, (order,), the standard deviation of
     its innovations in kg, and the impact in s/m: the oscillation from the entry on, per mass and
@@ -187,7 +187,7 @@ def _residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the residual of the model on a pass of known mass, in time and whitened, (n,), kg.
 
-    With it the coefficients of the oscillations and of the zero, and their variances, (5,).
+    Also returns the coefficients of the oscillations and the zero, and their variances, (5,).
     """
     load, *others = responses(known.platform, mass, used.crossing, used.time)
     signal = used.signal - mass * load
@@ -202,8 +202,8 @@ def _residual(
 def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:
     """Return the filter that makes the noise of the empty belt white.
 
-    If the belt is never empty for long enough, the noise is that of the loaded belt about its mean,
-    which includes the vibration of the product itself.
+    If the belt is never empty for long enough, the noise of the loaded belt about its mean is used,
+    which includes the vibration of the product.
     """
     empty, full = [], []
     for each in group.passes:
@@ -221,7 +221,7 @@ def _reflections(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the autoregression of noise, or raise TuningError if there is none."""
     try:
-        # The rounding of a constant is no noise either.
+        # The rounding of a constant is not noise.
         if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:
             raise ValueError('the signals hold no noise')
         return pooled_reflections(segments, order)

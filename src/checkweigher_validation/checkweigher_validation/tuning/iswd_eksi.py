@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning of ISWD-EKSI: the denoising that goes before it is searched together with it."""
+"""Tuning of ISWD-EKSI together with the denoising that precedes it."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,8 +23,8 @@ _PLATFORM = ('natural_frequency', 'damping_ratio')
 class TunedIswdEksi(Tunable):
     """ISWD-EKSI, with the shrinkage table and the platform of denoise.
 
-    Band 5 and thresholds are searched if the table of `base` has them, as Table 1 has; otherwise
-    they stay off. R, Q and P0 stay as they are.
+    Band 5 and thresholds are searched if the table of `base` has them, as Table 1 does; otherwise
+    they stay off. R, Q and P0 do not change.
     """
 
     def searched(self) -> tuple[Axis, ...]:
@@ -40,7 +40,7 @@ class TunedIswdEksi(Tunable):
         return tuple(found)
 
     def start(self, axis: Axis) -> float:
-        """Return the value of `base` at this speed, for denoise as well."""
+        """Return the value of `base` at this speed, also for parameters of denoise."""
         known = self.base.denoise
         if not hasattr(known, axis.name):
             return super().start(axis)
@@ -56,7 +56,7 @@ class TunedIswdEksi(Tunable):
         return np.array([each.mass if is_stable(each.a1, each.a2) else math.nan for each in loads])
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the table of bands and the platform for denoise, the rise for the identifier."""
+        """Return bands and platform for denoise, and the rise noise for the identifier."""
         denoise = self._denoise(values)
         return {
             **{f'denoise.{name}': getattr(denoise, name) for name in (*_BANDS, *_PLATFORM)},

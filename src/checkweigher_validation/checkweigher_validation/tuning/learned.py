@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Tuning of the learned estimator: the covariance of the signal of a pass beside its load.
+r"""Tuning of the learned estimator: the covariance of the signal of a pass about its load.
 
 .. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o
    + n (d d' + z^2 1 1')
@@ -41,8 +41,8 @@ from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # as a multiple of t3 - t1
 _ALONE = 0.02  # share of the training passes that may have less than the gap
-_LESS = 0.95  # of that gap will do in production
-_FEWEST = 3  # passes that teach weights
+_LESS = 0.95  # share of that gap that suffices in production
+_FEWEST = 3  # passes from which weights are learned
 _FOLDS = 8
 _SLOWER = 0.01  # largest relative difference of the ringing frequency between products
 _ZERO = 2.0  # z, as a multiple of the standard deviation that the segmenter states
@@ -76,15 +76,15 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Knowledge from outside the passes of a speed."""
+    """Knowledge from sources other than the passes of a speed."""
 
     noise: NDArray[np.float64]  # (k, k), kg^2, of the empty belt
     elsewhere: NDArray[np.float64]  # (k, k), residuals of other speeds, each of variance 1
     time: NDArray[np.float64]  # (k,), since t1, in parts
-    zero: float = 0.0  # kg^2, variance of an error that all parts have
+    zero: float = 0.0  # kg^2, variance of an error that all parts share
 
     def last(self, count: int) -> 'Prior':
-        """Return the prior of the last parts alone."""
+        """Return the prior of only the last parts."""
         end = slice(-count, None)
         return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end], self.zero)
 
@@ -107,14 +107,14 @@ def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class CrossValidatedFit:
-    """Weights (k,), and estimates (n,), kg, of each pass by weights from other passes."""
+    """Weights (k,), and estimates of the passes by weights from other passes, (n,) kg."""
 
     weights: NDArray[np.float64]
     held_out: NDArray[np.float64]
 
 
 def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
-    """Learn weights, averaged over the grid by the likelihood of passes that were held out."""
+    """Learn weights, averaged over the grid by the likelihood of held-out passes."""
     fold = folds(known.masses, _FOLDS)
     found = np.empty((len(_SHARES), len(known.masses)))
     for number in np.unique(fold):
@@ -129,7 +129,7 @@ def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
 
 
 class TunedLearned(Tunable):
-    """The learned estimator: nothing is searched, all follows by least squares."""
+    """Learned estimator. Nothing is searched; all parameters follow by least squares."""
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
@@ -169,12 +169,12 @@ class TunedLearned(Tunable):
 
     @cached_property
     def _led(self) -> NDArray[np.bool_]:
-        """Passes of which the signal before t2 is used, (n,) bool."""
+        """Whether the signal before t2 is used, by pass, (n,) bool."""
         return _is_led(self.group, self.known)
 
     @cached_property
     def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
-        """Return the fit of the parts from t2 on, and that of all parts."""
+        """Return the fit of the parts from t2 on, and the fit of all parts if there is one."""
         layout = self.known.layout
         prior = self._prior(layout)
         alone = fit(_evidence(self.group, Layout(0, 0, layout.window)), prior.last(layout.window))
@@ -204,8 +204,8 @@ def empty_belt_covariances(
 ) -> NDArray[np.float64]:
     """Return the covariances, (layout.count,) kg^2, of parts of the empty belt by their distance.
 
-    They are about zero, because an error of the zero counts as noise. The covariance is 0 at
-    distances for which there is too little of the empty belt.
+    They are computed about 0, not about the mean, because an error of the zero counts as noise. A
+    covariance is 0 if the empty belt was recorded too briefly for its distance.
     """
     segments = []
     for window in windows:
@@ -227,5 +227,5 @@ def _is_led(group: SpeedGroup, known: LearnedParameters) -> NDArray[np.bool_]:
 
 
 def _gap(window: WeighWindow) -> float:
-    """Return the time since the item before had left as a multiple of t3 - t1."""
+    """Return the time since the previous item left, as a multiple of t3 - t1."""
     return seconds_alone(window) / transit(window)

@@ -23,12 +23,12 @@ def parameter_file(
     compared: Mapping[str, Tuned] | None = None,
     reason: str = '',
 ) -> str:
-    """Return the text of a parameter file with everything that was tuned.
+    """Return the text of a parameter file with all tuned parameters.
 
-    It has all parameters of the tuned estimators, and those others that are not at their default.
-    It selects the first one of `tuned`, for the `reason` (a line). `source` has a line for each set
-    of training passes, and `made` is the time of tuning, by default now. `compared` has the rows of
-    the table at the head, by default those of `tuned`.
+    The file has all parameters of the tuned estimators, and other parameters that differ from their
+    defaults. It selects the first estimator of `tuned`; `reason` is a line that says why. `source`
+    has a line for each set of training passes, and `made` is the time of tuning, by default now.
+    `compared` has the estimators in the table at the head, by default `tuned`.
     """
     made = made or datetime.now(UTC)
     lines = [
@@ -79,10 +79,10 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 
 
 def accuracy_lines(text: str) -> list[str]:
-    """Return the table of accuracies at the head of a parameter file, and why one was chosen.
+    """Return the table of accuracies at the head of a parameter file, and the reason of the choice.
 
-    Heads, a line for each estimator at each speed, and a line ``chosen: ...`` where several were
-    compared; empty for a file that was not tuned.
+    The lines are the headings, a line for each estimator at each speed, and ``chosen: ...`` if the
+    file has a reason. A file that was not tuned has none.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))

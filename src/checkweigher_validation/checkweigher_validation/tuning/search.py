@@ -39,7 +39,7 @@ def value_at(axis: Axis, position: float) -> float:
 
 
 def start_position(axis: Axis) -> float:
-    """Return the position of `start` on its axis, from 0 to 1; of the nearer end if outside."""
+    """Return the position of `start` on its axis, clipped to 0..1."""
     start = min(max(axis.start, axis.low), axis.high)
     if axis.logarithmic:
         return math.log(start / axis.low) / math.log(axis.high / axis.low)
@@ -49,7 +49,7 @@ def start_position(axis: Axis) -> float:
 def search(
     axes: Sequence[Axis], badness: Callable[[Mapping[str, float]], float], budget: int = BUDGET
 ) -> tuple[Values, float]:
-    """Search the values of the smallest badness.
+    """Search for the values with the smallest badness.
 
     Part of the budget is spread evenly over the whole space (Latin hypercube), with the start. The
     simplex search of Nelder and Mead continues from the best points that lie apart, and then from
@@ -62,7 +62,7 @@ def search(
     badness : callable
         Function of the values by name; infinite if the estimator fails.
     budget : int
-        Largest number of evaluations, to within one simplex; 1 evaluates the start alone.
+        Largest number of evaluations, to within one simplex; 1 evaluates only the start.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
 
 
 def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
-    """Search by Nelder and Mead, if there are more evaluations than the first simplex takes."""
+    """Search by Nelder and Mead, if the evaluations suffice for more than the first simplex."""
     if evaluations > len(origin) + 1:
         # A simplex with a corner at the origin that stays between 0 and 1.
         inward = np.where(origin + step <= 1, step, -step)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The lag of the samples behind the photo-eyes that training passes show, as parameters."""
+"""Parameters for the lag of the samples behind the photo-eyes, from training passes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,17 +16,17 @@ _DIGITS = 7  # decimal places of s and m
 
 
 def unchecked(segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters that cut windows by the photo-eyes alone, as training needs them."""
+    """Return parameters that cut windows only by the photo-eyes, for training."""
     return replace(segmenter, rise_lag_tolerance=0.0)
 
 
 def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters that state the lag of passes which were cut by the eyes alone.
+    """Return parameters that state the lag of passes that were cut only by the eyes.
 
-    The parameters that an estimator learns are valid for the lag of the training passes. It is
-    modelled as a delay, and a distance divided by the belt speed, fitted by least squares to the
-    medians of the speeds; the remaining differences widen the tolerance. Passes that do not show
-    their lag change nothing.
+    The parameters that an estimator learns are valid for the lag of the training passes. The lag is
+    modelled as a delay plus a distance divided by the belt speed, and fitted by least squares to
+    the median at each speed. The remaining differences widen the tolerance. Passes of unknown lag
+    are ignored.
     """
     rows = []
     for group in group_by_speed(passes):

@@ -19,7 +19,7 @@ from checkweigher_validation.tuning.search import Values, search
 
 
 class TuningError(ValueError):
-    """An estimator cannot be tuned on these passes; the message has the reason."""
+    """An estimator that cannot be tuned on these passes. The message has the reason."""
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
@@ -36,8 +36,8 @@ class Tunable:
     """An estimator on the passes of one belt speed.
 
     The class of the estimator defines the parameters that are searched and learned. A subclass is
-    for an estimator that needs more: the passes at other speeds, which are `others`, or a model of
-    the machine. `base` has all parameters that are not tuned at a single speed.
+    for an estimator that also needs the passes at other speeds, `others`, or a model of the
+    machine. `base` has all parameters that are not tuned at a single speed.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Tunable:
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with the parameters that all speeds together teach; here none."""
+        """Return `base` with the parameters learned from all speeds together; here none."""
         return base
 
     @property
@@ -77,7 +77,7 @@ class Tunable:
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
 
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the parameters of the estimator that some of the passes teach."""
+        """Return the parameters that the estimator learns from some of the passes."""
         windows = [self.windows[row] for row in rows]
         return self.estimator.learn(self.known, windows, self.group.masses[rows], values)
 
@@ -98,7 +98,7 @@ class Tunable:
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the lists of parameters at this speed, by their name with that of the node."""
+        """Return the lists of parameters at this speed, by full names with the node."""
         learned = self.learn(np.arange(len(self.windows)), values)
         return {f'identifier.{self.name}.{name}': numbers for name, numbers in learned.items()}
 

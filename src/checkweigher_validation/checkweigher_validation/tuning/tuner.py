@@ -51,10 +51,10 @@ class TunedSpeed:
     """Parameters, calibration and accuracy from the passes of one belt speed.
 
     `lists` has the lists of parameters for this speed, by their full names. `held_out_index` is A
-    if each half of the passes is weighed with the parameters of the other half (each fifth of fewer
-    than 60 passes, each single one of fewer than 20); a value far above `index` means overfitting.
-    `uncertainty` is that of passes held out of the calibration; with fewer than 60 passes it is
-    that of `held_out_errors`.
+    if each half of the passes is weighed with the parameters of the other half (each fifth with
+    fewer than 60 passes, each single pass with fewer than 20). A value far above `index` means
+    overfitting. `uncertainty` is computed from passes held out of the calibration or, with fewer
+    than 60 passes, from `held_out_errors`.
     """
 
     speed: float  # m/s
@@ -65,7 +65,7 @@ class TunedSpeed:
     zero_std_dev: float  # kg, typical of these passes
     index: float  # A on the training passes, kg
     held_out_index: float = math.nan  # kg
-    # Of the same passes: (n,), kg, in the same order for every estimator.
+    # Of the held-out passes: (n,), kg, in the same order for every estimator.
     held_out_errors: tuple[float, ...] = ()
     masses: tuple[float, ...] = ()
 
@@ -174,7 +174,7 @@ def _run(
 
 
 def _attempt(job: Callable[[], Any]) -> Any:
-    """Return the result of a job, or its TuningError: raising it would end the other jobs."""
+    """Return the result of a job, or its TuningError, as raising it would end the other jobs."""
     try:
         return job()
     except TuningError as error:
@@ -182,7 +182,7 @@ def _attempt(job: Callable[[], Any]) -> Any:
 
 
 def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any]) -> TunedSpeed:
-    """Return the result of a task with the errors of the passes that were held out."""
+    """Return the result of a task with the errors of held-out passes."""
     errors, masses = np.concatenate([found[task, fold] for fold in _folds(task.group)], axis=1)
     learned: TunedSpeed = replace(
         found[task, None],
@@ -214,7 +214,7 @@ def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
         replace(group, passes=tuple(compress(group.passes, chosen)))
         for chosen in (~held_out, held_out)
     )
-    # With half the evaluations on half the passes all checks together cost as much as the tuning.
+    # Half the evaluations, to limit the cost of all checks.
     budget = max(budget // 2, 1) if count < len(group.passes) else budget
     learned = _tune_speed(type(task)(task.name, learn, task.base, task.others), budget)
     estimates = estimates_of(check, _assemble(task.name, [learned], task.base).parameters)

@@ -6,15 +6,15 @@ The rules and their sources:
 
 - Mean error and standard deviation of passes (each error in category Y): the limits of
   `checkweigher_validation.accuracy.classes`, which names their sources.
-- Loads at rest: the same source; their limit is that of category X in both categories.
+- Loads at rest: the same source; the limit of category X applies in both categories.
 - Zero within 0.25 e after zeroing and within 0.5 e later, loads on other lanes within the error of
-  the class, no mass outside the range of dynamic setting: OIML R 51-1:2006 as quoted
-  from memory; its text was not at hand.
-- A pass without a mass fails the step it belongs to: a rule of this program, so that a machine
-  does not keep its limits by refusing to weigh.
+  the class, no mass outside the range of dynamic setting: OIML R 51-1:2006, quoted from memory
+  because its text was not available.
+- A pass without a mass fails its step. This is a rule of this program, so that a machine cannot
+  keep its limits by refusing to weigh.
 
 The uncertainty of an error is expanded with k = 2. It has a part from the scatter of the passes and
-one from the certificate of the reference mass. It is stated and not subtracted from the limits.
+one from the certificate of the reference mass. It is stated, but not subtracted from the limits.
 """
 
 from collections import Counter
@@ -37,7 +37,7 @@ COVERAGE = 2.0  # k of the expanded uncertainty
 WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # probability of the intervals whose coverage is stated
 
-_CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that is close
+_CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
 _THIRD = (0.25, 0.5)  # loads that count as a third of Max, relative to Max
 _REFERENCE_SHARE = 1 / 3  # largest uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
@@ -47,11 +47,11 @@ _CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)  # the zero of calibration
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Result of an attempt at a step, in kg; NaN for a figure or limit that it does not have."""
+    """Result of an attempt at a step, in kg; NaN for a figure or limit that does not apply."""
 
     attempt: Attempt
     number: int  # of this attempt at the step, from 1
-    attempts: int  # at the step, in all
+    attempts: int  # total at the step
     count: int = 0  # weighed passes
     required: int = 0  # weighings that the rule asks for
     faults: int = 0
@@ -60,7 +60,7 @@ class Result:
     std_dev: float = math.nan
     spread: float = math.nan  # largest error less the smallest
     uncertainty: float = math.nan  # of the error, k = 2
-    coverage: float = math.nan  # fraction of the stated intervals that hold the error
+    coverage: float = math.nan  # fraction of the stated intervals that contain the error
     max_error: float = math.nan
     max_std_dev: float = math.nan
     failures: tuple[str, ...] = ()
@@ -243,7 +243,7 @@ def _shortcomings(attempt: Attempt, condition: ConditionResult) -> Iterator[str]
 
 
 def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[str]:
-    """Yield the faults of passes outside of the range, none of which may get a mass."""
+    """Yield the faults of passes outside the range, which must not get a mass."""
     passes = condition.count + condition.faults
     if passes < planned:
         yield f'{passes} of {planned} planned passes'
@@ -300,7 +300,7 @@ def _load_departures(plan: Plan) -> Iterator[str]:
 
 
 def _reference_departures(plan: Plan) -> Iterator[str]:
-    """Yield a sentence for each reference mass that is not known well enough for its limits."""
+    """Yield a sentence for each reference mass that is too uncertain for its limits."""
     own = plan.accuracy_class
     limits: dict[Mass, float] = {}  # smallest limit of the steps of a load
     for step in steps_of(plan):
@@ -325,5 +325,5 @@ def _late_warm_up(results: Sequence[Result]) -> Iterator[str]:
 
 
 def minutes_after(result: Result, first: Result) -> float:
-    """Return the time from the begin of another attempt to that of this one, min."""
+    """Return the time from the start of another attempt to the start of this one, min."""
     return (result.attempt.begin - first.attempt.begin) / (1e9 * MINUTE)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plan of a verification: machine, accuracy class, reference masses and tests.
 
-It is a YAML file; `EXAMPLE` has a comment at each key. Its masses are in grams and its speeds in
-m/min, as the keys say. A test whose section is left out is not done, and the report says so.
+The plan is a YAML file; `EXAMPLE` has a comment at each key. Its masses are in grams and its speeds
+in m/min, as the keys say. A test whose section is left out is not done, and the report says so.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,9 +26,9 @@ from checkweigher_validation.accuracy.classes import (
 )
 
 EXAMPLE = (files(__package__) / 'example_plan.yaml').read_text(encoding='utf-8')
-LONGEST = 10_000  # characters; the text of a message
+LONGEST = 10_000  # characters of a plan
 MINUTE = 60.0  # s
-PLANS, VERIFICATIONS = 'plans', 'verifications'  # where these are, in the folder of a machine
+PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders in the folder of a machine
 
 _ROUNDING = 1 + 1e-9
 _MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0  # passes, g, m/min
@@ -135,7 +135,7 @@ class Rest(Settings):
 class Plan(Settings):
     """Machine, accuracy class, reference masses and tests of a verification.
 
-    The fields are those of the file; the properties are in SI units. A test that is not made is
+    The fields are the keys of the file; the properties are in SI units. A test that is not made is
     None or empty.
     """
 
@@ -196,7 +196,7 @@ class Plan(Settings):
 
     @property
     def prepackages(self) -> tuple[Suitability, ...]:
-        """Prepackages that the machine is to check, with the error that they allow."""
+        """Prepackages for the machine to check, with the error that they allow."""
         return tuple(suitability(self.accuracy_class, each / GRAMS) for each in self.prepackages_g)
 
     @property
@@ -259,7 +259,7 @@ class Plan(Settings):
                 raise SettingsError(text, key)
 
     def _known(self, names: Sequence[str], *path: object) -> list[Mass]:
-        """Return reference masses by name; `SettingsError` if there is no such one."""
+        """Return reference masses by name; `SettingsError` if one is unknown."""
         for name in names:
             if name not in self.references:
                 text = f'{name!r} is none of the references {", ".join(self.references)}'

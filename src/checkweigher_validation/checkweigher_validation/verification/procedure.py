@@ -46,9 +46,9 @@ SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
 @dataclass(frozen=True, slots=True)
 class ItemPass:
-    """One item that passed; masses in kg, NaN where not known."""
+    """One item that passed; masses in kg, NaN if unknown."""
 
-    stamp: int  # ns, its t1, or t3 where that is all there is
+    stamp: int  # ns, t1, or t3 if there is no t1
     mass: float
     std_dev: float  # as the identifier states it
     speed: float  # m/s
@@ -97,7 +97,7 @@ class Procedure:
     attempts: tuple[Attempt, ...]
     zeros: tuple[ZeroChange, ...]  # set by the service `zero`
     digest: str  # SHA-256 of the bag
-    faults_between: tuple[ItemPass, ...] = ()  # items without a mass that are passes of no attempt
+    faults_between: tuple[ItemPass, ...] = ()  # items without a mass that belong to no attempt
     # Sentences on the changes since the first step; None if they were not read after the last step.
     changes: tuple[str, ...] | None = ()
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a verification: plain values in the form of `report.schema.json`.
 
-The report depends on the bag of the procedure alone: its times are those of the records, and the
-computer that makes it has no influence. The same bag gives the same report, to the byte.
+The report depends only on the bag of the procedure: its times are from the records, and the
+computer that makes it has no influence. The same bag gives the same report, byte for byte.
 """
 
 from collections.abc import Mapping, Sequence
@@ -186,7 +186,7 @@ def _in_grams(record: object, *names: str) -> Values:
 
 
 def _grams(value: float) -> float | None:
-    """Return kg in g to the microgram, None if not known or without a bound."""
+    """Return kg in g to the microgram, None if unknown or infinite."""
     return _number(GRAMS * value, 6)
 
 

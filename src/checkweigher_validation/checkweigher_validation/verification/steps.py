@@ -3,7 +3,7 @@
 """The steps of a verification in their order, with the instructions to the operator.
 
 The tests are in the order of the test report of OIML R 51-2:2006 (warm-up time, range of dynamic
-setting, zero-setting and so on), of which only the table of contents was at hand. Zero is an
+setting, zero-setting and so on); only its table of contents was available. The zero is an
 exception: it is read before the results that depend on it.
 """
 
@@ -71,7 +71,7 @@ class Step:
 
 
 def steps_of(plan: Plan) -> tuple[Step, ...]:
-    """Return the steps of a plan in their order; each has a name of its own."""
+    """Return the steps of a plan in their order, each with a unique name."""
     return tuple(_steps(plan))
 
 
