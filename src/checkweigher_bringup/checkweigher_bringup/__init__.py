@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Bringing up a checkweigher: the one-process line and the command line."""
+"""Command line of a checkweigher, and the line in one process."""

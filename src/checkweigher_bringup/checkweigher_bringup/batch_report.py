@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches: read from the record of the line, written as text, HTML and JSON."""
+"""Reports on batches, from the record of the line, as text, HTML and JSON."""
 
 from collections.abc import Iterator, Sequence
 import json
@@ -16,7 +16,7 @@ from checkweigher_production.batch_record import read_lines
 from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
-# What is said of the SHA-256 of a record, where it was compared.
+# Comparison of the SHA-256 of a record with the audit log, in words.
 _IN_LOG = {
     InLog.AGREES: 'agrees with the audit log',
     InLog.DIFFERS: 'DIFFERS from that in the audit log: it is not as it was when the batch ended',
@@ -25,9 +25,9 @@ _IN_LOG = {
 
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
-    """Return the batch of a record, compared with an audit log, by default that of the record.
+    """Return the batch of a record, compared with an audit log (default: the one it names).
 
-    Raises `RecordError` or `AuditError` if the record, or the log that was given, cannot be read.
+    Raises `RecordError` if the record cannot be read, `AuditError` if the log cannot.
     """
     batch = read_record(path)
     named = next(read_lines(path)).get('audit_log')
@@ -45,7 +45,7 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
 def write_report(
     batch: Batch, parts: Sequence[PartFigures], html: Path | None, json_file: Path | None
 ) -> None:
-    """Write the files that have a path; OutputError if one cannot be written."""
+    """Write the report to the given paths; OutputError if a file cannot be written."""
     if html is not None:
         from checkweigher_validation.report.batch_page import render_batch
 
@@ -56,7 +56,7 @@ def write_report(
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield the lines on the record and the audit log, and on each product."""
+    """Yield lines of text on the hash of the record, and on each product."""
     title = f'batch {one_line(batch.name)}'
     if batch.in_log in _IN_LOG:
         open_yet = batch.in_log is InLog.ABSENT and not batch.end
@@ -76,7 +76,7 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 def _mean(part: PartFigures) -> str:
     mean, nominal = GRAMS * part.mean, GRAMS * part.product.nominal
     spread = ''
-    if not math.isnan(part.std_dev):  # of one item there is none
+    if not math.isnan(part.std_dev):  # NaN for a single item
         spread = f'standard deviation {GRAMS * part.std_dev:.3f} g, '
     # Adding zero turns -0.0 into 0.0.
     giveaway = round(GRAMS * part.giveaway, 3) + 0.0

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that writes the report of each finished batch beside its record.
 
-It is a process of its own with a lower priority than the line, because nothing waits for it. The
-SHA-256 of the two files goes into the audit log of the lane.
+The node has its own process with a lower priority than the line, because nothing waits for it. It
+writes the SHA-256 of both files to the audit log of the lane.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from checkweigher_validation.batch.figures import figures_of
 
 _POLL_PERIOD = 0.5  # s
 _SEED = 1  # of the reference test
-_LESS_URGENT = 10  # nice
+_LESS_URGENT = 10  # niceness
 
 
 class BatchReporter(PortNode):
@@ -44,9 +44,9 @@ class BatchReporter(PortNode):
 
 
 def write_files(record: Path, sha256: str) -> dict[str, str]:
-    """Write HTML and JSON beside a record; return the SHA-256 of each by the name of its file.
+    """Write the report beside a record as HTML and JSON; return their SHA-256 by file name.
 
-    Raises ValueError if the record has another hash.
+    Raises ValueError if `sha256` is not the hash of the record.
     """
     batch = read_recorded(record)
     if batch.sha256 != sha256:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: runs a command, and prints each error as one line."""
+"""Command line, which runs a command and prints each error as one line."""
 
 import signal
 
@@ -23,8 +23,8 @@ from checkweigher_bringup.commands import add_options
 from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.printable import one_line
 
-# Folder of commands/, its title, and its commands: each is a module of that name. Its docstring is
-# the purpose of the command, with examples.
+# Folder in commands/, its title, and its commands, each a module. The docstring of a module has the
+# purpose of its command, and examples.
 _GROUPS = (
     (
         'line',
@@ -38,19 +38,19 @@ _GROUPS = (
 COMMANDS = tuple(name for *_, names in _GROUPS for name in names)
 
 _PROGRAM = 'checkweigher'
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # ask a command to end
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a command
 
 
 class _Ended(KeyboardInterrupt):
-    """A signal that ends the command.
+    """Exception for a signal that ends the command.
 
-    Python itself remembers a plain KeyboardInterrupt in text that is executed, such as that of a
-    dataclass being defined, and ends by SIGINT although it was caught.
+    It is not a plain KeyboardInterrupt, because Python ends by SIGINT if one is raised in code that
+    `exec` runs, such as the definition of a dataclass, even if it is caught.
     """
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose errors are one line, as those of the commands."""
+    """Parser that prints each error as one line, like the commands."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: {one_line(message)}; see {self.prog} --help\n')
@@ -110,8 +110,8 @@ def _add_command(
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command and exit with its status.
 
-    0 if it did what was asked, 1 if the line let an item go without a verdict, 2 on bad input or
-    an output that cannot be written, 128 + N if signal N ended it: 130 for Ctrl-C.
+    The status is 0 on success, 1 on a failure that the command reports, such as an item without a
+    verdict, 2 on bad input or output, and 128 + N if signal N ended it (130 for Ctrl-C).
     """
     came: list[int] = []
 
@@ -127,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if not came:
             raise
         status = 128 + came[0] if not isinstance(error, SystemExit) else _status_of(error)
-    for number in _ENDING:  # during the exit of Python they would print a traceback
+    for number in _ENDING:  # else one during the exit of Python prints a traceback
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
 
@@ -136,11 +136,11 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
     """Make signals interrupt the command, and standard streams accept any text."""
     end_with_parent()
     for number in _ENDING:
-        # A command in the background of a script ignores SIGINT by default, but a recording has
-        # to end by it there, too. SIGHUP stays ignored under nohup.
+        # A script starts background commands with SIGINT ignored, but SIGINT must end a
+        # recording there, too. SIGHUP stays ignored under nohup.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupt)
-    # If a stream was closed, the next file would get its number, and its text.
+    # If a standard stream is closed, the next file would get its number and its output.
     while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(file)
@@ -158,7 +158,7 @@ def _run(arguments: Sequence[str]) -> int:
             parsed = build_parser().parse_args(arguments)
             command = f' {parsed.command}'
             status = int(parsed.run(parsed))
-        except SystemExit as error:  # of argparse, which has said why
+        except SystemExit as error:  # argparse has printed the reason
             status = _status_of(error)
         sys.stdout.flush()
         return status
@@ -178,16 +178,16 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _line_for(error: Exception) -> str:
-    """Return the line that tells the user of an error; empty for a defect, to be raised again."""
-    # Bags, parameters, CSV logs and outputs raise their own kinds of ValueError, each with one line
-    # for the user.
+    """Return the message for an error that the user can correct; empty for a defect."""
+    # The message of an error of this project is one line for the user.
     if type(error).__module__.startswith('checkweigher_'):
         return str(error)
     if isinstance(error, OSError):
         return f'{error.filename or "the output"}: {error.strerror or error}'
     if isinstance(error, MemoryError):
         return 'not enough memory for this'
-    # Of rclpy, which only the commands of a graph import. The user can correct the keystore.
+    # Compared by name, because only commands of a graph import rclpy. The user can correct the
+    # keystore.
     if type(error).__name__ == 'RCLError' and os.environ.get('ROS_SECURITY_ENABLE') == 'true':
         text = sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
         return f'ROS_SECURITY_ENABLE=true: {text.rstrip(".,")}'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Errors and warnings of the command line itself."""
+"""Errors and warnings of the command line."""
 
 import sys
 
@@ -12,7 +12,7 @@ class UserError(ValueError):
 
 
 class LineError(UserError):
-    """The line failed: an item got no verdict."""
+    """Failure of the line, such as an item without a verdict."""
 
     exit_status = 1
 

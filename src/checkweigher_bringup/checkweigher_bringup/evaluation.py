@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of bags, or of a simulated protocol, by the options of the command."""
+"""Evaluation of bags, or of a simulated protocol, for the command `evaluate`."""
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,9 +42,9 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Weigh, show the table and write the requested files.
+    """Weigh the passes, show the table and write the requested files.
 
-    Return the number of bags that were skipped. `n_jobs` is as in `run_jobs`.
+    Returns the number of skipped bags. For `n_jobs` see `run_jobs`.
     """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -72,7 +72,7 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     """Tune and weigh on machines of the family, show the tables and write the requested files.
 
-    Arguments and result are those of `evaluate`.
+    Takes the arguments of `evaluate`. Returns 0, because there are no bags to skip.
     """
     _check(arguments)
     protocol = _machines_protocol(arguments)
@@ -216,7 +216,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return the heaviest pass of the slowest and of the fastest speed."""
+    """Return the heaviest pass at the slowest and at the fastest speed."""
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
     return tuple(
@@ -226,9 +226,9 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 
 
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
-    """Return passes by part and belt speed; a fault belongs to the speed of the pass before it.
+    """Return the passes by part and belt speed; a fault has the speed of the pass before it.
 
-    The speeds are those of both parts together, so that their results can be compared.
+    Both parts are grouped by the same speeds, so that their results can be compared.
     """
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):

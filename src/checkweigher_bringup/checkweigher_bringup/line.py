@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole line, or some of its nodes, in one process.
 
-The arguments are the names of the nodes, by default all: ``line driver reject --ros-args ...``
+The arguments name the nodes (default: all): ``line driver reject --ros-args ...``
 """
 
 from collections.abc import Callable, Collection
@@ -10,7 +10,7 @@ from functools import partial
 import os
 import sys
 
-# As in checkweigher_dsp.nodes, which comes too late: rclpy imports numpy.
+# checkweigher_dsp.nodes sets this too late, because rclpy imports numpy before it.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from rclpy.node import Node
@@ -44,11 +44,10 @@ NODE_CLASSES: dict[str, Callable[[], Node]] = {
 
 
 def make_line(names: Collection[str] = ()) -> list[Node]:
-    """Make the nodes with these names, by default all, in the order in which they get a record.
+    """Make the nodes with these names (default: all), in the order in which they get a record.
 
-    Reject is first, so it gets an edge before the estimate that follows from it. The nodes shut
-    down in the opposite order, the driver first, so that the items on the belt still get their
-    verdict.
+    Reject is first, so it gets an edge before the estimate that depends on it. The nodes shut down
+    in reverse order, the driver first, so that items on the belt still get their verdicts.
     """
     for name in names:
         if name not in NODE_CLASSES:
@@ -57,7 +56,7 @@ def make_line(names: Collection[str] = ()) -> list[Node]:
 
 
 def main() -> None:
-    """Run the nodes of the command line."""
+    """Run the nodes that the command line names."""
     run_all(partial(make_line, remove_ros_args(sys.argv)[1:]))
 
 

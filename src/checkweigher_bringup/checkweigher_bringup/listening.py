@@ -18,23 +18,23 @@ from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without its estimate
-_MAX_REFERENCES = 100  # that are kept for the items still on the line
+_MAX_REFERENCES = 100  # known masses kept for items still on the line
 _MAX_UNPAIRED = 1000  # estimates without a verdict, and verdicts without an estimate
 
 
 class ResultListener(PortNode):
     """Node that pairs the estimates and verdicts of a lane.
 
-    It also receives those that their nodes keep from before it was there: a node that is started
-    again may have sent some before it is discovered. The queue `weighings` has the pairs and may be
-    read from any thread. `judged` is the number of pairs, `heard` the time of the last record in s
-    of the monotonic clock.
+    It also requests earlier messages that the nodes keep, because a restarted node may publish
+    before it is discovered. The queue `weighings` has the pairs and may be read from any thread.
+    `judged` is the number of pairs, and `heard` the time of the last record in s of the monotonic
+    clock.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        # Not a SimpleQueue: in CPython 3.11 its get with a time limit never returns if a signal
-        # comes when the time is about to be over.
+        # Not a SimpleQueue: in CPython 3.11, its `get` never returns if a signal comes just before
+        # the time limit.
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.judged = 0
@@ -48,7 +48,7 @@ class ResultListener(PortNode):
         return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
-        """Call a function with each record of a port of the lane."""
+        """Call a function with each record on a port of the lane."""
         self.subscribe(port, callback, qos=port.qos)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
@@ -82,7 +82,7 @@ class ResultListener(PortNode):
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
         self.judged += 1
-        # The number of the verdict is unique.
+        # Use the number of the verdict, because it is unique.
         self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
 
 
@@ -120,7 +120,7 @@ class EchoNode(ResultListener):
         return joiner.join(weighing.estimate, weighing.verdict)
 
     def silence(self) -> str:
-        """Return a reason why no verdict comes."""
+        """Return the reason why no verdict comes."""
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:

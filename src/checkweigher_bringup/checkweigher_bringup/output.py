@@ -44,14 +44,14 @@ def make_folder(path: Path, *, exist_ok: bool = False) -> None:
 
 
 def with_warning(recording: Recording) -> Recording:
-    """Return a recording after its warning, if it has one, was printed on stderr."""
+    """Print the warning of a recording, if any, on stderr, and return the recording."""
     if recording.warning:
         warn(recording.warning)
     return recording
 
 
 def read_with_warning(path: Path, lane: str | None) -> Recording:
-    """Read the bag of a command, with a bar of progress, and print its warning on stderr."""
+    """Read a bag with a progress bar, and print its warning on stderr."""
     return with_warning(read_bag(path, lane, progress=True))
 
 
@@ -66,25 +66,25 @@ def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
 class ItemTable:
     """Table on the screen with one line per item and a summary at the end.
 
-    `origin` is the zero of the column t1 in ns; None stands for the time of the first item, before
-    which nothing is shown. The table goes to `file`, by default to the screen.
+    `origin` is the zero of the column t1 in ns. If it is None, the table begins with the first item
+    and uses its time. The table goes to `file`, by default to the screen.
     """
 
     def __init__(self, origin: int | None = None, file: TextIO | None = None) -> None:
         self._origin = origin
         self._file = file
         self._decisions: Counter[Decision] = Counter()
-        self._errors = ErrorSum()  # g; a line runs for months
+        self._errors = ErrorSum()  # in g; not a list, because a line runs for months
         if origin is not None:
             self._print(TABLE_HEADER)
 
     @property
     def count(self) -> int:
-        """Number of items that were shown."""
+        """Number of items shown."""
         return self._decisions.total()
 
     def show(self, result: ItemResult) -> ItemResult:
-        """Show a further item, and return it."""
+        """Show an item, and return it."""
         if self._origin is None:
             self._origin = result.estimate.t1 or result.estimate.t3 or 0
             self._print(TABLE_HEADER)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder of the messages of a lane, byte for byte, into a bag."""
+"""Recorder that writes the messages of a lane to a bag, byte for byte."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -24,18 +24,18 @@ from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
 _POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # s, the most that a recording lacks if the process is killed
-_FAREWELL = 1.0  # s, for the messages on the way when a signal asks for the end
-_PATIENCE = 5.0  # s without a message before that is reported
-_TRAIL = 1.0  # s, in which the last product leaves the belt
+_FLUSH_PERIOD = 1.0  # s; at most this much is lost if the process is killed
+_FAREWELL = 1.0  # s, for messages in transit after a signal
+_PATIENCE = 5.0  # s without a message before a warning
+_TRAIL = 1.0  # s, for the last product to leave the belt
 # Passes with these reasons count, because their window is whole and training may help.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 
 
 class ReferencePasses:
-    """Passes of products of one known mass in kg; `wanted` of them end the recording.
+    """Passes of products of one known mass in kg; the recording ends after `wanted` of them.
 
-    `count` is the number of passes with a whole window up to now.
+    `count` is the number of passes so far with a whole window.
     """
 
     def __init__(self, mass: float, wanted: int | None) -> None:
@@ -52,12 +52,12 @@ class ReferencePasses:
         return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
 
     def lines(self) -> Iterator[str]:
-        """Yield a line for each pass that has come; from any thread."""
+        """Yield a line for each new pass; may be called from any thread."""
         while not self._news.empty():
             yield one_line(self._news.get())
 
     def take(self, verdict: Verdict) -> Reference | None:
-        """Return the known mass for a verdict, None if the pass does not count."""
+        """Count a pass; return its known mass, or None if it does not count."""
         if self.count >= self._wanted:
             return None
         reasons = ', '.join(verdict.reasons)
@@ -88,7 +88,7 @@ class RecorderNode(PortNode):
         self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self.passes = passes
         self._flushed = time.monotonic()
-        # With the QoS of the stages: older verdicts would belong to items that are not recorded.
+        # QoS of the stages: it skips older verdicts, whose items are not recorded.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
                 put = partial(self._put, port)
@@ -98,7 +98,7 @@ class RecorderNode(PortNode):
 
     @property
     def done(self) -> bool:
-        """True if all passes that were wanted have come."""
+        """True if all wanted passes have come."""
         return self.passes is not None and self.passes.done
 
     def write(self, bag: BagWriter) -> bool:
@@ -134,15 +134,15 @@ def record(
     inputs_only: bool = False,
     passes: ReferencePasses | None = None,
 ) -> None:
-    """Record for a duration in s, until all passes have come, or SIGINT, SIGTERM or SIGHUP comes.
+    """Record for a duration in s, until all passes have come, or until SIGINT, SIGTERM or SIGHUP.
 
-    The bag grows under its name from the first message on. If this process is killed, it lacks the
-    last second and ``metadata.yaml``. With `inputs_only` the results are left out, because a replay
-    computes them again. The known mass of `passes` is recorded in place of the references of the
-    line.
+    The bag has its name from the first message on. If this process is killed, the bag lacks the
+    last second and ``metadata.yaml``. With `inputs_only`, results are not recorded, because a
+    replay computes them again. The known mass of `passes` is recorded in place of the references of
+    the line.
 
-    Raises `OutputError` if the bag cannot be written; `UserError` if no message came. An empty bag
-    is of no use, so none is left.
+    Raises `OutputError` if the bag cannot be written; `UserError` if no message came, which leaves
+    no bag.
     """
     recorded = ports.PLAYED if inputs_only else ports.RECORDED
     with (

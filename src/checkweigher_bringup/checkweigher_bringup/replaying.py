@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph that plays a bag, in this process or in one process per node, and its results."""
+"""Replay of a bag by the graph, in this process or in one process per node."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -36,10 +36,10 @@ _DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
 
 
 class Collector(ResultListener):
-    """Collect the results of a graph until its segmenter has finished.
+    """Listener that collects the results of a graph until every item has its verdict.
 
-    The replay fails after `patience` s of silence. A replay that `waits` for listeners may begin at
-    any time. `failure` is the error with which the replay ends, if it does.
+    The replay fails after `patience` s of silence; if it `waits` for listeners, silence counts from
+    the first sample on. `failure` is the error of a replay that has failed.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -80,7 +80,7 @@ class Collector(ResultListener):
             )
 
     def conflict(self) -> UserError:
-        """Return the error of a second driver."""
+        """Return the error for a second driver."""
         name = self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
         return UserError(
             f'something else publishes {name} in this ROS domain; stop it, or choose another '
@@ -93,18 +93,18 @@ def replay(
 ) -> Iterator[Weighing]:
     """Run the graph on the bag of a driver and yield each item when it has its verdict.
 
-    Raises UserError if there is a driver on the same topics already, LineError if the graph ends
-    early or an item gets no verdict.
+    Raises UserError if another driver uses the same topics, LineError if the graph ends early or an
+    item gets no verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
-    # Also on a slow machine, a replay has the results of `weigh`.
+    # Without deadlines, a replay has the results of `weigh` even on a slow machine.
     values['reject']['deadlines'] = False
     values['identifier']['learning.record'] = (
         '-'  # the bag does not have the parameters that a line has learned
     )
     values['driver'] = dict(driver)
     with spinning(namespace) as spinner, ExitStack() as stack:
-        # One status comes for every quarter of a second of signal.
+        # The segmenter publishes its status every 0.2 s of signal.
         patience = _PATIENCE + (1 / driver['rate'] if driver['rate'] > 0 else 0)
         collector = Collector(patience, waits=driver['listeners'] > 0)
         time.sleep(_DISCOVERY_TIME)
@@ -136,7 +136,7 @@ def _results(
     collector: Collector, children: Sequence[Process], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
-        # Before the queue is emptied, so that it has the last results.
+        # Read before the queue is emptied, so that the queue has the last results.
         finished = collector.finished
         try:
             while True:
@@ -155,7 +155,7 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until the subscribers have all messages, which end with their node."""
+    """Wait until the subscribers have all messages, which are lost at the end of a node."""
     end = time.monotonic() + _FAREWELL
     for node in nodes:
         for publisher in node.publishers:

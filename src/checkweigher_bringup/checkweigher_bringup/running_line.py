@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A live line under supervision: its processes are kept running, and its verdicts are shown."""
+"""Supervision of a live line: keeps its processes running, and shows its verdicts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -33,14 +33,14 @@ from checkweigher_web.access.users import UserFile, default_users
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
 _MODULE = 'checkweigher_bringup.line'
-# Nodes beside the line of a machine, which does not depend on them.
+# Nodes that run beside the line, which does not depend on them.
 BESIDE = {
     'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
     'verifier': 'checkweigher_bringup.commissioning.verifier',
     'batch_reporter': 'checkweigher_bringup.batch_reporter',
 }
 _PAGE = 'page'
-_SILENT = ('batch_reporter', _PAGE)  # without diagnostics
+_SILENT = ('batch_reporter', _PAGE)  # send no diagnostics
 _NOT_NEEDED = {*BESIDE, _PAGE}
 
 
@@ -55,10 +55,10 @@ def run_line(
 ) -> int:
     """Run the line until a signal asks for its end, and return the exit status.
 
-    The parameters of the `driver` override the file `params`. With `apart` each node has a process
-    of its own. `page` is the port of the page, None for no page. With a `folder` the line keeps the
-    state of its machine there, and the nodes of `BESIDE` run beside it. Raises UserError if there
-    is a line already in this lane.
+    The parameters of the `driver` override the file `params`. With `apart`, each node has its own
+    process. `page` is the port of the page, None for no page. With a `folder`, the line keeps the
+    state of its machine there, and the nodes of `BESIDE` run beside the line. Raises UserError if
+    a line runs in this lane already.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
@@ -70,7 +70,7 @@ def run_line(
             names = (*ports.NODES, *processes)
             whole = processes.get('line')
             _listen(node, {f'{lane}/{name}': processes.get(name, whole) for name in names})
-            # Held to the end: if two lines start at once, one of them continues.
+            # Held until the end, so that only one of two lines that start at once continues.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
@@ -115,7 +115,7 @@ def run_host(line: LineDescription, host: str) -> int:
 
 
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> None:
-    """Notify a process whenever one of its nodes, given by full names, reports."""
+    """Notify a process of each report of its nodes, which are given by full names."""
 
     def on_diagnostics(message: Any) -> None:
         now = time.monotonic()
@@ -134,9 +134,9 @@ def _parameter_files(
     driver: Mapping[str, object],
     folder: MachineFolder | None,
 ) -> Callable[[], list[Path]]:
-    """Return a function that returns the parameter files of the line at its start.
+    """Return a function that returns the parameter files of the line at each start.
 
-    Those of the user override `first` and are overridden by `last`.
+    The files of the user override `first`, and `last` overrides them.
     """
     if folder is None:
         given = [] if params is None else [params]
@@ -157,7 +157,7 @@ def _processes(
     page: int | None,
     folder: MachineFolder | None,
 ) -> dict[str, SupervisedProcess]:
-    """Return a process for each module, and one that serves the page on a port, if there is one."""
+    """Return a process for each module, and one for the page if it has a port."""
 
     def command(module: str) -> list[str]:
         return node_command(module, namespace, *files())
@@ -188,7 +188,7 @@ def _supervise(
     try:
         while not asked:
             now = time.monotonic()
-            # All of them first: if one process fails, the others are supervised all the same.
+            # The other processes are supervised even if one of them has failed.
             failed = {name for name, process in processes.items() if not process.look(now)}
             if failed - _NOT_NEEDED:
                 return CANNOT_START

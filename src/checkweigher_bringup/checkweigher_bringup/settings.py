@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of options of several commands, and the parameters of the line in their files."""
+"""Options that several commands share: their checks, and parameters from files."""
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
@@ -26,7 +26,7 @@ def line_parameters(
 ) -> LineParameters:
     """Return the parameters of a file, or the defaults, with the estimator of the command line.
 
-    `lane` is the namespace of the lane, for a file with several lanes.
+    `lane` is the namespace of a lane in a file with several lanes.
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
@@ -50,9 +50,9 @@ def recipe_of(arguments: Namespace) -> Product | None:
 
 
 def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:
-    """Return the estimators of an option, each once; UserError if there is no such estimator.
+    """Return the estimators of an option, each once; UserError if one is unknown.
 
-    The word all stands for those of `default`, then the others.
+    The name `all` stands for the estimators of `default`, followed by the others.
     """
     names: list[str] = []
     for name in given or default:
@@ -82,9 +82,9 @@ def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
 
 @contextmanager
 def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
-    """Select the scheduler of jobs by the options; yield the `n_jobs` of `run_jobs`.
+    """Select the scheduler of jobs by the options; yield `n_jobs` for `run_jobs`.
 
-    Workers that are not used are reported on stderr.
+    Refused workers are reported on stderr.
 
     Raises `UserError` if the options cannot be used together; `SchedulerError` if the cluster
     cannot be used.

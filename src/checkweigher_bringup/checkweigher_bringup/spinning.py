@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes of a command, in its own process or in processes beside it."""
+"""Nodes of a command, in its own process or in other processes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,10 +26,10 @@ _PROCESS_PATIENCE = 5.0  # s, for a process to end by itself
 
 @contextmanager
 def spinning(namespace: str = '') -> Iterator[Spinner]:
-    """Run ROS and a spinner during a block, whose nodes are made in `namespace`.
+    """Run ROS and a spinner during a block; nodes made in the block are in `namespace`.
 
-    Signals are handled by Python: Ctrl-C is a KeyboardInterrupt in the block, which can finish its
-    work while the nodes are still there.
+    Python handles the signals: Ctrl-C raises KeyboardInterrupt in the block, which can finish its
+    work while the nodes still exist.
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -50,9 +50,9 @@ def ros_arguments(namespace: str) -> list[str]:
 def node_command(
     module: str, namespace: str = '', *parameter_files: Path, nodes: Sequence[str] = ()
 ) -> list[str]:
-    """Return the command that runs the `nodes` of a module, with the parameters of files."""
+    """Return the command that runs the `nodes` of a module, with parameter files."""
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
-    # Of a node, or of the process of several nodes.
+    # Name of the node, or of the process if it runs several nodes.
     name = {path: node for node, path in NODES.items()}.get(module, module.rpartition('.')[2])
     place = [*ros_arguments(namespace), *enclave_arguments(namespace, name)]
     return [sys.executable, '-m', module, *nodes, '--ros-args', *files, *place]
@@ -60,9 +60,9 @@ def node_command(
 
 @contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Collect the signals that ask for the end in a list, instead of a KeyboardInterrupt.
+    """Collect the signals that ask for the end in a list, without a KeyboardInterrupt.
 
-    A KeyboardInterrupt could come while a message is written or a process started.
+    A KeyboardInterrupt could interrupt the writing of a message or the start of a process.
     """
     came: list[int] = []
     before = {
@@ -79,9 +79,9 @@ def asked_to_end() -> Iterator[list[int]]:
 
 @contextmanager
 def memory_file() -> Iterator[Path]:
-    """Make an empty file in memory, under a name that other processes can open.
+    """Yield the path of an empty file in memory, which other processes can open.
 
-    It does not outlive this process, however that ends.
+    The file ends with this process, even if the process is killed.
     """
     number = os.memfd_create('checkweigher')
     try:
@@ -105,7 +105,7 @@ def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, objec
 
 
 def start_process(words: Sequence[str]) -> Process:
-    """Start nodes in a process that ends with this one.
+    """Start a process of nodes, which ends with this process.
 
     Signals of the terminal reach only this process, which then ends the others in order. It uses
     SIGTERM, because SIGINT during an import would print a traceback.
@@ -115,7 +115,7 @@ def start_process(words: Sequence[str]) -> Process:
 
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands during a block, and end them by SIGTERM in their order."""
+    """Run commands during a block, then end them by SIGTERM in the same order."""
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():
@@ -129,7 +129,7 @@ def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[st
 
 
 def end_process(process: Process) -> bool:
-    """Wait until a process has ended, and kill it if it does not; return whether it ended."""
+    """Wait for a process to end; kill it after a while, and return false."""
     try:
         process.wait(timeout=_PROCESS_PATIENCE)
     except subprocess.TimeoutExpired:

@@ -12,11 +12,11 @@ import time
 from checkweigher_bringup.spinning import Process, end_process, start_process
 
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
-# s before a process is started again: the first time, and at most if it keeps dying.
+# Delays in s before a restart: the first one, and the longest if the process keeps dying.
 DELAY, LONGEST_DELAY = 1.0, 10.0
-STABLE = 5.0  # s of life after which a process did not die at once
+STABLE = 5.0  # s; a process that ran longer did not die at once
 SILENCE = 5.0  # s without diagnostics after which a process is killed
-START = 30.0  # the same after its start
+START = 30.0  # the same after a start
 
 
 class SupervisedProcess:
@@ -38,18 +38,18 @@ class SupervisedProcess:
     def renew(self) -> None:
         """Reset the state, so that the process starts again at once."""
         self._child: Process | None = None
-        self._reason = ''  # why it ended last
+        self._reason = ''  # reason of the latest end
         self._delay = DELAY
         self._has_worked = self._given_up = self._hung = False
         self._started = self._ended = self._awaited = -math.inf
 
     def heard(self, now: float) -> None:
-        """Record that its diagnostics came."""
+        """Record that diagnostics of the process came."""
         if self._child is not None:
             self._has_worked, self._awaited = True, now + SILENCE
 
     def look(self, now: float) -> bool:
-        """Start or kill the process if it is time; return whether the line can continue."""
+        """Start or kill the process if it is due; return whether the line can continue."""
         if self._child is not None and (status := self._child.poll()) is not None:
             self._record_end(now, status)
         if self._child is not None:
@@ -85,7 +85,7 @@ class SupervisedProcess:
 
 def say(text: str) -> None:
     """Print a line with the time on stderr."""
-    with suppress(OSError):  # the terminal may be gone, the processes of the line are not
+    with suppress(OSError):  # the terminal may be gone while the line runs on
         print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)
 
 

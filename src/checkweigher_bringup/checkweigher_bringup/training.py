@@ -44,7 +44,7 @@ class BagPasses:
 
 @dataclass(frozen=True, slots=True)
 class ReadPasses:
-    """Passes of known mass of several bags, a line on each bag, and number of skipped bags."""
+    """Passes of known mass in several bags, a line on each bag, and number of skipped bags."""
 
     passes: list[KnownPass]
     lines: list[str]
@@ -57,12 +57,12 @@ def read_passes(
     segmenter: SegmenterParameters,
     n_jobs: int | None = None,
 ) -> ReadPasses:
-    """Return the passes of known mass in bags; `n_jobs` as in `run_jobs`.
+    """Return the passes of known mass in bags; for `n_jobs` see `run_jobs`.
 
-    Of several bags, one that cannot be read is reported on stderr and skipped.
+    Bags that cannot be read are reported on stderr and skipped.
 
-    Raises `UserError` if a bag has no such pass, or the bags are of different load cells;
-    `BagError` if no bag can be read.
+    Raises `UserError` if a bag has no such pass, or the bags differ in sample rate; `BagError` if
+    no bag can be read.
     """
     calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
     found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
@@ -79,7 +79,7 @@ def read_passes(
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
-    """Print the notes on a bag; UserError if it has another sample rate in Hz, or no passes."""
+    """Print the notes on a bag; UserError if it has no passes or another sample rate in Hz."""
     for note in found.notes:
         warn(note)
     if found.cell.sample_rate != rate:
@@ -96,7 +96,7 @@ def _check(bag: str, found: BagPasses, rate: float) -> None:
 def passes_of_bag(
     bag: str, lane: str | None, segmenter: SegmenterParameters, progress: bool
 ) -> BagPasses | BagError:
-    """Return the passes of known mass of a bag, or why it cannot be read.
+    """Return the passes of known mass in a bag, or the error if it cannot be read.
 
     Only the samples of the passes are kept.
     """
@@ -114,7 +114,7 @@ def passes_of_bag(
                     notes.append(stretch.warning)
                 yield stretch
 
-        # The references are read when the signal has ended, and are all there then.
+        # The references are read after the signal, when they are complete.
         events = chain(join_stretches(taken()), references)
         found = known_passes(first.load_cell, events, segmenter)
         return BagPasses(tuple(found), first.load_cell, tuple(notes))
@@ -138,10 +138,10 @@ def train(
 ) -> int:
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
-    The file holds `base` as well, and selects the first estimator. Without names all are tuned and
-    compared on held-out passes, and the file holds the best one. `budget` is the largest number of
-    evaluations of each estimator at each speed; `n_jobs` is as in `run_jobs`. Returns the number of
-    bags that were skipped.
+    The file also has the parameters of `base`, and selects the first estimator. Without names, all
+    estimators are tuned and compared on held-out passes, and the file has only the best one.
+    `budget` is the largest number of evaluations of each estimator at each speed; for `n_jobs` see
+    `run_jobs`. Returns the number of skipped bags.
     """
     read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
     groups = group_by_speed(read.passes)

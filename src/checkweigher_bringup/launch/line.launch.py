@@ -95,9 +95,8 @@ def make_line(context):
     own['reject'] |= reject_parameters(context)
 
     def node(executable, condition, *parameters, package='checkweigher_bringup', **options):
-        # Plain nodes, though driver and reject have a life cycle: they start themselves. The
-        # autostart of launch_ros's LifecycleNode acts once, and a node that respawn has started
-        # again would wait.
+        # Plain nodes, because driver and reject start themselves. The autostart of LifecycleNode
+        # in launch_ros acts only once, so a respawned node would wait.
         return Node(
             package=package,
             executable=executable,
@@ -127,7 +126,7 @@ def make_line(context):
 
 
 def remap_arguments(context):
-    """Return the ROS arguments for the rules of `remap`, each of which names its node."""
+    """Return the ROS arguments for the rules of `remap`, which all name a node."""
     rules = LaunchConfiguration('remap').perform(context).split()
     for rule in rules:
         node, _, names = rule.partition(':')
@@ -166,7 +165,7 @@ def make_host(context, lanes, host):
 
 
 def own_file(share):
-    """Return a file with the parameters of the description itself; it is removed with launch."""
+    """Return a file with the parameters of the description; launch removes it at its end."""
     file = NamedTemporaryFile(suffix='.yaml')  # noqa: SIM115
     _files.append(file)
     write_parameter_file(Path(file.name), {'product': share.product})
@@ -174,7 +173,7 @@ def own_file(share):
 
 
 def make_page(kept):
-    """Return the page of all lanes, if it is asked for."""
+    """Return the page of all lanes, which runs if the argument `page` is true."""
     return Node(
         package='checkweigher_web',
         executable='page',
@@ -185,14 +184,14 @@ def make_page(kept):
 
 
 def kept_running(context):
-    """Return the options of a process that is started again, unless `respawn` is false."""
+    """Return the options of a process: it is started again unless `respawn` is false."""
     respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
     respawn = perform_typed_substitution(context, respawn, bool)
     return {'output': 'screen', 'respawn': respawn, 'respawn_delay': RESPAWN_DELAY}
 
 
 def files_and_parameters(context, params_file):
-    """Return the parameter files, those of the folder too, and its parameters for each node."""
+    """Return the parameter files, with those of the folder, and its parameters by node."""
     own = {name: {} for name in (*NODES, *OF_MACHINE)}
     path = LaunchConfiguration('folder').perform(context)
     if not path:
@@ -203,10 +202,10 @@ def files_and_parameters(context, params_file):
 
 
 def on_exit(event, context, *, respawn):
-    """End the launch when a process cannot start, or with any process where none comes back.
+    """End the launch if a process cannot start; without `respawn`, if any process ends.
 
-    A line that lacks a node gives no verdicts, and the supervisor of launch has to see it. The
-    delay before a process is started again leaves the time for that.
+    A line that lacks a node gives no verdicts, so the supervisor of launch must notice. The delay
+    before a restart leaves time for that.
     """
     if event.returncode == CANNOT_START:
         return [Shutdown(reason=f'{event.process_name} cannot start; its message is above')]
@@ -214,7 +213,7 @@ def on_exit(event, context, *, respawn):
 
 
 def driver_parameters(context):
-    """Return the parameters of the driver in the arguments; others are in the parameter file."""
+    """Return the parameters of the driver that the arguments set."""
     source, bag, rate = (
         LaunchConfiguration(name).perform(context) for name in ('source', 'bag', 'rate')
     )
@@ -232,6 +231,6 @@ def driver_parameters(context):
 
 
 def reject_parameters(context):
-    """Disable the deadlines if the pace of the stamps is not that of the clock."""
+    """Return the parameters of reject: no deadlines if the stamps do not follow the clock."""
     rate = LaunchConfiguration('rate').perform(context)
     return {'deadlines': False} if rate and float(rate) != 1 else {}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Options = dict[str, Any]
 
-# Lines also differ in width and dash, because hue alone is not seen by everybody.
+# Lines also differ in width and dash, because not everybody sees the colours.
 RAW, DENOISED, LEVEL, REFERENCE, ALARM = '#8a94a6', '#1b5fc1', '#0b6e3b', '#7a3e9d', '#b3261e'
 _MAX_POINTS = 1200
 _ABOVE = 4  # layer of symbols; ECharts puts lines in layer 3
@@ -46,7 +46,7 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
 def line(
     name: str, x: NDArray[Any], y: NDArray[Any], color: str, *, width: int, dash: str = 'solid'
 ) -> Options:
-    """Return a line through the points (n,), or through some of them if they are many."""
+    """Return a line through the points (n,), or through every k-th one if they are many."""
     step = max(1, -(-len(x) // _MAX_POINTS))
     return {
         'type': 'line',
@@ -95,10 +95,10 @@ def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
 
 
 def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
-    """Mark places on the x axis of a figure, with labels that do not touch each other.
+    """Mark places on the x axis of a figure, with labels that do not overlap.
 
-    Labels that would touch in a figure as narrow as on a phone stand one above the other, because
-    the server does not know the width of the figure in the browser.
+    The server does not know the width of the figure in the browser, so labels that would overlap
+    on a phone are stacked.
     """
     axis = figure['xAxis']
     scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)

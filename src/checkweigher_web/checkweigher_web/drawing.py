@@ -13,9 +13,9 @@ T = TypeVar('T')
 
 
 class Made:
-    """Objects that are made when the first viewer needs them.
+    """Cache of objects that are made when the first viewer needs them.
 
-    Twenty viewers then cost little more than one. Only the thread of the page uses it.
+    Twenty viewers then cost little more than one. Only the thread of the page may use it.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class Made:
         return known[1]
 
     def each_second(self, name: Hashable, make: Callable[[], T]) -> T:
-        """Return the object made under a name; make it once a second."""
+        """Return the object made under a name; make it again each second."""
         return self.once(name, int(time.monotonic()), make)
 
 
@@ -41,7 +41,7 @@ class Drawing(Made):
         self.lane = lane
 
     def items(self, *, only_faults: bool = False) -> list[ShownItem]:
-        """Return the items, or the faults among them, without signals, the latest first."""
+        """Return the items, or only the faults, without signals, the latest first."""
         make = self.lane.faults if only_faults else self.lane.items
         return self.once(('items', only_faults), self.lane.version, make)
 
@@ -59,5 +59,5 @@ class Drawing(Made):
 
 
 def row_key(key: Key) -> str:
-    """Return the key of an item as text, because numbers of JavaScript cannot hold a stamp."""
+    """Return the key of an item as text, because a number of JavaScript cannot hold a stamp."""
     return f'{key[0]}/{key[1]}'

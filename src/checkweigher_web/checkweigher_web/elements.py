@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The elements of the page: panels, figures, tables."""
+"""Elements of the page: panels, figures, tables."""
 
 from collections.abc import Callable, Iterable, Sequence
 import json
@@ -11,12 +11,12 @@ from nicegui.element import Element
 
 from checkweigher_web.charts import nothing
 
-STYLE = Path(__file__).with_name('page.css')  # of all pages; views have their own as well
+STYLE = Path(__file__).with_name('page.css')  # style of all pages; views add their own
 Cell = str | tuple[str, str]  # a text, or a text and the address that it links to
 
 
 def panel(title: str, name: str = '') -> Element:
-    """Return a part of the page with a heading; `name` is its class in CSS."""
+    """Return a part of the page with a heading; `name` is its CSS class."""
     panel = ui.element('section').classes(f'panel {name}').props(f'aria-label="{title}"')
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
@@ -24,20 +24,20 @@ def panel(title: str, name: str = '') -> Element:
 
 
 class _FromText(ui.element):
-    """An element that shows one text of JSON, by its property `_of`.
+    """Element that shows one JSON text, its property named by `_of`.
 
-    NiceGUI handles one text cheaply. Of options or cells it would inspect each for each viewer.
+    One text is cheap. NiceGUI would inspect each single option or cell for each viewer.
     """
 
     _of = 'rows'
 
     def show_text(self, text: str) -> None:
-        """Show a text; the present one is not sent again."""
+        """Show a text; it is not sent if it is shown already."""
         if self.props.get(self._of) != text:
             self.props[self._of] = text
 
 
-class Figure(_FromText, ui.echart, component='figure.js'):  # that brings ECharts
+class Figure(_FromText, ui.echart, component='figure.js'):  # echart loads ECharts
     """A figure of ECharts, from its options as JSON."""
 
     _of = 'text'
@@ -71,12 +71,12 @@ class Lines(_FromText, component='lines.js'):
     _of = 'lines'
 
     def show(self, lines: Iterable[str]) -> None:
-        """Show lines in place of those before."""
+        """Replace the lines."""
         self.show_text(json.dumps(list(lines)))
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """A note on the age of the page, which the browser greys while no beat comes."""
+    """Note on the age of the page; the browser greys the page while no beat comes."""
 
     def beat(self, age: float) -> None:
         """Send the age of the state that the browser shows, in s."""
@@ -86,7 +86,7 @@ class Pulse(ui.element, component='pulse.js'):
 class Table(_FromText, component='rows.js'):
     """Table, hidden while it has no rows.
 
-    Each cell has its head as an attribute, which a narrow page shows beside it.
+    Each cell has the head of its column as an attribute, which a narrow page shows beside it.
     """
 
     def __init__(self, heads: Iterable[str]) -> None:
@@ -95,7 +95,7 @@ class Table(_FromText, component='rows.js'):
         self.show(())
 
     def show(self, rows: Iterable[Sequence[Cell]]) -> None:
-        """Show rows with a cell for each column."""
+        """Replace the rows, each with a cell for each column."""
         given = list(rows)
         self.set_visibility(bool(given))
         self.show_text(json.dumps(given))

@@ -23,10 +23,10 @@ def header(
     others: Callable[[], bool] = lambda: False,
     silence: Callable[[], float] = lambda: 0.0,
 ) -> None:
-    """Show the head of a page of a lane; with a link to all lanes while there are `others`.
+    """Show the head of the page of a lane, with a link to all lanes while there are `others`.
 
-    The browser greys the page while the server does not answer, or with a `silence` of the lane in
-    s.
+    The browser greys the page while the server does not answer, or while the lane is silent.
+    `silence` returns for how long it has been, in s.
     """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
@@ -48,6 +48,6 @@ def header(
 
 
 def hint_to_users(access: Access) -> None:
-    """Explain how to add a user, where there is none."""
+    """Explain how to add a user if there is none."""
     if not access.users.now():
         ui.label(_HOW_TO_ACT).classes('hint')

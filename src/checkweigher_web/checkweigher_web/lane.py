@@ -38,13 +38,13 @@ SHOWN = 20.0  # s of samples that the views need
 _MOMENT = NANOSECONDS // 2  # time over which a load is averaged, in ns
 _AROUND = 3 * NANOSECONDS // 10  # ns before the first and after the last edge of an item
 
-# t1 and t3 of an item. Its number is no key, because numbers start at 1 when a node is restarted.
+# t1 and t3 of an item. Its number is no key, because numbers may start at 1 after a restart.
 Key = tuple[int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True)
 class ShownItem:
-    """One item; whatever has not come is None or NaN."""
+    """One item; values that have not come are None or NaN."""
 
     verdict: Verdict
     estimate: MassEstimate | None = None
@@ -52,7 +52,7 @@ class ShownItem:
     stretch: Stretch | None = None
     t4: int | None = None
     reference: float = math.nan  # kg
-    usual_speed: float = math.nan  # m/s; last known speed of the items before
+    usual_speed: float = math.nan  # m/s; last known belt speed before this item
 
     @property
     def key(self) -> Key:
@@ -95,7 +95,7 @@ class Lane:
         }
 
     def take(self, record: Any) -> None:
-        """Add a record of the lane; None takes its stop request back."""
+        """Add a record of the lane; None withdraws its stop request."""
         with self._lock:
             if isinstance(record, SampleBlock):
                 self._take_block(record)
@@ -130,7 +130,7 @@ class Lane:
             records.clear()
 
     def forget_signals(self) -> None:
-        """Drop samples and windows, because nobody looks and the next ones will not follow them."""
+        """Drop samples and windows, because a gap follows while nobody looks."""
         with self._lock:
             self._blocks.clear()
             self._latest[WeighWindow].clear()
@@ -144,7 +144,7 @@ class Lane:
         return list(joined(results, joiner))[::-1]
 
     def faults(self) -> list[ShownItem]:
-        """Return the faults among the items, the latest first."""
+        """Return the faults, the latest first."""
         return [item for item in self.items() if item.verdict.decision == Decision.FAULT]
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
@@ -183,7 +183,7 @@ class Lane:
         return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
-        """Return the samples and edges that are held, from the first time with both; or None."""
+        """Return the held samples and edges, from the first time with both; or None."""
         (references,) = self._of(Reference)
         signal = self._signal()
         if signal is None:
@@ -215,7 +215,7 @@ def with_window(
     window: WeighWindow | None,
     signal: RawSignal | None,
 ) -> ShownItem:
-    """Return an item with its window, and with the samples around it if they show more."""
+    """Return an item with its window; add samples if it is a fault or has no window."""
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
     if signal is None or not item.times or (weighed and window is not None and len(window.counts)):
@@ -226,7 +226,7 @@ def with_window(
 def _span_of(item: ShownItem, load_cell: LoadCell) -> tuple[int, int]:
     """Return begin and end of the signal around an item, in ns.
 
-    For an item that one eye missed the time at that eye is estimated from the usual speed.
+    If an eye missed the item, the usual speed gives the time at that eye.
     """
     times, speed = item.times.values(), item.usual_speed
     begin, end = min(times), max(times)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that subscribe to the lanes for the page, and to signals only while somebody looks."""
+"""Nodes that subscribe to lanes for the page, and to signals only while somebody looks."""
 
 from collections.abc import Callable
 import threading
@@ -23,10 +23,10 @@ class _Listener(PortNode):
 
 
 class Watch:
-    """The running lanes, found by their verdicts.
+    """The running lanes, found by their topics of verdicts.
 
-    A thread of its own looks for lanes, and subscribes to the signals of a lane while `viewers`
-    counts somebody, because the executor of the nodes cannot change them itself. A lane holds the
+    A thread looks for lanes, and subscribes to the signals of a lane while it has `viewers`. The
+    executor of the nodes cannot do that, because it cannot change its own nodes. A lane holds the
     samples of the last `held` s.
 
     Attributes

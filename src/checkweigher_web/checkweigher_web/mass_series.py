@@ -13,7 +13,7 @@ MAX_MASSES = 500
 
 @dataclass(frozen=True, slots=True)
 class MassSeries:
-    """The latest masses of the accepted items since product and batch last changed.
+    """The latest masses of the accepted items since product or batch last changed.
 
     The first item begins the first subgroup of the control chart. A series longer than `MAX_MASSES`
     drops whole subgroups, so each item stays in its subgroup.
@@ -25,7 +25,7 @@ class MassSeries:
     masses : tuple of float
         Masses in kg, in the order of the items.
     forgotten : int
-        Number of the dropped subgroups.
+        Number of dropped subgroups.
     """
 
     product: str = ''

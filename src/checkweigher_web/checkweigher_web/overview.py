@@ -89,16 +89,16 @@ def show_overview(lanes: Overview) -> None:
 
     def update() -> None:
         if lanes.only() is not None:
-            ui.navigate.reload()  # one lane is shown by itself
+            ui.navigate.reload()  # this page then shows the only lane
         shown = lanes.views()
         headline.set_text(_headline(shown))
         table.show(view.cells for view in shown)
 
-    ui.timer(_PERIOD, update)  # from at once
+    ui.timer(_PERIOD, update)  # first at once
 
 
 def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
-    """Show that a lane does not run, and load its page as soon as it does."""
+    """Show that a lane does not run, and load its page as soon as it runs."""
     ui.add_css(STYLE)
     with ui.element('main').classes('lanes'), panel('Lane'):
         ui.label(f'no lane {name!r} runs here; this page shows it as soon as it does')

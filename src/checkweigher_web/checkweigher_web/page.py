@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a lane: its views, which follow it."""
+"""The page of a lane: its views, kept up to date."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ from checkweigher_web.views.view import FAST, SLOW, Look, View
 def show_lane(look: Look) -> None:
     """Show the views of a lane to one viewer, and keep them up to date.
 
-    Mass, verdict, signal and list come first, the figures over many items follow.
+    Mass, verdict, signal and list come first, then the figures over many items.
     """
     ui.add_css(STYLE)
     ui.add_css(''.join(kind.style for kind in VIEWS.values()))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Raw samples with the edges among them, as a page holds them for a lane or a recorded shift."""
+"""Raw samples and edges that a page holds for a lane or a recorded shift."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Sampl
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Raw samples with the edges among them; `time` (n,) in ns, `counts` (n,)."""
+    """Raw samples, `time` (n,) in ns and `counts` (n,), with the edges among them."""
 
     time: NDArray[np.int64]
     counts: NDArray[np.int32]
@@ -69,7 +69,7 @@ def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, in
         if edge.eye == Eye.INFEED and edge.blocked:
             if edge.stamp - since > longest[1] - longest[0]:
                 longest = since, edge.stamp
-            since = end  # until it has left
+            since = end  # no gap until the item has left
         elif edge.eye == Eye.OUTFEED and not edge.blocked:
             since = max(edge.stamp, begin)
     return (since, end) if end - since > longest[1] - longest[0] else longest

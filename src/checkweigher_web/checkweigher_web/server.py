@@ -47,12 +47,12 @@ from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.reports import add_reports
 from checkweigher_web.work.services import Workshop
 
-HUNG = 30.0  # s without a turn of the event loop, after which the process ends
+HUNG = 30.0  # s for which the event loop may hang before the process ends
 _LOOK_PERIOD = 1.0  # s
-_AWAY = 15.0  # s; a browser may be offline so long and keeps its page, with an open dialog
+_AWAY = 15.0  # s for which a browser may be offline and keep its page, with an open dialog
 _LARGEST_MESSAGE = 1 << 20  # bytes of a message from a browser
 _REPORT = '/report'
-# Policy for a file of unknown origin: no script of it runs, and it loads nothing.
+# Policy for a file of unknown origin, which may not run scripts or load anything.
 REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; "
     "base-uri 'none'; form-action 'none'; sandbox"
@@ -134,7 +134,7 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
 
 @contextmanager
 def _listen(site: Site) -> Iterator[tuple[socket.socket, Access, FastAPI]]:
-    """Listen at a site; give its socket, its users and sessions, and the application with login."""
+    """Listen at a site; yield its socket, its access, and the application with login."""
     with _listener(site) as listener:
         access = Access(replace(site, port=listener.getsockname()[1]))
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
@@ -209,11 +209,11 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     )
     bind_events(access)
     log_in_lines()
-    # Ends the process if the event loop does not come back to this in time.
+    # Ends the process if the event loop does not call this again in time.
     alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
-    # Printed when the server handles the signals.
+    # Printed once the server handles the signals.
     nicegui.on_startup(lambda: print(f'page: {site.address}', file=sys.stderr, flush=True))
     config = uvicorn.Config(
         Guard(app, access),
@@ -225,7 +225,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         ssl_certfile=site.certificate,
         ssl_keyfile=site.key,
         ws_max_size=_LARGEST_MESSAGE,
-        ws_per_message_deflate=False,  # it would be most of the work for a viewer
+        ws_per_message_deflate=False,  # compression would be most of the work
         proxy_headers=bool(site.origin),  # only a reverse proxy may state the address of a browser
     )
     uvicorn.Server(config).run(sockets=[listener])
@@ -236,7 +236,7 @@ def main() -> None:
     try:
         serve(Site())
     except KeyboardInterrupt:
-        pass  # uvicorn hands Ctrl-C on when it has ended
+        pass  # uvicorn passes Ctrl-C on after its end
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)
         raise SystemExit(2) from None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded shift: its items are in memory, its samples in files."""
+"""A recorded shift, with its items in memory and its samples in files."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ from checkweigher_web.lane import MAX_ITEMS, ShownItem, joined, with_window
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
-_BELT = 20 * NANOSECONDS  # time before an item that may show the empty belt, in ns
+_BELT = 20 * NANOSECONDS  # ns before an item in which the empty belt is sought
 _AROUND = NANOSECONDS  # ns around a window, because its samples may lag behind its stamp
 
 
@@ -46,13 +46,13 @@ class Shift:
     Attributes
     ----------
     items : list of ShownItem
-        Items until now, without signals.
+        Items so far, without signals.
     faults : list of int
         Indices of the faults.
     signal : RawSignal
         Samples on disk, and the edges.
     begin, end, weighed : int
-        First and last stamp, and the stamp up to which it is weighed, in ns.
+        First and last stamp, and the stamp of the last weighed event, in ns.
     """
 
     def __init__(self, recording: Recording, parameters: LineParameters) -> None:
@@ -69,7 +69,7 @@ class Shift:
         self.end = int(blocks.stamps[-1])
 
     def index(self) -> None:
-        """Weigh the recording; views show the items until now."""
+        """Weigh the recording; views show the items so far."""
         joiner = ResultJoiner(self.recording.edges, self.recording.references)
         for item in joined(self._results(), joiner):
             if item.verdict.decision == Decision.FAULT:
@@ -87,7 +87,7 @@ class Shift:
             yield weighing.verdict, weighing.estimate
 
     def start(self) -> None:
-        """Index in a thread."""
+        """Weigh the recording in a thread."""
         threading.Thread(target=self.index, name='shift', daemon=True).start()
 
     @property
@@ -107,7 +107,7 @@ class Shift:
         return with_window(item, window, self.signal)
 
     def _read(self, window: WeighWindow, count: int) -> WeighWindow | None:
-        """Return a window with its samples, denoised; None if they are not all there."""
+        """Return a window with its samples, denoised; None if samples are missing."""
         length = round(NANOSECONDS * count / self.recording.load_cell.sample_rate)
         blocks = self.signal.between(window.stamp - _AROUND, window.stamp + length + _AROUND)
         if not blocks:
@@ -137,7 +137,7 @@ class Playback:
 
     @property
     def version(self) -> tuple[int, int]:
-        """Value that changes when the views have to."""
+        """Value that changes whenever the views must be updated."""
         return self._moves, min(len(self.shift.items), self.place + 1)
 
     def go(self, place: int) -> None:
@@ -152,12 +152,12 @@ class Playback:
         return faults[at] if 0 <= at < len(faults) else None
 
     def items(self) -> list[ShownItem]:
-        """Return the items until now without their signals, the latest first."""
+        """Return the items up to this one without their signals, the latest first."""
         end = self.place + 1
         return self.shift.items[max(0, end - MAX_ITEMS) : end][::-1]
 
     def faults(self) -> list[ShownItem]:
-        """Return the faults until now, the latest first."""
+        """Return the faults up to this item, the latest first."""
         found = self.shift.faults[: bisect_right(self.shift.faults, self.place)]
         return [self.shift.items[place] for place in found[-MAX_ITEMS:]][::-1]
 
@@ -167,7 +167,7 @@ class Playback:
 
     @property
     def statistics(self) -> Statistics:
-        """Counts of the shift until now."""
+        """Counts of the shift up to this item."""
         counts = ProductionStatistics()
         for verdict in self._verdicts():
             counts.add(verdict)
@@ -175,7 +175,7 @@ class Playback:
 
     @property
     def series(self) -> MassSeries:
-        """Masses of the shift until now."""
+        """Masses of the shift up to this item."""
         return reduce(MassSeries.with_item, self._verdicts(), MassSeries())
 
     def _verdicts(self) -> Iterator[Verdict]:
@@ -191,7 +191,7 @@ class Playback:
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:
-    """Return blocks whose columns are in unnamed files, which end with this process."""
+    """Return blocks with their columns in unnamed files, which end with this process."""
     columns = BlockColumns.of(blocks)
     return BlockColumns(*(_on_disk_column(getattr(columns, f.name)) for f in fields(columns)))
 

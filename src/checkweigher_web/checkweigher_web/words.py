@@ -8,7 +8,7 @@ import math
 from checkweigher_core.records import GRAMS, NANOSECONDS, Verdict
 from checkweigher_core.records.reasons import Reason
 
-# A sign beside the colour, because colour alone is not seen by everybody.
+# A sign beside the colour, because not everybody sees the colours.
 _SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of the checkweigher, one module each: a table `OPTIONS`, and `run(arguments)`.
+"""The commands of the checkweigher. Each is a module with a table `OPTIONS` and `run(arguments)`.
 
-Heavy imports are in `run`, so that ``--help`` is there at once. Options that
-several commands have are defined here.
+Heavy imports are in `run`, so that ``--help`` does not wait for them. Options of several commands
+are defined here.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-# Usage, kind, help, and default, if any, of an option; see `_add`.
+# Usage, kind, help and optional default of an option; see `_add`.
 Option = tuple[Any, ...]
 REQUIRED = {'required': True}  # in place of a default
 
@@ -23,7 +23,7 @@ LANE: Option = ('--lane NAME', str, 'namespace to take, if the bag has several')
 OVERWRITE: Option = ('--overwrite', bool, 'replace FILE if it exists')
 DURATION: Option = ('--duration S', float, 'end after S seconds')
 RECIPES: Option = ('--recipes FILE', Path, 'recipe file')
-# How many processes do the work, and where.
+# Number and place of the processes that do the work.
 SCHEDULING: tuple[Option, ...] = (
     ('--jobs N', int, 'processes; default one for a core'),
     ('--scheduler ADDRESS', str, 'local (default), or a Dask cluster: tcp://HOST:8786', 'local'),
@@ -31,7 +31,7 @@ SCHEDULING: tuple[Option, ...] = (
 # Parameters of the weighing, the lane, and the CSV file of the results.
 CSV: Option = ('--csv FILE', Path, 'write one row per item to FILE')
 WEIGHING: tuple[Option, ...] = (PARAMS, ESTIMATOR, LANE, CSV, OVERWRITE)
-# What is tuned, for how long, on how many processes and where, and the lane of the bags.
+# Estimators, budget and processes of the tuning, and the lane of the bags.
 TUNING: tuple[Option, ...] = (
     (
         '--estimator NAME',
@@ -46,7 +46,7 @@ TUNING: tuple[Option, ...] = (
 
 
 def bags(text: str) -> Option:
-    """Return the argument for one bag or more; `text` says what they must have."""
+    """Return the argument for one or more bags, which `text` describes."""
     where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with bags in it'
     return 'bags BAG', [str], f'{text}: {where}'
 
@@ -54,7 +54,7 @@ def bags(text: str) -> Option:
 def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None:
     """Add options to a parser.
 
-    A text among them is the title of those that follow, and a tuple of options are alternatives.
+    A string among them is the title of the options after it. Options in a tuple exclude each other.
     """
     group: argparse._ActionsContainer = parser
     for option in options:
@@ -72,8 +72,8 @@ def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *m
     """Add an option or an argument.
 
     `usage` is its name and, after a space, the name of its value. `kind` is the type of the value,
-    a list with that type for one value or more, a tuple of the choices, or bool for a flag. At last
-    there may be a default, or a dict of further keywords of `add_argument`.
+    a list with that type for one or more values, a tuple of the choices, or bool for a flag. `more`
+    may have a default, or a dict of further keywords of `add_argument`.
     """
     name, _, metavar = usage.partition(' ')
     values: dict[str, Any] = {'type': kind, 'metavar': metavar}

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commissioning: calibration with masses at rest, setting with passes of known mass."""
+"""Commissioning: static calibration, dynamic setting, verification, performance test."""

@@ -18,11 +18,11 @@ from checkweigher_driver.calibration.file import check_not_installed, replace_ve
 from checkweigher_dsp.pipeline.line import LineParameters
 
 _SECONDS = 60.0  # in a minute
-_TOLERANCE = 0.05  # relative, of the speed of the belt
+_TOLERANCE = 0.05  # relative tolerance of the belt speed
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Guide through the speeds, train, show the accuracy, and ask before the file is replaced."""
+    """Record passes at each speed, train, show the accuracy, and replace the file if confirmed."""
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
@@ -44,7 +44,7 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Reject options that cannot be used, before anything passes."""
+    """Reject options that cannot be used, before the first pass."""
     for option in ('reference', 'speeds'):
         if getattr(arguments, option) is None:
             raise UserError(f'--{option}: must be given with --dynamic')
@@ -60,7 +60,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record the passes at a speed in m/min, again if the belt ran at another one."""
+    """Record the passes at a speed in m/min; repeat if the belt ran at another speed."""
     while True:
         ask(f'Set the belt to {speed:g} m/min, run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The dynamic setting by services: passes of known mass at each belt speed, then training.
+"""Dynamic setting by services: passes of known mass at each belt speed, then training.
 
-Training writes a file beside the parameters of the line, which `accept_tuned` puts in their place.
-The commands `record` and `tune` run in processes of their own, because training takes minutes on
-all cores, and the line must not wait for it.
+Training writes a new file beside the parameter file of the line. `accept_tuned` puts the new file
+in its place. The commands `record` and `tune` run in their own processes, because training takes
+minutes on all cores, and the line must not wait for it.
 """
 
 from contextlib import ExitStack
@@ -43,7 +43,7 @@ from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # s, for a child to complete its bag
-_LESS_URGENT = 10  # niceness, so that the line goes first
+_LESS_URGENT = 10  # niceness, which gives the line priority
 _NOTHING_WAITS = f'nothing that was learned waits; call {ports.TUNE_PASSES} first'
 
 
@@ -79,7 +79,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
         self._folder = own_folder(self, self.parameters.folder)
         self._file = self._folder / 'machine.yaml'
-        self._learned = self._folder / 'machine.new.yaml'  # until it is taken over
+        self._learned = self._folder / 'machine.new.yaml'  # until it is accepted
         self._recording: Path | None = None
         self._cancelled = False
         self._output, self._errors = (self._scratch.enter_context(memory_file()) for _ in range(2))
@@ -98,7 +98,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._tell(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
     def _bags(self) -> dict[int, Path]:
-        """Return the bags of passes by their numbers, in order."""
+        """Return the bags of passes by number, in order."""
         found = {
             int(number.group(1)): path
             for path in self._folder.glob('passes_*')
@@ -125,7 +125,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._publisher.publish(self._said)
 
     def _waiting(self) -> str:
-        """Return the services that use the learned parameters, in words."""
+        """Return a text that names the services for the learned parameters."""
         return (
             f'tuned: {self._learned} waits; {ports.SHOW_TUNED} shows how accurate it is, '
             f'{ports.ACCEPT_TUNED} takes it over, {ports.CANCEL_PASSES} drops it'
@@ -180,7 +180,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return text
 
     def _candidate(self) -> bytes:
-        """Return the learned parameters that wait; UserError without."""
+        """Return the learned parameters that wait to be accepted; UserError if there are none."""
         try:
             return self._learned.read_bytes()
         except FileNotFoundError:
@@ -190,7 +190,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return '\n'.join(accuracy_lines(self._candidate().decode('utf-8', errors='replace')))
 
     async def _accept(self, request: Any, response: Any) -> str:
-        """Make the learned parameters those of the line, once that is in the audit log."""
+        """Log the change, then replace the parameters of the line by the learned ones."""
         self._check_idle()
         learned = self._candidate()
         name = self.get_fully_qualified_name()
@@ -212,7 +212,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return text
 
     def _restart(self, request: Any, response: Any) -> str:
-        """Ask for a new start of the line, with the newest version of the file."""
+        """Request a restart of the line, with the newest version of the file."""
         file = self.parameters.restart_file
         if not file:
             raise UserError('this line is started again where it was started, not from here')
@@ -225,10 +225,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     # The child
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """End a child and its own children, for which training would wait.
+        """End a child and its own children, because training would wait for them.
 
-        SIGINT would be lost on a child that is just starting where it is ignored, as in a shell's
-        background.
+        Not by SIGINT: a child that is just starting ignores it if this process does, as in the
+        background of a shell.
         """
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
@@ -249,7 +249,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             os.setpriority(os.PRIO_PROCESS, self._child.pid, _LESS_URGENT)
 
     def _poll(self) -> None:
-        """Publish the passes that have come, and the end."""
+        """Publish new passes, and the end of the child."""
         if self._child is None:
             return
         status = self._child.poll()

@@ -16,7 +16,7 @@ from checkweigher_validation.archive.program import program_digest
 NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
 _LONGEST = 80  # characters of a value in a sentence
-# Kinds of entries of the audit log that change the machine; setting the zero is a step.
+# Kinds of audit log entries that change the machine; `zero` is not, because a step sets it.
 _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
 _PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 
@@ -51,18 +51,18 @@ class Identity:
     def at_end(self, values: NodeValues) -> str:
         """Return the identity after the last step, with the changes since the first."""
         changes = list(_changes(self._values, values))
-        try:  # the steps themselves are in the log: the zero, and on the page each answer
+        try:  # the steps are in the log, too: the zero, and each answer on the page
             digests, entries = _read_audit(self._audit)
             self._known |= digests
             changes += _changes_in_log(entries[self._entries :])
-        except AuditError as error:  # the procedure is worth its report all the same
+        except AuditError as error:  # the procedure gets its report in any case
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
         return json.dumps(self._known)
 
 
 def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
-    """Yield a sentence for each parameter that has changed after the last step."""
+    """Yield a sentence for each parameter that changed during the steps."""
     for node in sorted({*before, *after}):
         if node not in before or node not in after:
             when = 'before the first' if node in before else 'after the last'

@@ -29,7 +29,7 @@ ParameterSets = dict[str, dict[str, object]]  # values by node
 def own_folder(node: Node, name: str) -> Path:
     """Return the folder that the parameter `folder` of a node names.
 
-    If nothing can be kept in it, the node is destroyed, and a `ParameterError` raised.
+    If the folder cannot be used, the node is destroyed and `ParameterError` raised.
     """
     folder = Path(name)
     try:
@@ -45,12 +45,12 @@ def own_folder(node: Node, name: str) -> Path:
 
 @dataclass(frozen=True)
 class MachineFolder:
-    """Folder with the state of a machine; `made` makes it.
+    """Folder with the state of a machine; `made` creates it.
 
-    `cell.yaml` is the calibration, `machine.yaml` the trained parameters, `recipes.yaml` the
-    products, `items.numbers` and `verdicts.numbers` the latest numbers of items, `audit.log` the
-    changes, `passes_N` the recorded passes, `kept` the items that were kept, `batches` records and
-    reports of batches, `plans` the plans of verifications, `verifications` a folder for each.
+    `cell.yaml` has the calibration, `machine.yaml` the trained parameters, `recipes.yaml` the
+    products, `items.numbers` and `verdicts.numbers` the latest item numbers, and `audit.log` the
+    changes. The folders `passes_N` have recorded passes, `kept` has kept items, `batches` records
+    and reports, `plans` plans of verifications, and `verifications` a folder for each of them.
     """
 
     path: Path
@@ -63,7 +63,7 @@ class MachineFolder:
             check_not_installed(path)
             for name in ('kept', PLANS):
                 (path / name).mkdir(parents=True, exist_ok=True)
-            cls(path).take_restart()  # of a run before
+            cls(path).take_restart()  # left by an earlier run
             if not (path / 'recipes.yaml').exists():
                 write_whole(path / 'recipes.yaml', _RECIPES)
         except (CalibrationError, OutputError) as error:
@@ -73,7 +73,7 @@ class MachineFolder:
         return cls(path)
 
     def take_restart(self) -> bool:
-        """Return whether a new start of the line was requested, and clear the request."""
+        """Return whether a restart of the line was requested, and clear the request."""
         try:
             self._restart_file.unlink()
         except FileNotFoundError:
@@ -85,7 +85,7 @@ class MachineFolder:
         return self.path / 'restart'
 
     def defaults(self) -> ParameterSets:
-        """Return parameters that the files override: a simulated line has no end."""
+        """Return the defaults, which the files override: a simulated line has no end."""
         return {'driver': {'simulator.count': 0}}
 
     def files(self, given: Path | None) -> list[Path]:
@@ -95,9 +95,9 @@ class MachineFolder:
         return [*known, trained] if trained.exists() else known
 
     def parameters(self, given: Path | None, *, restarts: bool) -> ParameterSets:
-        """Return the parameters with which the nodes use the folder.
+        """Return the parameters that make the nodes use the folder.
 
-        With `restarts`, the caller starts the line again when `take_restart` returns true.
+        With `restarts`, the caller must restart the line when `take_restart` returns true.
         """
         setting: dict[str, object] = {'folder': str(self.path)}
         log = str(self.path / 'audit.log')

@@ -22,14 +22,14 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
     """Begin the test, show each pass, and return whether it has passed.
 
     A test that is interrupted, or takes longer than `timeout` s, is cancelled. Raises `UserError`
-    if it cannot be made.
+    if the line does not answer or refuses.
     """
     with spinning(lane) as spinner:
         node = PortNode('performance')
         states: queue.Queue[PerformanceTest] = queue.Queue()
         node.subscribe(ports.PERFORMANCE_TEST, states.put)
         spinner.add(node)
-        # The first passes may otherwise be over before this node is connected.
+        # Otherwise the first passes may be over before this node is connected.
         topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
         absent = f'nothing on {topic}: is the line running, with a product selected?'
         before = _next(states, _PATIENCE, absent)
@@ -55,7 +55,7 @@ def _next(states: queue.Queue[PerformanceTest], patience: float, absent: str) ->
 def _follow(states: queue.Queue[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:
     """Show the passes as they come; return whether the test has passed.
 
-    `before` is the state before the test. A fast test may have ended in the first state after it.
+    `before` is the state before the test. A fast test may have ended by the next state.
     """
     end, shown, begun = time.monotonic() + timeout, 0, False
     while True:

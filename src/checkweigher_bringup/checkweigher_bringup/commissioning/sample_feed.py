@@ -22,7 +22,7 @@ _Message = LoadCell | SampleBlock | str
 
 
 class SampleFeed:
-    """Blocks of samples from another thread; `name` is their origin in errors."""
+    """Blocks of samples from another thread; `name` is their origin in error messages."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -31,7 +31,7 @@ class SampleFeed:
         self.latest: SampleBlock | None = None  # yielded by `blocks`
 
     def put(self, message: _Message) -> None:
-        """Add a block, the load cell, or the reason why nothing more comes; from any thread."""
+        """Add a block, the load cell, or the reason of the end; may be called from any thread."""
         self._messages.put(message)
 
     def wait_for_load_cell(self) -> LoadCell:
@@ -41,7 +41,7 @@ class SampleFeed:
         return self.load_cell
 
     def forget(self) -> None:
-        """Discard the samples up to now, from before the load was on the belt."""
+        """Discard the samples so far, because they came before the load was on the belt."""
         while not self._messages.empty():
             self._take()
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Services that answer with a message, and calls from another thread than that of the node."""
+"""Services that answer with a message, and calls of them from outside the node's thread."""
 
 from collections.abc import Awaitable, Callable
 import threading
@@ -32,7 +32,7 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
     """Call a service that changes the line, with an empty request by default; return its message.
 
     `patience` is the longest time in s to wait for the service, and then for its answer. Raises
-    `UserError` if one of them did not come, or the call was refused.
+    `UserError` if one of them does not come, or the service refuses the call.
     """
     client = node.create_client(kind, name)
     try:
@@ -48,7 +48,7 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
 
 
 def answer_of(future: Any, name: str, patience: float) -> Any:
-    """Wait for the answer of `name` in a future; `UserError` if it does not come."""
+    """Return the answer of `name` when its future has it; `UserError` if it does not come."""
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     if not done.wait(patience):

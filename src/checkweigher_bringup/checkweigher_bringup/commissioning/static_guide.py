@@ -30,7 +30,7 @@ from checkweigher_driver.devices import source_class
 
 
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
-    """Guide through the masses and write the calibration file."""
+    """Guide the technician through the masses, and write the calibration file."""
     if arguments.source is None:
         raise UserError('--source: must name the source whose calibration it is, such as aed')
     check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
@@ -55,7 +55,7 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
 
 
 def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
-    """Return the samples of a running line, or with `--open` those of the source itself."""
+    """Return the samples of a running line, or of the source itself with `--open`."""
     check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))
@@ -65,7 +65,7 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
 
 
 def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
-    """Ask the technician to do something, wait for Enter, and return the text before it.
+    """Ask the technician to do something, wait for Enter, and return the typed text.
 
     `unfinished` completes the error message if the input ends.
     """
@@ -81,9 +81,9 @@ def ask(text: str, unfinished: str = 'the calibration was done: nothing was writ
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Read the empty belt, each mass in kg, and the empty belt again, as the technician loads them.
+    """Ask for the empty belt, each mass in kg, and the empty belt again, and read each load.
 
-    Without masses the empty belt is read once. `mass_uncertainty` is the standard uncertainty of
+    Without masses, the empty belt is read once. `mass_uncertainty` is the standard uncertainty of
     each mass in kg.
     """
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
@@ -118,7 +118,7 @@ def read_at_rest(
 
 
 def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
-    grams = GRAMS / load_cell.counts_per_kg  # in a count
+    grams = GRAMS / load_cell.counts_per_kg  # per count
     mass = grams * (reading.mean - load_cell.zero_counts)
     return (
         f'{duration:4.1f} s: {mass:10.3f} g as calibrated now, reading {reading.mean:.1f}, drift '
@@ -127,6 +127,6 @@ def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
 
 
 def show(text: str) -> None:
-    """Show a text in the last line of a terminal, in place of the one before."""
+    """Show a text in the last line of a terminal, replacing the previous text."""
     if sys.stderr.isatty():
         print(f'\r\x1b[K{text}', end='', file=sys.stderr, flush=True)

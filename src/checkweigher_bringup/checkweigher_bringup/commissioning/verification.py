@@ -22,7 +22,7 @@ from checkweigher_validation.verification.report import as_json, report_of
 
 
 def verify(arguments: argparse.Namespace) -> str:
-    """Make a procedure and its report, or the report of a procedure again; return the verdict."""
+    """Run a procedure and write its report, or write it again; return the verdict."""
     folder: Path = arguments.output
     if arguments.params is not None and not arguments.bags:
         raise UserError('--params: only with --bags; a running line has its own parameters')
@@ -47,10 +47,10 @@ def verify(arguments: argparse.Namespace) -> str:
 
 
 def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:
-    """Make a procedure and its report in a new folder; return the verdict.
+    """Run a procedure and write its report into a new folder; return the verdict.
 
-    `make` is called with the identity of the machine and the path of the bag. `audit` is the audit
-    log of the line.
+    `make` runs the procedure, given the identity of the machine and the path of the bag. `audit` is
+    the audit log of the line.
     """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_folder(folder)
@@ -64,7 +64,7 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
 
 def write_report(bag: Path, folder: Path) -> str:
     """Write the report of a procedure into a folder, made if necessary; return the verdict."""
-    # Its libraries take as much memory as the node verifier without them.
+    # Imported late, because its libraries double the memory of the node verifier.
     from checkweigher_validation.report.verification_page import render_verification
 
     report = report_of(read_procedure(bag))
@@ -75,7 +75,7 @@ def write_report(bag: Path, folder: Path) -> str:
 
 
 def plan_of(path: Path) -> tuple[Plan, str]:
-    """Return the plan of a file, and its text."""
+    """Return the plan in a file, and the text of the file."""
     try:
         text = path.read_text(encoding='utf-8')
         return read_plan(text), text

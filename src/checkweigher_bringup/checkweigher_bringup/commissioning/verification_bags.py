@@ -31,14 +31,14 @@ from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.verification.plan import Plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
-_Record = tuple[int, Port, Any]  # with its stamp, ns
+_Record = tuple[int, Port, Any]  # stamp in ns, port, record
 
 _PORTS = {
     SampleBlock: ports.LOAD_CELL_SAMPLES,
     EyeEdge: ports.PHOTO_EYES,
     Reference: ports.REFERENCE_MASS,
 }
-_SAME_LOAD = 0.01  # of the load of a step; a reference mass that differs by more is another load
+_SAME_LOAD = 0.01  # largest relative difference of a reference mass from the load of its step
 
 
 def procedure_of_bags(
@@ -51,8 +51,8 @@ def procedure_of_bags(
 ) -> None:
     """Weigh the bags of the steps, and write the bag of the procedure.
 
-    A bag has the name of its step. Parameters cannot change during the run, so there is one
-    identity.
+    Each bag has the name of its step. Parameters cannot change during the run, so one identity
+    describes all of it.
 
     Raises `UserError` if a bag has no step, has another calibration or load, or overlaps in time
     with another bag.
@@ -108,7 +108,7 @@ def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
 def _records(
     bag: Path, step: Step, recording: Recording, plan: Plan, parameters: LineParameters, items: int
 ) -> Iterator[_Record]:
-    """Yield all records of a step in order; `items` is the number of items before."""
+    """Yield all records of a step in order; `items` is the number of items in earlier steps."""
     begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
         begin, end = _rest(bag, recording, Steadiness(plan.rest.duration_s, plan.rest.tolerance))
@@ -118,7 +118,7 @@ def _records(
     # Without the known masses, which the stages do not use.
     for weighing in line.weigh_all(join_recording(recording)):
         made += _results(weighing, items, begin)
-    yield from sorted(made, key=lambda each: each[0])  # stable: an estimate before its verdict
+    yield from sorted(made, key=lambda each: each[0])  # stable: estimates stay before verdicts
     end_mark = VerificationStep(end, step.name, StepState.DONE, begin)
     yield max(end, made[-1][0]), ports.VERIFICATION, end_mark
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A procedure on a running line, step by step, with an operator.
 
-The operator is at the terminal, or at the page (`verifier`).
+The operator works at the terminal, or at the page (see `verifier`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -57,7 +57,7 @@ _ANSWER_PATIENCE = 20.0  # s, for a service; zeroing waits for the empty belt
 _LAST_PATIENCE = 2.0  # s, for the parameters after the last step; the node may be about to end
 _SILENCE = 10.0  # s without a product before the operator is told
 _POLL_PERIOD = 0.1  # s
-_TRAIL = 0.5  # s of samples after the last step, so that all of it is in the bag
+_TRAIL = 0.5  # s of samples after the last step, so that the bag has the whole step
 _UNFINISHED = 'the verification was done; what was recorded is in the bag'
 # Parameters of every ROS node, which do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
@@ -68,22 +68,22 @@ class BrokenOffError(Exception):
 
 
 class Operator(Protocol):
-    """Person who makes the steps. Each method may raise `BrokenOffError` to end the procedure."""
+    """Person who does the steps. Each method may raise `BrokenOffError` to end the procedure."""
 
     def begin(self, steps: Sequence[Step]) -> None:
         """Set the steps of the procedure."""
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for step `number`, from 0; return the reason to skip it, empty to make it."""
+        """Ask for step `number`, from 0; return the reason to skip it, or '' to do it."""
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Show the result of a step; return false if it is to be made again."""
+        """Show the result of a step; return false to repeat the step."""
 
     def tell(self, text: str) -> None:
         """Show an event."""
 
     def show(self, text: str) -> None:
-        """Show the state of the measurement in place of the one before, several times a second."""
+        """Show the state of the measurement, which is updated several times a second."""
 
 
 class Terminal:
@@ -120,10 +120,10 @@ class Terminal:
 def procedure_on_line(
     spinner: Spinner, plan: Plan, text: str, identity: Identity, output: Path, operator: Operator
 ) -> None:
-    """Guide through the steps, and record them into the bag of the procedure.
+    """Guide an operator through the steps, and record them into the bag of the procedure.
 
     The parameters are read before the first step and after the last one. If the operator cancels
-    the procedure, it has the steps up to then. Raises UserError if the line does not run, or the
+    the procedure, the bag has the steps so far. Raises UserError if the line does not run, or the
     input ends.
     """
     node = VerificationNode()
@@ -184,14 +184,14 @@ class VerificationNode(RecorderNode):
         self.feed.put(block)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        # On a busy computer samples come later than verdicts: a step begins after both.
+        # On a busy computer, samples may come after verdicts. A step begins after both.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
 
 
 @contextmanager
 def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
-    """Write the recorded messages in a thread of its own while the block runs."""
+    """Write the recorded messages in another thread while the block runs."""
     ending = threading.Event()
     failures: list[Exception] = []
 
@@ -214,7 +214,7 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 
 
 class _Guide:
-    """Sequence of the steps with an operator."""
+    """Guide of an operator through the steps."""
 
     def __init__(
         self, node: VerificationNode, plan: Plan, load_cell: LoadCell, operator: Operator
@@ -228,7 +228,7 @@ class _Guide:
         self._warm: int | None = None  # ns, begin of the warm-up
 
     def run(self) -> None:
-        """Make all steps."""
+        """Do all steps."""
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):
@@ -240,7 +240,7 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _make(self, number: int, step: Step) -> bool:
-        """Make a step; return false if it is to be made again."""
+        """Do a step; return false to repeat it."""
         self._wait_for_warm_up(step)
         node = self._node
         if reason := self._operator.asked(number, step):
@@ -291,7 +291,7 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Count the passes of a step; the last one ends it."""
+        """Count the passes of a step until there are enough."""
         assert step.load is not None
         items: list[ItemPass] = []
         heard = time.monotonic()
@@ -305,7 +305,7 @@ class _Guide:
                     self._operator.tell(f'no product within {_SILENCE:.0f} s')
                 continue
             heard = time.monotonic()
-            # With the planned speed; the report uses that of the estimate.
+            # With the planned speed; the report uses the speed of the estimate.
             item = item_pass(verdict, step.speed or math.nan)
             if item.stamp < begin:
                 continue
@@ -323,7 +323,7 @@ class _Guide:
 
 
 def _enough(step: Step, items: list[ItemPass]) -> int:
-    """Return the number of items that count: the weighed ones, or all outside the range."""
+    """Return the number of items that count: weighed ones, or all outside the range."""
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
 

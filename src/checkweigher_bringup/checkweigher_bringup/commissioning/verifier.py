@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The verification by services: the operator is at the page.
+"""Verification by services, with the operator at the page.
 
-The procedure is that of the terminal. It runs in a thread of its own, and waits there for the
+The procedure is the same as at the terminal. It runs in its own thread, where it waits for the
 answers of the operator.
 """
 
@@ -36,8 +36,8 @@ from checkweigher_validation.verification.plan import VERIFICATIONS, Plan, read_
 from checkweigher_validation.verification.steps import Step
 
 _POLL_PERIOD = 0.1  # s
-_END_PATIENCE = 20.0  # s, for the bag and the report of a procedure that ends with the node
-_LINES = 100  # of a step, the most that are published
+_END_PATIENCE = 20.0  # s, to complete bag and report when the node ends
+_LINES = 100  # most lines of a step that are published
 _LONGEST = 200  # characters of a reason
 # Answers that are allowed in each state.
 _ANSWERS = {
@@ -57,7 +57,7 @@ class VerifierParameters(Parameters):
 
 
 class RemoteOperator:
-    """Operator elsewhere on the graph: gets the progress from `tell_all`, and calls `answer`."""
+    """Operator at another node, which gets the progress by `tell_all` and calls `answer`."""
 
     def __init__(
         self, said: VerificationProgress, tell_all: Callable[[VerificationProgress], None]
@@ -65,7 +65,7 @@ class RemoteOperator:
         self._said = said
         self._tell_all = tell_all
         self._answers: queue.Queue[tuple[StepAnswer, str]] = queue.Queue()
-        self._lock = threading.Lock()  # of what is said
+        self._lock = threading.Lock()  # of `_said`
         self._broken_off = threading.Event()
 
     # The thread of the procedure
@@ -75,7 +75,7 @@ class RemoteOperator:
         self._say(steps=tuple(step.name for step in steps), results=('',) * len(steps))
 
     def asked(self, number: int, step: Step) -> str:
-        """Wait until the step can be made; return the reason to skip it, if any."""
+        """Ask for a step and wait for the answer; return the reason to skip it, if any."""
         known = self._said
         # The lines of a failed attempt explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
@@ -87,7 +87,7 @@ class RemoteOperator:
         return ''
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Publish the result; if the step failed, ask whether to make it again."""
+        """Publish the result; if the step failed, ask whether to repeat it."""
         self._say(results=self._results(number, found))
         if passed:
             return True
@@ -155,7 +155,7 @@ class RemoteOperator:
                 raise UserError('a step that has failed is made again, or left as it is')
             if answer is StepAnswer.SKIP and not reason:
                 raise UserError('say why the step is skipped: the report says so')
-            # The next one is to another question.
+            # Refuse further answers to this question.
             self._said = replace(said, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
 
@@ -165,7 +165,7 @@ class RemoteOperator:
 
 
 class VerifierNode(StageNode[VerifierParameters]):
-    """Guide verifications, one at a time."""
+    """Node that guides an operator through verifications, one at a time."""
 
     _thread: threading.Thread | None = None
 
@@ -174,7 +174,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         self._folder = own_folder(self, self.parameters.folder)
         self._operator: RemoteOperator | None = None
         port = ports.VERIFICATION_PROGRESS
-        # Not an output: that takes the lock of the process, whose end waits for the thread.
+        # Not an output, which takes the process lock: its holder may be waiting for the thread.
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
         for kind, name, callback in (
             (BeginVerification, ports.BEGIN_VERIFICATION, self._begin),
@@ -252,7 +252,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             verdict = report_on(make, folder, audit)
             operator.end(f'{name}: {verdict}')
             self.get_logger().info(f'verification {name}: {verdict}')
-        except Exception as error:  # of the line, the disk or the log; the node lives on
+        except Exception as error:  # of the line, the disk or the log; the node goes on
             operator.end(f'{name}: not made: {error}')
             self.warn(f'verification {name}: {type(error).__name__}: {error}')
 
@@ -262,7 +262,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             self._operator.break_off()
 
     def destroy_node(self) -> None:
-        """Wait for the bag and the report first."""
+        """Wait for the bag and the report, then destroy the node."""
         if self._thread is not None:
             self._thread.join(_END_PATIENCE)
         super().destroy_node()

@@ -32,10 +32,10 @@ from checkweigher_core.ros.ports import NODES
 from checkweigher_core.settings_files import Settings, settings_of
 from checkweigher_core.yaml_files import opened
 
-# On one host: its clock times the items, and they are announced and judged without the network.
+# Nodes on one host: its clock stamps the items, and their verdicts do not need the network.
 AT_MACHINE = ('driver', 'segmenter', 'reject')
-HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery beside a server
-SERVER_PORT = 11811  # of a discovery server, by eProsima
+HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery without a server
+SERVER_PORT = 11811  # default of the discovery server of Fast DDS
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}')
 
 
@@ -56,7 +56,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class LineDescription:
-    """Hosts by name with their addresses, and for each lane the shares of the hosts."""
+    """Addresses of the hosts by name, and for each lane the shares of the hosts."""
 
     hosts: Mapping[str, str]
     lanes: tuple[Mapping[str, Share], ...]
@@ -78,7 +78,7 @@ class LineDescription:
             several = len(self.hosts) > 1
             peers = {'ROS_STATIC_PEERS': ';'.join(self.hosts.values())} if several else {}
             return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **peers}
-        # Without SUBNET the participants bind to the loopback device alone.
+        # Without SUBNET, the participants bind only to the loopback device.
         server = f'{self.hosts[self.discovery]}:{SERVER_PORT}'
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DISCOVERY_SERVER': server}
 
@@ -110,7 +110,7 @@ class _LaneEntry(Settings):
             _check_nodes(self.nodes)
 
     def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
-        """Return the share of each host; the files of the lane are beside the description."""
+        """Return the share of each host; `folder` has the files of the lane."""
         nodes = self.nodes or {self.host: tuple(NODES)}
         for host in nodes:
             if host not in hosts:
@@ -128,7 +128,7 @@ class _LaneEntry(Settings):
 
 
 def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None:
-    """Raise SettingsError unless a host has some nodes, which have no other place."""
+    """Raise SettingsError if a host has no nodes, or one that is unknown or placed twice."""
     if not names:
         raise SettingsError('names no node', 'nodes', host)
     for name in names:
@@ -139,7 +139,7 @@ def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None
 
 
 def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
-    """Raise SettingsError unless each node runs on one host, those at the machine on the same."""
+    """Raise SettingsError unless each node has one host, and those at the machine share it."""
     placed = [name for names in nodes.values() for name in names]
     for host, names in nodes.items():
         _check_share(host, names, placed)

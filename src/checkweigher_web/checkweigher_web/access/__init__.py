@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Who may look at the page and who may act: users, sessions, login, and what guards them."""
+"""Access to the page: users, sessions, login, and the guard of requests."""

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates of the page: making a self-signed one, and checking any."""
+"""Certificates of the page: make a self-signed one, and check any."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -21,7 +21,7 @@ _VALID = timedelta(days=825)  # the longest time that browsers accept
 
 
 class CertificateError(ValueError):
-    """A certificate or key that cannot be used or made; one line with the reason."""
+    """Error of a certificate or key; one line with the reason."""
 
 
 def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:

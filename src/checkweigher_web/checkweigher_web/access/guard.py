@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The guard of the page, which refuses requests of strangers and of other sites."""
+"""Guard of the page, which refuses requests from strangers and from other sites."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,16 +18,16 @@ from checkweigher_web.access.site import Site
 from checkweigher_web.access.throttle import Throttle
 from checkweigher_web.access.users import Role, UserFile, default_users
 
-# NiceGUI writes scripts and styles into its page and compiles Vue's templates in the browser:
-# hence unsafe-inline and unsafe-eval. No attribute of an element is a script, and nothing is
-# loaded from or sent to elsewhere.
+# With unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into its page and
+# compiles Vue's templates in the browser. No attribute may be a script, and nothing may be loaded
+# from or sent to another site.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "font-src 'self' data:; object-src 'none'; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'self'"
 )
-# Without NiceGUI, as at the login, none of that is needed.
+# For pages without NiceGUI, such as the login.
 PLAIN_POLICY = (
     "default-src 'none'; style-src 'self'; img-src 'self'; frame-ancestors 'none'; "
     "base-uri 'none'; form-action 'self'"
@@ -35,7 +35,7 @@ PLAIN_POLICY = (
 HEADERS = {
     'X-Content-Type-Options': 'nosniff',
     'X-Frame-Options': 'DENY',
-    'Referrer-Policy': 'same-origin',  # without any, forms would have no origin either
+    'Referrer-Policy': 'same-origin',  # without a referrer, forms have no origin either
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cross-Origin-Resource-Policy': 'same-origin',
     'Permissions-Policy': 'camera=(), geolocation=(), microphone=(), usb=(), serial=()',
@@ -43,8 +43,8 @@ HEADERS = {
 LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
-_SESSION = 'checkweigher.session'  # in the scope of a request
-_UNANSWERED = 'No response returned.'  # what Starlette says of a browser that has left meanwhile
+_SESSION = 'checkweigher.session'  # key in the scope of a request
+_UNANSWERED = 'No response returned.'  # message of Starlette if the browser has left
 
 
 class Access:
@@ -55,26 +55,26 @@ class Access:
         self.users = UserFile(site.users or default_users())
         self.sessions = Sessions(self.users, 60 * site.idle)
         self.throttle = Throttle()
-        self._ended: set[str] = set()  # clients whose session had ended at the latest look
+        self._ended: set[str] = set()  # clients without a session at the latest `expel`
         # Browsers share cookies between the ports of a host, so each page has its own cookie name.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
 
     def session_of(self, client: Client) -> Session | None:
-        """Return the session of a page, or None if it has none or it has ended."""
+        """Return the session of a page; None if it never had one or it has ended."""
         return self.sessions.find(_identifier(client))
 
     def role_of(self, client: Client) -> Role | None:
-        """Return the present role of a page; None if it may not even show anything."""
+        """Return the present role of a page; None if it may show nothing."""
         session = self.session_of(client)
         if session is not None:
             return session.user.role
         return Role.VIEWER if self.site.open and not _identifier(client) else None
 
     def expel(self) -> None:
-        """Reload and delete the pages whose session had ended at the previous call as well.
+        """Reload and delete the pages whose session had already ended at the previous call.
 
-        At the first call the answer to a logout may be on its way, and a page that is reloaded
-        would never receive it.
+        At the first call after a logout, its answer may still be on its way, and a page that is
+        reloaded would never receive it.
         """
         clients = list(Client.instances.values())
         ended = {client.id for client in clients if client.page.path and not self.role_of(client)}
@@ -95,10 +95,10 @@ def _identifier(client: Client) -> str:
 
 
 class Guard:
-    """An ASGI application that passes requests on with their session, or refuses them.
+    """ASGI application that passes requests on with their session, or refuses them.
 
     Another site could make a browser open the page under a name that points to this machine, or
-    open a socket from a page of its own. Neither may read the data of the line.
+    open a socket from a page of its own. Neither may reach the data of the line.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
@@ -135,13 +135,13 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return the refusal of a connection by another name or from another site, or None."""
+        """Return the refusal of a connection to another name or from another site, or None."""
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)
         origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
-        # Browsers tell the origin wherever something may change.
+        # Browsers send the origin with each request that may change something.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
         return None
@@ -174,13 +174,13 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 
 
 def bind_events(access: Access) -> None:
-    """Restrict the events of a page to the sockets of this page.
+    """Accept the events of a page only from the sockets of this page.
 
-    NiceGUI by itself takes them from any socket that names the page. An event of a person counts
-    as use of the session.
+    NiceGUI accepts them from any socket that names the page. An event of a person counts as use of
+    the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # texts of browsers for the log of the page
+    del handlers['log']  # a browser could write into the log of the page
     for name in ('event', 'javascript_response', 'ack'):
         core.sio.on(name, _from_its_socket(handlers[name], access))
 
@@ -211,7 +211,7 @@ def _with_headers(send: Send, path: str, site: Site) -> Send:
             headers.setdefault('Content-Security-Policy', _POLICY)
             if not path.startswith(_ASSETS):
                 headers['Cache-Control'] = 'no-store'
-            if site.secure and not site.open:  # localhost serves other things without TLS
+            if site.secure and not site.open:  # other servers on localhost have no TLS
                 headers['Strict-Transport-Security'] = 'max-age=31536000'
         await send(message)
 

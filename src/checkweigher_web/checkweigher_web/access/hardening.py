@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the web server: time of a request, lines of the log, pages without a browser."""
+"""Limits of the web server: time for a request, lines in the log, pages without a browser."""
 
 import asyncio
 import logging
@@ -14,37 +14,37 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from checkweigher_core.printable import one_line
 
 REQUEST = 10.0  # s, for a whole request
-WAITING = 100  # pages whose browsers have not opened a socket
-_PLACES = 3  # of an error in the log, the innermost ones
+WAITING = 100  # most pages whose browsers have not opened a socket
+_PLACES = 3  # innermost frames of an error in the log
 
 
 class PromptProtocol(HttpToolsProtocol):
     """Connection that is closed unless each of its requests is complete in time.
 
-    uvicorn has no such limit: connections with half a request would stay until none are left.
+    uvicorn has no such limit, so half requests could use up all connections.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Wait for the first request."""
+        """Start the time limit for the first request."""
         super().connection_made(transport)
         self._late = self.loop.call_later(REQUEST, transport.close)
 
     def on_message_begin(self) -> None:
-        """Wait for the end of a request."""
+        """Start the time limit for the end of a request."""
         super().on_message_begin()
         self._late.cancel()
         self._late = self.loop.call_later(REQUEST, self.transport.close)
 
     def on_message_complete(self) -> None:
-        """End the wait."""
+        """End the time limit."""
         super().on_message_complete()
         self._late.cancel()
 
 
 class LineHandler(logging.Handler):
-    """Handler that writes one line a second at most, whatever a browser may have sent.
+    """Log handler that writes one line a second at most, whatever a browser sends.
 
-    The libraries of the server log what they cannot read with line ends and tracebacks.
+    The libraries of the server log malformed input with its line ends, and with tracebacks.
     """
 
     def __init__(self) -> None:
@@ -70,10 +70,10 @@ def log_in_lines() -> None:
 
 
 def forget_waiting() -> None:
-    """Delete the oldest pages that wait for the socket of a browser, beyond `WAITING`.
+    """Delete the oldest pages that wait for the socket of a browser; keep `WAITING`.
 
-    Each takes 0.3 MiB. NiceGUI keeps them for a minute, in which a flood of loads takes all memory;
-    a browser that comes too late loads its page again.
+    Each takes 0.3 MiB. NiceGUI keeps them for a minute, so a flood of requests could take all
+    memory. A browser that comes too late loads its page again.
     """
     waiting = [client for client in Client.instances.values() if client.environ is None]
     for client in waiting[:-WAITING]:

@@ -36,7 +36,7 @@ _PAGE = """<!doctype html>
 
 
 def logout_form(token: str) -> str:
-    """Return the form by which a person logs out, as HTML."""
+    """Return the logout form as HTML."""
     return (
         f'<form method="post" action="{LOGOUT}"><input type="hidden" name="token" '
         f'value="{escape(token)}"><button>Log out</button></form>'
@@ -44,7 +44,7 @@ def logout_form(token: str) -> str:
 
 
 def add_login(app: FastAPI, access: Access, style: Path) -> None:
-    """Serve login and logout, and the style sheet that they have in common with the page."""
+    """Serve login and logout, and the style sheet that they share with the page."""
     forms = _Forms(access)
     app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
     app.add_api_route(LOGIN, forms.show, methods=['GET'])
@@ -71,7 +71,7 @@ class _Forms:
         return self._form('')
 
     def _form(self, said: str, status: int = 200) -> Response:
-        """Return the form with a token, which has to come back with the form and as a cookie."""
+        """Return the form with a token, which must come back in the form and as a cookie."""
         token = secrets.token_urlsafe(32)
         look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
         page = _PAGE.format(style=STYLE, login=LOGIN, said=escape(said), token=token, look=look)
@@ -84,18 +84,18 @@ class _Forms:
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
             return self._form('This form was too old or not of this page: try again.', 403)
-        async with self._turn:  # no attempt is made while another one may yet fail
+        async with self._turn:  # each attempt waits for the result of the previous one
             return await self._decide(request, given)
 
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
-        # As the account is found: any spelling of a letter counts as the same account.
+        # Normalised like account names, so that all encodings of a name count as one account.
         name = unicodedata.normalize('NFC', given.get('name', ''))[:64]
         password = given.get('password', '')
         address = _address(request)
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            # They cost nothing: a thousand of them a second must not fill the log.
+            # A refused attempt costs nothing, so a flood of them must not fill the log.
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )

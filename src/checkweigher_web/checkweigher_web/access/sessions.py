@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions, which end by logout, after some time without use, or with the shift."""
+"""Sessions, which end by logout, after some time without use, or after a long shift."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ ABSOLUTE = 12 * 3600.0  # s; a long shift
 
 @dataclass
 class Session:
-    """One login of a user; the forms of its pages have to carry `token`."""
+    """One login of a user; the forms of its pages must contain `token`."""
 
     user: User
     address: str
@@ -26,7 +26,7 @@ class Session:
 class Sessions:
     """Sessions by identifiers that nobody can guess.
 
-    A session ends after `idle` s without use, and after `ABSOLUTE` s. `clock` is in s.
+    A session ends after `idle` s without use, at the latest after `ABSOLUTE` s. `clock` is in s.
     """
 
     def __init__(
@@ -46,8 +46,8 @@ class Sessions:
     def find(self, identifier: str, *, used: bool = False) -> Session | None:
         """Return the session of an identifier, or None if there is none or it has ended.
 
-        It ends if the user is removed, or if role or password are changed. `used` counts the call
-        as use of the session.
+        A session also ends if the user is removed, or the role or password changes. With
+        `used`, the call counts as use of the session.
         """
         session, now = self._sessions.get(identifier), self._clock()
         if session is None:

@@ -14,7 +14,7 @@ from checkweigher_web.access.users import default_users, read_users
 
 
 class PageError(ValueError):
-    """A page that cannot be served; one line with the reason and what to do."""
+    """Error of a page that cannot be served; one line with the reason and what to do."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Site:
 
     @property
     def address(self) -> str:
-        """Address of the page, and that of the proxy."""
+        """Address of the page, and its address at the proxy."""
         host = gethostname() if self.host in ('0.0.0.0', '::') else self.host
         host = f'[{host}]' if ':' in host else host
         scheme = 'http' if self.certificate is None else 'https'
@@ -54,14 +54,14 @@ class Site:
         return f'{scheme}://{host}:{self.port}/{proxy}'
 
     def serves(self, host: str) -> bool:
-        """Return whether a browser may name a host, with its port, to reach the page.
+        """Return whether the page is served under the name `host`, which includes the port.
 
-        Another site can make its own name point to this machine. With TLS the certificate shows
-        that the name is wrong.
+        Another site can make its own name point to this machine. With TLS, the certificate does
+        not have that name.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
-        # The port may be another one: that of a tunnel.
+        # The port may differ, as in a tunnel.
         return not self.loopback or host.rpartition(':')[0].strip('[]') in (self.host, 'localhost')
 
     def checked(self) -> 'Site':

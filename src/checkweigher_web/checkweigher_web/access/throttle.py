@@ -5,7 +5,7 @@
 from collections.abc import Callable
 import time
 
-_FREE = 3  # failures without a wait: a person mistypes
+_FREE = 3  # failures before the first wait, because persons mistype
 _LONGEST = 300.0  # s
 _FORGOTTEN = 3600.0  # s after the last failure
 

@@ -29,7 +29,7 @@ _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for littl
 
 
 class Role(IntEnum):
-    """What a user may do; each role may do what those before it may."""
+    """Rights of a user; each role includes the rights of the roles before it."""
 
     VIEWER = 1
     OPERATOR = 2
@@ -40,12 +40,12 @@ ROLES = tuple(role.name.lower() for role in Role)
 
 
 class UsersError(SettingsError):
-    """Users that cannot be read or changed; one line with the reason and what to do."""
+    """Error in reading or changing users; one line with the reason and what to do."""
 
 
 @dataclass(frozen=True)
 class User(Settings):
-    """One user, as in the file."""
+    """A user in the file."""
 
     name: str = parameter(text='of the login')
     role: Role = parameter(text='what the user may do', choices=ROLES)
@@ -65,14 +65,14 @@ class User(Settings):
 
 
 def default_users() -> Path:
-    """Return the path of the users in the folder of the user's own configuration."""
+    """Return the default path of the users file, in the user's configuration folder."""
     given = Path(os.environ.get('XDG_CONFIG_HOME', ''))
     base = given if given.is_absolute() else Path.home() / '.config'
     return base / 'checkweigher/users'
 
 
 def check_name(name: str) -> str:
-    """Return the name of a user as it is written, or raise UsersError."""
+    """Return the normalised name of a user, or raise UsersError."""
     name = unicodedata.normalize('NFC', name)
     if not re.fullmatch(r'[\w@-][\w.@-]{0,63}', name):
         rule = 'a name has up to 64 letters, digits, "_", "-", "@" and "." (not as the first)'
@@ -148,7 +148,7 @@ def _older(path: Path) -> UsersFile:
 
 
 def write_users(path: Path, users: dict[str, User]) -> None:
-    """Write a file of users that only its owner may read, whole or not at all.
+    """Write a users file that only its owner may read, whole or not at all.
 
     Raises
     ------
@@ -164,9 +164,9 @@ def write_users(path: Path, users: dict[str, User]) -> None:
 
 @contextmanager
 def changing_users(path: Path) -> Iterator[None]:
-    """Hold up other changes of a file of users, from reading to writing.
+    """Hold up other changes of a users file during a block, from reading to writing.
 
-    Makes the folder of `default_users`. Raises OutputError if there is no folder.
+    Creates the folder of `default_users`. Raises OutputError if another folder does not exist.
     """
     try:
         if path == default_users():
@@ -179,21 +179,21 @@ def changing_users(path: Path) -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
-    """Return the users of a file in a state of the file."""
+    """Return the users in a file, cached while the file is unchanged."""
     return read_users(path)
 
 
 class UserFile:
     """The users of a file that may change while the page is served.
 
-    A file that cannot be read has no users, because they may have been removed.
+    A file that cannot be read counts as empty, because its users may have been removed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def find(self, name: str) -> User | None:
-        """Return the present user of a name, or None."""
+        """Return the present user with a name, or None."""
         return self.now().get(unicodedata.normalize('NFC', name))
 
     def now(self) -> dict[str, User]:

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Views of a lane, one file each; `registry.VIEWS` is the table of them."""
+"""Views of a lane, one file each, listed in `registry.VIEWS`."""

@@ -13,7 +13,7 @@ from checkweigher_web.charts import DENOISED, Options
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.views.view import FigureView
 
-_ROOM = 0.05  # beside data and limits, as a fraction of their range
+_ROOM = 0.05  # margin beside data and limits, as a fraction of their range
 
 
 class MeansView(FigureView):
@@ -42,7 +42,7 @@ def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) 
     """Return the means of the subgroups, or their standard deviations, with their limits.
 
     A point that breaks a rule has a symbol, which the legend explains. `forgotten` subgroups came
-    before the first.
+    before those of `chart`.
     """
     if chart is None:
         return charts.nothing(f'needs two subgroups of {SUBGROUP} accepted items of the batch')

@@ -11,7 +11,7 @@ from checkweigher_web.views.view import View
 
 
 class DiagnosticsView(View):
-    """Whatever is not well in a lane, the worst first, with what to check."""
+    """Findings in a lane that are not OK, the worst first, with what to check."""
 
     title = 'Diagnostics'
     recorded = False

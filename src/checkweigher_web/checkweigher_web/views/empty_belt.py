@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The spectrum of the empty belt, its strongest lines and what they might be."""
+"""The spectrum of the empty belt, its strongest lines and their possible causes."""
 
 from dataclasses import dataclass
 import math
@@ -17,7 +17,7 @@ from checkweigher_web.elements import Figure, Table
 from checkweigher_web.views.view import View
 from checkweigher_web.words import grams
 
-_LEAST = 128  # samples of a spectrum
+_LEAST = 128  # fewest samples for a spectrum
 _PROMINENCE = 4.0  # least amplitude of a line, relative to the median around it
 _SURROUNDING = 10  # bins at each side of a line
 _MAX_LINES = 6
@@ -101,7 +101,7 @@ def spectrum(
     """Compute the spectrum of the empty belt from samples (n,) in kg; None if they are too few.
 
     `sample_rate` and the natural frequency of the `platform` are in Hz, the belt speed is in m/s.
-    Lines are attributed to rollers by the speed and to the platform by its frequency.
+    Lines are attributed to rollers by the belt speed, and to the platform by its frequency.
     """
     count = len(force)
     if count < _LEAST:
@@ -127,7 +127,7 @@ def _surrounding(amplitudes: NDArray[np.float64], k: int) -> float:
 
 
 def _guess(frequency: float, belt_speed: float, platform: float) -> str:
-    """Return the possible cause of a line, of which only the frequency is measured."""
+    """Return the possible cause of a line, judged only by its frequency."""
     mains = [known for known in _MAINS if abs(frequency - known) <= _NEAR * known]
     if mains:
         return f'mains or a motor at {mains[0]:g} Hz: check the shield of the cable'

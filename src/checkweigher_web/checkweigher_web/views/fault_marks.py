@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What broke in the signal of a fault: for each reason the places in the signal, with a text."""
+"""Marks in the signal of a fault: for each of its reasons, places in the signal and texts."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from checkweigher_web.lane import ShownItem
 from checkweigher_web.raw_signal import Stretch
 
 _BEFORE_RISE = 0.3  # s of empty belt that a rise is compared with
-_GAP = 1.5  # sample periods between two samples, beyond which samples are lost
+_GAP = 1.5  # sample periods; samples are lost in a longer gap
 _FLICKER = 0.25  # shortest product, relative to the longest time that an eye was blocked
 _EYES = {Eye.INFEED: 'infeed eye', Eye.OUTFEED: 'outfeed eye'}
-# The edges of an item: the eye, and whether the item blocks it.
+# Edges of an item: the eye, and whether the item blocks it.
 EDGES = {
     't1': (Eye.INFEED, True),
     't2': (Eye.INFEED, False),
@@ -32,9 +32,9 @@ EDGES = {
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A text for the signal from `begin` to `end`, in ns.
+    """A text for the signal from `begin` to `end`, in ns, which are equal for a moment.
 
-    A moment has equal ends. `edge` is the one of `EDGES` that was expected there and did not come.
+    `edge` is the edge of `EDGES` that was expected there and did not come.
     """
 
     text: str
@@ -53,7 +53,7 @@ class Scene:
     force : array of shape (n,)
         Signal in kg from the zero of calibration.
     usual_speed : float
-        Belt speed of the items before in m/s, or NaN.
+        Belt speed of earlier items in m/s, or NaN.
     """
 
     def __init__(self, item: ShownItem, stretch: Stretch, load_cell: LoadCell) -> None:
@@ -90,15 +90,15 @@ class Scene:
 
 
 def fault_marks(scene: Scene) -> list[Mark]:
-    """Return what is wrong in the signal of an item, in the order of its reasons."""
+    """Return the marks in the signal of an item, in the order of its reasons."""
     found = [_FINDERS[Reason(each)](scene) for each in scene.reasons if each in _FINDERS]
     return [mark for marks in found for mark in marks]
 
 
 def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
-    """Return the time in ns for which the belt was empty before an item, and its mean in kg.
+    """Return begin and end of the empty belt before an item in ns, and its mean in kg.
 
-    The mean is counted from the zero of calibration.
+    The mean is relative to the zero of calibration.
     """
     end = scene.times.get('t1')
     if end is None:
@@ -110,9 +110,9 @@ def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
 
 
 def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """Return the load as it should rise by the eyes: time (n,) in ns, and force (n,) in kg.
+    """Return the rise of the load expected from the eyes: time (n,) in ns, and force (n,) in kg.
 
-    Returns None unless the rise contradicts the eyes.
+    Returns None unless the measured rise contradicts the eyes.
     """
     rise, rest = scene.span('t1', 't2'), scene.span('t2', 't3')
     if Reason.EDGE_MISMATCH not in scene.reasons or rise is None or rest is None:
@@ -129,7 +129,7 @@ Finder = Callable[[Scene], Iterable[Mark]]
 
 
 def _over(first: str, last: str, describe: Callable[[Scene, int, int], str]) -> Finder:
-    """Return a finder that marks the time between two edges with a text, unless that is empty."""
+    """Return a finder that marks the time between two edges, unless its text is empty."""
 
     def find(scene: Scene) -> Iterator[Mark]:
         span = scene.span(first, last)
@@ -156,7 +156,7 @@ def _missing_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _equal_edges(scene: Scene) -> Iterator[Mark]:
-    """Mark two edges in a row in which an eye did the same."""
+    """Mark successive edges of an eye in the same direction."""
     for eye in Eye:
         for one, other in pairwise(scene.edges_of(eye)):
             if one.blocked == other.blocked:
@@ -166,7 +166,7 @@ def _equal_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _expected_times(scene: Scene) -> dict[str, int]:
-    """Return when the edges of the item should have come, by the speed of the items before."""
+    """Return the expected times of the edges of an item, from the speed of earlier items."""
     times, found, speed = scene.times, dict[str, int](), scene.usual_speed
     if speed > 0:
         transit = round(NANOSECONDS * scene.load_cell.weigh_length / speed)
@@ -276,7 +276,7 @@ def _sample(place: int, text: str) -> Finder:
 
 
 def _load(text: str) -> Finder:
-    """Return a finder that marks the time of rest with the mean load in a text."""
+    """Return a finder that marks the time from t2 to t3, with the mean load in its text."""
 
     def describe(scene: Scene, begin: int, end: int) -> str:
         load, capacity = GRAMS * scene.mean(begin, end), GRAMS * scene.load_cell.capacity
@@ -295,7 +295,7 @@ def _zero(scene: Scene) -> Iterator[Mark]:
 
 def _late_edges(scene: Scene) -> Iterator[Mark]:
     latest = 0
-    for edge in scene.stretch.edges:  # in the order in which they came
+    for edge in scene.stretch.edges:  # in order of arrival
         if edge.stamp < latest:
             behind = 1e-6 * (latest - edge.stamp)
             text = f'{_EYES[edge.eye]}: this edge came after one that is {behind:.1f} ms younger'

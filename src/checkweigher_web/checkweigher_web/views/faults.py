@@ -10,7 +10,7 @@ from checkweigher_web.words import hint
 
 
 class FaultsView(View):
-    """Reasons of the faults until now, the most frequent first, each with what to check."""
+    """Reasons of the faults so far, the most frequent first, each with what to check."""
 
     title = 'Faults'
     live = False

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest item: mass and verdict, or why nothing is weighed any more."""
+"""The latest item: mass and verdict, or the reason why the lane does not weigh."""
 
 from collections.abc import Sequence
 import math
@@ -24,7 +24,7 @@ _ENDED = {
 
 
 class ItemView(View):
-    """Mass and verdict of the latest item, in letters that are read from two metres.
+    """Mass and verdict of the latest item, in letters that can be read from two metres.
 
     They are grey while the lane does not weigh.
     """
@@ -74,7 +74,7 @@ class ItemView(View):
 
 
 def about(item: ShownItem) -> str:
-    """Return what is known of an item besides its mass."""
+    """Return what else is known of an item, such as its belt speed, as text."""
     verdict, known = item.verdict, item.estimate
     parts = [f'item {verdict.item_id}', *(['gross'] if math.isfinite(verdict.mass) else [])]
     if math.isfinite(verdict.std_dev):
@@ -89,7 +89,7 @@ def about(item: ShownItem) -> str:
 
 
 def standstill(rows: Sequence[Row]) -> str:
-    """Return why a lane does not weigh, by the diagnostics of its nodes; '' while it does."""
+    """Return the reason why a lane does not weigh, by its diagnostics; '' while it does."""
     if silent := silence(rows):
         return f'silent for {silent:.0f} s'
     source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]
@@ -98,7 +98,7 @@ def standstill(rows: Sequence[Row]) -> str:
 
 
 def silence(rows: Sequence[Row]) -> float:
-    """Return for how many s a node that weighs has been silent, by the diagnostics; or 0."""
+    """Return the longest silence in s of a node that weighs, by the diagnostics; or 0."""
     return max((row.silence for row in rows if _name(row) in _WEIGHS), default=0.0)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The list of items, in which a viewer chooses the one whose signal is shown."""
+"""The list of items, in which a viewer chooses the item whose signal is shown."""
 
 from nicegui import json, ui
 

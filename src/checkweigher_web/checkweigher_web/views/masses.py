@@ -31,8 +31,8 @@ class MassesView(FigureView):
 def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:
     """Return a histogram of masses, with limits, TU1, TU2 and nominal mass.
 
-    The limits are those of the `latest` verdict; TU1, TU2 and nominal mass are shown if the
-    statistics are of the same product and batch.
+    The `latest` verdict has the limits. TU1, TU2 and nominal mass are shown if the statistics have
+    the same product and batch.
     """
     masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:

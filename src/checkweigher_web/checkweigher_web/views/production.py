@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The counts of product and batch, and the packers' rules for the batch."""
+"""Counts of product and batch, and the state of the packers' rules for the batch."""
 
 import math
 
@@ -12,7 +12,7 @@ from checkweigher_web.words import grams, number
 
 
 class ProductionView(View):
-    """Counts of product and batch, and how the rules for the batch stand."""
+    """Counts of product and batch, and the state of the rules for the batch."""
 
     title = 'Production'
     columns = 1, 3
@@ -51,7 +51,7 @@ def production(known: Statistics | None, filler: FillerFeedback | None) -> list[
 
 
 def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[str, str]]:
-    if filler is None or filler.product != known.product:  # of the product before
+    if filler is None or filler.product != known.product:  # of the previous product
         return []
     text = f'{GRAMS * filler.correction:+.3f}, at a median of {grams(filler.median)}'
     return [('filler correction, g', f'{text}; limited' if filler.limited else text)]

@@ -14,7 +14,7 @@ from checkweigher_web.views.signal import SignalView
 from checkweigher_web.views.view import View
 from checkweigher_web.views.zero import ZeroView
 
-# In the order of the page, each by the class of its panel in CSS.
+# In the order of the page, each by the CSS class of its panel.
 VIEWS: dict[str, type[View]] = {
     'item': ItemView,
     'signal': SignalView,

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The signal of an item: its window, or for a fault the raw signal with what broke."""
+"""The signal of an item: its window, or for a fault the raw signal with marks."""
 
 from collections.abc import Sequence
 import math
@@ -21,7 +21,7 @@ from checkweigher_web.words import said, when, why
 _ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour, and row in the figure
 _LEAD = 0.5  # part of the figure before t1, as a fraction of t3 - t1
 
-Edge = tuple[float, bool, bool]  # time in ms, whether the eye was blocked, whether it was seen
+Edge = tuple[float, bool, bool]  # time in ms, whether it blocks the eye, whether it was seen
 Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both ends were seen
 
 
@@ -43,7 +43,7 @@ ol.marks:empty { display: none; }
         self._why = ui.label('').classes('level-ERROR')
         self._marks = Lines().classes('marks')
         with ui.element('div').classes('in-a-row'):
-            # In a recorded shift the latest item is the one at which its slider stands.
+            # In a recorded shift, the latest item is the one chosen by the slider.
             text = 'show this item' if self.look.board is None else 'show the latest item'
             self._latest = ui.button(text, on_click=lambda: self.look.choose(''))
             self._latest.props('outline no-caps dense padding="xs sm"')
@@ -71,7 +71,7 @@ ol.marks:empty { display: none; }
 
 
 def drawn(drawing: Drawing, item: ShownItem) -> tuple[str, tuple[str, ...]]:
-    """Return the figure of an item as JSON, and what broke; both grow with the samples."""
+    """Return the figure of an item as JSON, and its marks; both may change with new samples."""
     made = drawing.once('signals', drawing.lane.version, dict)
     if item.key not in made:
         known, cell = drawing.lane.with_signals(item), drawing.lane.load_cell
@@ -120,7 +120,7 @@ def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
 
 
 def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
-    """Return the raw signal around an item with what broke, above the states of the eyes."""
+    """Return the raw signal around an item with its marks, above the states of the eyes."""
     first, origin = next(
         iter(scene.times.items()), ('the first sample', int(scene.stretch.time[0]))
     )
@@ -142,7 +142,7 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
-        # An eye whose first edge clears was blocked before, unless its blocking edge is unknown.
+        # For an eye that is blocked from the start: whether its blocking edge is known.
         begun = 't1' if eye == Eye.INFEED else 't3'
         was_seen = begun in scene.times or begun in missing
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
@@ -151,7 +151,7 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
 
 
 def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
-    """Mark on the raw signal what broke, by numbers from 1: spans as areas, moments as lines."""
+    """Add marks to the raw signal, numbered from 1: spans as areas, moments as lines."""
     numbered = [
         (str(number), (mark.begin - origin) / 1e6, (mark.end - origin) / 1e6)
         for number, mark in enumerate(marks, 1)
@@ -164,7 +164,7 @@ def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
 
 
 def _add_rows_of_eyes(figure: Options, shown: tuple[float, float], name: str) -> None:
-    """Add a row for each eye below a figure, on the same axis of time."""
+    """Add a row for each eye below a figure, on the same time axis."""
     upper = figure['xAxis'] | {'min': shown[0], 'max': shown[1]}
     lower = upper | {'gridIndex': 1, 'name': name}
     eyes = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1}
@@ -178,10 +178,10 @@ def _add_rows_of_eyes(figure: Options, shown: tuple[float, float], name: str) ->
 
 
 def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_seen: bool) -> Bars:
-    """Return a bar for each time in which an eye was blocked, at a place on the y axis.
+    """Return a bar for each time in which an eye was blocked, at `row` on the y axis.
 
-    The edges are in order of time, with those that the eye missed; `shown` is the range of the
-    figure in ms. `was_seen` is for an eye that is blocked from the beginning.
+    The edges are in order of time and include missing ones. `shown` is the range of the figure in
+    ms. `was_seen` tells whether the start of a bar at the left end was seen.
     """
     bars: Bars = {True: [], False: []}
     since = (shown[0], was_seen) if edges and not edges[0][1] else None

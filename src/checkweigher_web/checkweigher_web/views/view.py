@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The bases of all views, and what one viewer looks at."""
+"""Base classes of the views, and the state of one viewer."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
@@ -21,7 +21,7 @@ FAST, SLOW = 0.1, 1.0  # periods of updates in s
 
 @dataclass
 class Look:
-    """A lane as one viewer looks at it.
+    """State of one viewer of a lane.
 
     `board` is None for a recorded shift, and `keep` for a viewer who may not keep items.
     `chosen` is the key of the item that the viewer has chosen, '' for the latest one.
@@ -57,9 +57,10 @@ class View(ABC):
     title, style : str
         Heading of the panel, and CSS of the view.
     columns : tuple of int
-        Width of the panel: columns of 2 on a tablet, and of 12 on a desk.
+        Columns that the panel takes, of 2 on a tablet and of 12 on a desktop.
     period : float
-        Period of updates in s; a recorded shift updates all views at `FAST`, for its viewer waits.
+        Period of updates in s; in a recorded shift all views have `FAST`, because the viewer
+        waits.
     live, recorded : bool
         Whether a running lane and a recorded shift have this view.
     """
@@ -86,7 +87,7 @@ class View(ABC):
             self._show()
 
     def _state(self) -> object:
-        """Return a value that changes whenever there is something new to show."""
+        """Return a value that changes whenever the view must be updated."""
         return self.lane.version, self.look.chosen, self.look.only_faults
 
     @abstractmethod
@@ -99,7 +100,7 @@ class View(ABC):
 
 
 class FigureView(View):
-    """A view with one figure over many items; `label` is its name for screen readers."""
+    """View with one figure over many items; `label` is its name for screen readers."""
 
     label: ClassVar[str]
 

@@ -18,7 +18,7 @@ from checkweigher_web.views.view import FigureView
 
 
 class ZeroView(FigureView):
-    """The zero before each item, and the empty belt where the zero could not be trusted."""
+    """The zero before each item, and the empty belt if the zero was out of range."""
 
     title = 'Zero'
     label = 'zero of the empty belt'
@@ -29,7 +29,7 @@ class ZeroView(FigureView):
 
 
 def _read_empty_belts(drawing: Drawing) -> dict[Key, float]:
-    """Return the reading of the empty belt before the items without a zero, in kg or NaN.
+    """Return the empty belt before each item with a zero out of range, in kg or NaN.
 
     Readings are kept for all viewers, because the lane soon drops its samples.
     """
@@ -46,10 +46,10 @@ def _read_empty_belts(drawing: Drawing) -> dict[Key, float]:
 
 
 def zero_chart(items: Sequence[ShownItem], readings: Mapping[Key, float]) -> Options:
-    """Return the zero before each item, as a distance from the zero of calibration.
+    """Return the zero before each item, relative to the zero of calibration.
 
-    The items are given the latest first. Where the zero could not be trusted the time is marked
-    with that reason, and `readings` has the empty belt in kg.
+    The latest of `items` comes first. Times with a zero out of range are marked, with the empty
+    belt in kg from `readings`.
     """
     shown = [item for item in reversed(items) if _has_zero(item)]
     if not shown:
@@ -60,7 +60,7 @@ def zero_chart(items: Sequence[ShownItem], readings: Mapping[Key, float]) -> Opt
     line = charts.line('zero', time, zeros, DENOISED, width=2)
     name, last = Reason.ZERO_OUT_OF_RANGE.value, len(time) - 1
     out = runs([_is_out(item) for item in shown])
-    # From the last item before to the first one after.
+    # Each area reaches to the items before and after it.
     spans = [(name, time[max(begin - 1, 0)], time[min(end, last)]) for begin, end in out]
     line['markArea'] = charts.red_areas(spans)
     series = [line]

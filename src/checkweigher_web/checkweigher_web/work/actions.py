@@ -32,7 +32,7 @@ _STEPS = {
 
 @dataclass(frozen=True)
 class MassLimits:
-    """Limits of the reject node, kg; infinite where there is none."""
+    """Limits of the reject node in kg; infinite for none."""
 
     lower: float
     upper: float
@@ -115,8 +115,8 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
-    """Set both limits, or none."""
-    if wanted.lower > wanted.upper:  # the node says so in kg
+    """Set both limits, or neither."""
+    if wanted.lower > wanted.upper:  # the node would say so in kg
         raise ActionRefusedError(
             f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
             f'{_grams(wanted.upper)}'

@@ -22,7 +22,7 @@ async def audit_log(desk: Desk, services: LaneServices) -> None:
 
 
 class AuditDialog(Dialog):
-    """The dialog with an audit log, as it was at the latest reading."""
+    """Dialog with an audit log as it was last read."""
 
     def __init__(self, desk: Desk, log: Path) -> None:
         super().__init__('Audit log', wide=True)
@@ -40,7 +40,7 @@ class AuditDialog(Dialog):
         self.button('Read again', self.update)
 
     async def update(self) -> None:
-        """Read the log, and once more if the filter changes meanwhile."""
+        """Read the log, and read it again if the filter changes meanwhile."""
         if self._reading:
             return
         if self._desk.role < Role.OPERATOR:

@@ -25,9 +25,9 @@ class AuditView:
     """An audit log as the page shows it."""
 
     whole: bool
-    conclusion: str  # as of the command audit, or why the log cannot be read
-    seals_hold: bool | None = None  # None if that was not verified
-    seals: str = ''  # their result, or how to verify them; '' where the conclusion says it
+    conclusion: str  # as in the command audit, or why the log cannot be read
+    seals_hold: bool | None = None  # None if not verified
+    seals: str = ''  # their state, or how to verify them; '' if the conclusion has it
     count: str = ''  # number of entries, and which of them are shown
     rows: tuple[tuple[str, ...], ...] = ()  # by HEADS, the latest first; a line for each change
 
@@ -61,7 +61,7 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
     key : Ed25519PublicKey or None
         Key for the seals; without it they are not verified.
     wanted : str
-        Text in the row or in the name of the node of the entries to show.
+        Text to find: an entry is shown if its row or the name of its node contains it.
 
     Raises
     ------

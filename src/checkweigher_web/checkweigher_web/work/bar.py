@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The buttons of the work on a lane, for the role of the person."""
+"""Buttons for work on a lane, by the role of the person."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -157,7 +157,7 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
 
 
-# Label, least role and function of each dialog. A further action is a row here.
+# Label, least role and function of each dialog. Add an action as a row.
 _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Product', Role.OPERATOR, _product),
     ('New batch', Role.OPERATOR, _batch),

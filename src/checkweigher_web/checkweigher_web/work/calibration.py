@@ -31,7 +31,7 @@ _STEPS = (
 
 
 class CalibrationDialog(Guide):
-    """The dialog of a calibration; the readings are kept by the driver."""
+    """Dialog of a calibration, whose readings the driver keeps."""
 
     title = 'Calibration'
     needs = ports.CALIBRATE_ZERO
@@ -94,7 +94,7 @@ class CalibrationDialog(Guide):
 
 
 def note(readings: list[str], load: str, said: str) -> None:
-    """Add the reading of a load; remove those that the driver has dropped since."""
+    """Add the reading of a load; remove readings that the driver has dropped."""
     counted = re.search(r'(\d+) read by now', said)
     if counted is not None:
         del readings[: len(readings) + 1 - int(counted[1])]

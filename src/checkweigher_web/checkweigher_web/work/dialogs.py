@@ -18,12 +18,12 @@ from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')  # or a decimal comma
+_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')  # or with a decimal comma
 Action = Callable[[], Awaitable[str]]
 
 
 class Desk:
-    """The place of work of the person at one browser, on one lane.
+    """Access of the person at one browser to one lane.
 
     `services` returns the services of the lane; `auditor` reads its audit log.
     """
@@ -126,7 +126,7 @@ class Guide(Dialog):
         cls(desk, services)
 
     def service_button(self, text: str, what: str, service: str) -> ui.button:
-        """Add a button that calls a service; `what` are the words for the audit log."""
+        """Add a button that calls a service; the audit log calls the action `what`."""
         return self.button(
             text, partial(self.perform, what, partial(self.services.message, service))
         )
@@ -151,7 +151,7 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
 
 
 def number_in(given: ui.input, *, empty: float | None = None) -> float:
-    """Return the number in a field, or raise `ActionRefusedError` if there is not just one."""
+    """Return the number in a field; raise `ActionRefusedError` if it is missing or ambiguous."""
     text = str(given.value or '').strip()
     if not text and empty is not None:
         return empty
@@ -176,9 +176,9 @@ def ask(
 ) -> Element:
     """Ask before an action, and return the body of the dialog.
 
-    Each of the `fields` adds a field to the dialog and returns its element. `plan` makes of these
-    elements the words for the audit log and the action, or raises `ActionRefusedError` for a field
-    that cannot be used.
+    Each of the `fields` adds a field to the dialog and returns its element. `plan` takes
+    these elements and returns the words for the audit log and the action, or raises
+    `ActionRefusedError` if a field cannot be used.
     """
     dialog = Dialog(title, 'Cancel')
     with dialog.body:

@@ -35,7 +35,7 @@ _HEADS = 'estimator', 'm/min', 'passes', 'A trained g', 'A held out g'
 
 
 class DynamicSettingGuide(Guide):
-    """The dialog of the dynamic setting, which goes on without it."""
+    """Dialog of the dynamic setting, which continues when the dialog is closed."""
 
     title = 'Dynamic setting'
     needs = ports.RECORD_PASSES

@@ -24,7 +24,7 @@ _STATES = {
 
 
 async def performance_test(desk: Desk, services: LaneServices) -> None:
-    """Show the performance test, and ask before it is begun or broken off."""
+    """Show the performance test, and ask before beginning it or breaking it off."""
     running = services.test is not None and services.test.state is PerformanceState.RUNNING
 
     what = 'break off performance test' if running else 'begin performance test'

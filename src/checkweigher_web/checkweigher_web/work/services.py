@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The services of a lane as clients of the page, and the audit log of persons."""
+"""Clients of the services of a lane, with audit log entries for the persons who call them."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -170,8 +170,8 @@ class LaneServices(PortNode):
         """Perform an action for a person, with entries in the audit log before and after it.
 
         `action` returns its outcome in words, or raises `ActionRefusedError`; any other error is
-        reported and logged as well. Without an audit log nothing is written, but on a lane that has
-        had one nothing is done without it.
+        reported and logged as well. A lane without an audit log gets no entries, but on a lane that
+        has had one, no action is performed without it.
         """
         acting = person, reason
         why = f'; reason: {reason}' if reason else ''
@@ -185,7 +185,7 @@ class LaneServices(PortNode):
         except ActionRefusedError as error:
             outcome = Outcome(False, one_line(error))
             ending = f'refused: {outcome.text}'
-        except Exception as error:  # a mistake in this program
+        except Exception as error:  # a defect of this program
             self.fail(error, what)
             ending = f'failed: {type(error).__name__}: {one_line(error)}'
             outcome = Outcome(False, f'it {ending}')
@@ -202,9 +202,9 @@ class LaneServices(PortNode):
     async def _note(
         self, acting: tuple[Person, str], text: str | None = None, services: Sequence[str] = ()
     ) -> None:
-        """Write into the audit log what a person does; without a text announce calls of services.
+        """Log what a person does; without a text, announce calls of services to the audit log.
 
-        No services are announced at the end of an action.
+        An announcement without services ends the earlier ones.
         """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
         if not self._has_log:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The switches of a simulated machine, and the hands that put a mass on its belt."""
+"""Controls of a simulated machine: its feed, its belt speed, and masses on its belt."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ _TEXT = (
 
 
 async def operate(desk: Desk, services: LaneServices) -> None:
-    """Ask what is to be set at the machine."""
+    """Ask for the settings of the machine, and make them."""
     now = await actions.operation(services)
 
     def value(label: str, given: float, unit: str) -> ui.input:

@@ -39,12 +39,12 @@ _STATES = {
     ProgressState.ASKING: 'do this, then press Make: ',
     ProgressState.DECIDING: 'failed: make it again, or go on? ',
 }
-# The browser reads the file up to a length at which no plan is valid any more.
+# The browser cuts off a file that is too long to be a plan.
 _READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(t => emit(t))'
 
 
 class VerificationGuide(Guide):
-    """The dialog of a verification, which goes on without it."""
+    """Dialog of a verification, which continues when the dialog is closed."""
 
     title = 'Verification'
     needs = ports.BEGIN_VERIFICATION
@@ -52,7 +52,7 @@ class VerificationGuide(Guide):
     def __init__(self, desk: Desk, services: LaneServices) -> None:
         super().__init__(desk, services)
         self._said: VerificationProgress | None = None
-        self._paths: dict[str, Path] = {}  # plans by their names in the folder
+        self._paths: dict[str, Path] = {}  # plans by their paths in the folder
         with self.body:
             ui.label(_STEPS)
             with ui.element('div').classes('fields') as self._choice:
@@ -64,7 +64,7 @@ class VerificationGuide(Guide):
                 upload.on(
                     'change', lambda event: self._plan.set_value(str(event.args)), js_handler=_READ
                 )
-                # Apart from the state of the verifier, which may come after a plan is chosen.
+                # Not in the state of the verifier, which may come after a plan is chosen.
                 self._found = ui.label('').classes('found').props('role=status')
             self._state = ui.label('').classes('state').props('role=status')
             self._lines = Lines().classes('read lines')
@@ -130,7 +130,7 @@ class VerificationGuide(Guide):
                 self.tell(Outcome(False, f'{name}: {error}'))
 
     def _show_plan(self) -> None:
-        """Show the steps of the plan, or the mistake in it."""
+        """Show the steps of the plan, or its error."""
         steps: tuple[Step, ...] = ()
         try:
             steps = steps_of(read_plan(str(self._plan.value or '')))

@@ -63,7 +63,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Weigh, show the table and write the files that are asked for."""
+    """Show the table and write the requested files; 1 if a bag was skipped."""
     from checkweigher_bringup.evaluation import evaluate, evaluate_family
     from checkweigher_bringup.settings import on_scheduler_of
 

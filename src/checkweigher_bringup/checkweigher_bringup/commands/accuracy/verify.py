@@ -38,7 +38,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make the procedure and the report; 0 if everything passed, 1 if not."""
+    """Run the procedure and write the report; 0 if everything passed, else 1."""
     from checkweigher_validation.verification.plan import EXAMPLE
 
     if arguments.example:
@@ -64,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
-    """Make the reports of bags again, each in a folder of its name.
+    """Write the reports of bags again, each into a folder with the name of its bag.
 
-    Returns 1 if one of them did not pass or could not be made.
+    Returns 1 if a verification did not pass, or its report could not be made.
     """
     from checkweigher_bringup.commissioning import verification
     from checkweigher_core.whole_file import check_new

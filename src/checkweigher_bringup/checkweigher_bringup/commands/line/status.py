@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _PERIOD = 1.0  # s
 _PATIENCE = 5.0  # s, for the first report of a running line
-_FIRST_LOOK = 1.5  # s after it, for the reports of all nodes
+_FIRST_LOOK = 1.5  # s after the first report, for the reports of all nodes
 _NARROWEST = 40  # columns of text
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
@@ -39,7 +39,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show tables until interrupted; 1 if the last one has an error or a silent node."""
+    """Show tables until interrupted; 1 if a node then has an error or is silent."""
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
     from checkweigher_core.health.findings import Level
@@ -89,7 +89,7 @@ def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
-    """Yield the lines of a table with a row for each lane, `width` columns wide at most."""
+    """Yield the lines of a table of lanes, cut to `width` columns if that leaves room."""
     from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
@@ -104,7 +104,7 @@ def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
     """Yield the lines of a table, `width` columns wide if that leaves room for the text.
 
-    Rows that are not OK have a hint and figures, with `values` all rows.
+    Rows that are not OK show their values, too; with `values`, all rows do.
     """
     from checkweigher_core.health.findings import Level
 

@@ -34,7 +34,7 @@ OPTIONS = (
 
 
 def _check(action: str, name: str | None, role: str | None) -> None:
-    """Raise UserError unless an action has the options that it needs."""
+    """Raise UserError unless an action has exactly the options that it needs."""
     if (name is None) != (action == 'list'):
         raise UserError(f'{action}: must have a NAME, and only list has none')
     if (role is None) != (action != 'add'):
@@ -42,7 +42,7 @@ def _check(action: str, name: str | None, role: str | None) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Change the file of users, or show it."""
+    """Change or show the users file."""
     from checkweigher_web.access import users as accounts
 
     path, action, name = arguments.users, arguments.action, arguments.name
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
     name = accounts.check_name(name)
-    _users(path, action, name)  # before a password is typed
+    _users(path, action, name)  # refuses before a password is typed
     password = '' if action == 'remove' else accounts.hash_password(name, _password(name))
     with accounts.changing_users(path):
         users = _users(path, action, name)
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
-    """Return the users of a file; UserError if the action cannot be done with this name."""
+    """Return the users in a file; UserError if the action is not possible for the name."""
     from checkweigher_web.access.users import read_users
 
     users = read_users(path) if path.exists() or action != 'add' else {}
@@ -83,7 +83,7 @@ _DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
 
 
 def _password(name: str) -> str:
-    """Return a password typed twice without echo, or a line of an input that is no terminal."""
+    """Return a password, typed twice without echo or read from an input that is no terminal."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip('\r\n')
     password = getpass(f'Password of {name}: ')

@@ -32,7 +32,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the changes; 1 if the chain is broken, or differs from the sealed one."""
+    """Show the changes; 1 if the chain is broken, or does not match the seals."""
     from checkweigher_production.audit_log import read_log
     from checkweigher_production.audit_seal import (
         hold_to_seals,
@@ -60,11 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the hash of the option, empty without; UserError if it is not a hash."""
+    """Return the hash in the option, or '' without one; UserError if it is not a hash."""
     if given is None:
         return ''
     noted = given.strip().lower()
-    # An empty one, as of a variable that is not set, would be no check at all.
+    # An empty hash, as from an unset shell variable, would check nothing.
     if not re.fullmatch('[0-9a-f]{64}', noted):
         raise UserError(f'--hash {given!r}: is no hash of an entry, 64 hexadecimal digits')
     return noted
@@ -97,7 +97,7 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
 
 
 def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
-    """Yield a line for each value that was changed."""
+    """Yield the head, and a line for each changed value."""
     from checkweigher_core.printable import one_line
     from checkweigher_production.audit_words import changes, shortened
 

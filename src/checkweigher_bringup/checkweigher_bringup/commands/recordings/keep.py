@@ -21,7 +21,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Cut the item out and show it as it is weighed in the small bag."""
+    """Cut the item out, and show its result in the small bag."""
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.output import ItemTable, read_with_warning
     from checkweigher_bringup.settings import line_parameters

@@ -15,7 +15,7 @@ from checkweigher_bringup.errors import UserError
 if TYPE_CHECKING:
     from checkweigher_core.recording import Event
 
-# Options in customary units: the parameter in SI units, the unit, and its number in one SI unit.
+# Options in customary units: their parameter, their unit, and how many make one SI unit.
 _CONVERTED = {
     'speed': ('speed', 'm/min', 60.0),
     'mass': ('masses', 'g', 1000.0),
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _to_si(option: str, value: float) -> float:
-    """Return the value of an option in SI units; UserError, in the unit of the option."""
+    """Return the value of an option in SI units; UserError if it is out of range."""
     from checkweigher_core.parameters import describe
     from checkweigher_recording.simulation.simulator import SimulationParameters
 

@@ -111,9 +111,9 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
 
 
 def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tuple[TextIO, TextIO]:
-    """Weigh a bag that is read in segments; return files with its table and the rows of its CSV.
+    """Weigh the segments of a bag; return files with its table and its CSV rows.
 
-    Nothing is shown until the end of the bag has been read, because an error there voids it all.
+    Nothing is shown before the whole bag is read, because an error at its end voids all results.
     """
     from checkweigher_bringup.output import ItemTable, with_warning
     from checkweigher_validation.accuracy.columns import write_csv
