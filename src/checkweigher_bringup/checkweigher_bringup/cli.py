@@ -186,8 +186,8 @@ def _line_for(error: Exception) -> str:
         return f'{error.filename or "the output"}: {error.strerror or error}'
     if isinstance(error, MemoryError):
         return 'not enough memory for this'
-    # Compared by name, because only commands of a graph import rclpy. The user can correct the
-    # keystore.
+    # Compared by name, because only commands of a graph import rclpy. With ROS security on, an
+    # RCLError usually means an invalid keystore, which the user can correct.
     if type(error).__name__ == 'RCLError' and os.environ.get('ROS_SECURITY_ENABLE') == 'true':
         text = sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
         return f'ROS_SECURITY_ENABLE=true: {text.rstrip(".,")}'

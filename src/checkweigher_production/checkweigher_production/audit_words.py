@@ -14,7 +14,7 @@ _WIDEST = 40  # characters of a value
 
 
 def conclusion(found: Verification) -> str:
-    """Return whether the chain is whole, or where it is broken, in one line."""
+    """Return one line that says whether the hash chain is whole, or where it is broken."""
     if not found.whole:
         place = f'line {found.bad_line}: {found.problem}: ' if found.bad_line else ''
         return f'BROKEN: {place}{found.reason}'

@@ -114,7 +114,7 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield kind and content of each line: a verdict, filler feedback, a recipe or a table.
+    """Yield the kind and the content of each line: a record of that kind, or a dict for others.
 
     Raises `RecordError` with file and line, as `read_lines`, or if a content is not valid.
     """

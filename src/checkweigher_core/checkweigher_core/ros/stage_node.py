@@ -88,7 +88,7 @@ class StageNode(PortNode, Generic[P]):
         """Apply changed `self.parameters`."""
 
     def diagnose(self, now: float) -> Iterable[Finding]:
-        """Return the findings of this stage at `now`, s of the monotonic clock."""
+        """Return the findings of this stage at time `now`, in seconds on the monotonic clock."""
         return ()
 
     def _diagnose(self, now: float) -> Iterable[Finding]:

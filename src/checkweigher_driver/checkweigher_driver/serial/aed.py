@@ -167,7 +167,7 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device {said} to {command}; see {parameter}')
 
     def identify(self) -> tuple[str, str]:
-        """Return model and serial number; `SerialError` if another device replies, or none."""
+        """Return model and serial number; raise `SerialError` unless an AED replies."""
         for attempt in range(_ATTEMPTS):
             self.stop()
             try:

@@ -11,8 +11,8 @@ it: [own derivation]
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
 y is the signal, M r the response r of the platform to a load of about M, and m the unknown error of
-M. An edge that may lie anywhere within +-u has the variance u^2 / 3. All of these are means of
-blocks, and a prediction-error filter makes n white.
+M. An edge that may lie anywhere within +-u has the variance u^2 / 3. The
+signals in this equation are block means. A prediction-error filter makes n white.
 """
 
 import math

@@ -181,7 +181,8 @@ class RejectStage:
         verdicts = [self._give(item, now) for item in overdue]
         verdicts += self._judge_unannounced(now)
         self.early.advance(now)
-        self.inspections.advance(now)  # after the verdicts, which have waited for the devices
+        # Last, because the verdicts above may still need the external rejects that it discards.
+        self.inspections.advance(now)
         return verdicts
 
     def _judge_unannounced(self, now: int) -> list[Verdict]:

@@ -36,9 +36,9 @@ _SAME = 0.1  # relative difference of equal belt speeds and lengths
 class EdgeCheck:
     """Comparison of the rise of each item with its edges. Lags are relative to the stated lag, s.
 
-    If the stated lag is known, it is used from the first item on. Otherwise the lag of the machine
-    is learned, as the median of the first items of one speed and length. It is learned again if the
-    speed or the length changes.
+    If the stated lag is known, it is used from the first item on. Otherwise the lag is learned:
+    it is the median of the lags of the first items that have the same speed and length. It is
+    learned again if the speed or the length changes.
 
     Attributes
     ----------

@@ -70,7 +70,7 @@ class SampleBuffer:
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 
     def index_at(self, stamp: int) -> int:
-        """Return the index of the first sample at or after `stamp`, which may not have come yet."""
+        """Return the index of the first sample at or after `stamp`, even if it has not arrived."""
         position = max(bisect_right(self._anchors, stamp, key=attrgetter('stamp')) - 1, 0)
         anchor = self._anchors[position]
         offset = (stamp - anchor.stamp) * self.sample_rate / NANOSECONDS

@@ -37,7 +37,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
 
 
 def files_of_bag(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag in the order of their names; BagError if there are none."""
+    """Return the MCAP files of a bag, sorted by name; raise `BagError` if it is not a bag."""
     files = sorted(path.glob('*.mcap')) if path.is_dir() else []
     if not files or not (path / 'metadata.yaml').is_file():
         raise BagError(f'{path}: not the folder of a whole MCAP bag')

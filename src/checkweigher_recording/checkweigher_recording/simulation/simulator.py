@@ -58,7 +58,8 @@ class Profile:
 
     natural_frequency: float = 38.0  # Hz, of the empty platform
     speed_jitter: float = 0.001  # relative standard deviation from product to product
-    # s/m, peak force at entry per product mass and belt speed: standard deviation over products.
+    # s/m, standard deviation over products of the peak force at entry per product mass and belt
+    # speed.
     impact: float = 0.03
     # kg s/m, amplitudes of the roller line and its harmonics per belt speed.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)

@@ -180,7 +180,7 @@ def same(one: float, other: float) -> bool:
 
 
 def distinct(values: Iterable[float]) -> tuple[float, ...]:
-    """Return values in ascending order, without repetitions of the `same` value."""
+    """Return the values in ascending order, without duplicates as defined by `same`."""
     kept: list[float] = []
     for value in sorted(values):
         if not kept or not same(kept[-1], value):

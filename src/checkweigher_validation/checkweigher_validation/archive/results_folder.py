@@ -29,7 +29,7 @@ class ResultsFolder:
         self._path = path
         self._names = {job.bag: f'{name}.parquet' for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
-        self._before: dict[str, BagSummary] = {}  # of bags with earlier results
+        self._before: dict[str, BagSummary] = {}  # earlier results, by bag
         try:
             path.mkdir(exist_ok=True)
         except OSError as error:

@@ -95,7 +95,7 @@ class _Forms:
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            # A refused attempt costs nothing, so a flood of them must not fill the log.
+            # A client can repeat refused attempts at any rate, so they must not fill the log.
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Marks in the signal of a fault: for each of its reasons, places in the signal and texts."""
+"""Marks that explain a fault in a plot of the signal, each with a text and a time range."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -10,8 +10,8 @@ The platform obeys
 
 and least squares is at its best where n is white. So n is estimated by the residual and modelled as
 an autoregression (Burg, order by Akaike). The inverse of that model, a FIR filter, makes n white
-when it is applied to x and u. This is repeated with the better coefficients. A fixed low-pass is
-applied, too.
+when it is applied to x and u. Least squares on the filtered signals gives better coefficients, from
+which the residual and the filter are computed again. A fixed low-pass is applied, too.
 
 The product is fully on the belt before the window begins, so an output of the filter whose taps
 all lie within the window sees only u = 1. Earlier outputs are dropped. In the others, the
