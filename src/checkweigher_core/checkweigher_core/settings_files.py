@@ -46,7 +46,7 @@ class Settings:
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return a table in the present format; overrides translate older formats."""
+        """Return a table in the present format; subclasses convert older formats here."""
         return content
 
 

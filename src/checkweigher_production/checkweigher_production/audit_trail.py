@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of the audit log: each change with its author and the previous value, across restarts.
+"""Entries of the audit log for changes, each with its author and the previous value.
 
 The previous values are read from the log. A parameter file that was edited while the line was not
 running is therefore detected at the next start.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Performance test on a running line, with the person who sends the test product."""
+"""Performance test on a running line, which asks a person to send the test product."""
 
 import math
 import queue

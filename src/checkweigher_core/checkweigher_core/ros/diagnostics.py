@@ -52,7 +52,7 @@ class Diagnostics:
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
-        """Log a warning, the same one at most once a second, and show it."""
+        """Log a warning and show it; repeats of the same text are logged at most once a second."""
         text = one_line(text)
         self._warning = self._last_warning = text
         now = time.monotonic()

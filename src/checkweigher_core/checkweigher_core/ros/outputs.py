@@ -175,7 +175,7 @@ class Input:
         self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
 
     def count(self) -> int:
-        """Return the number of makers of the records."""
+        """Return the number of publishers of this input, in the same process or over DDS."""
         if self.subscription is None:
             return len(self.makers)
         return int(self.subscription.get_publisher_count())

@@ -192,8 +192,8 @@ ZERO_SETTING = Port(
 SEGMENTER_STATUS = Port(
     'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'segmenter', ('driver', 'reject'), (),
-    'How much has been taken; paces a replay. Comes with the samples, when an item begins to leave, '
-    'and whenever the driver asks by sending its own again')
+    'How much has been taken; paces a replay. Comes with the samples, when an item begins to '
+    'leave, and whenever the driver asks by sending its own again')
 DENOISED_WINDOW = Port(
     'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'denoise', ('identifier',), ('denoise', 'identifier'),

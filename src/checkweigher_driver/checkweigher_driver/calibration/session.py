@@ -135,9 +135,9 @@ class CalibrationSession:
         """Return the calibration of the points; they are kept.
 
         `max_residual` is the largest allowed residual in kg, 0 for any. `edges` has the latest edge
-        of each eye, `stamp` is the stamp of the last block, ns, and `now` is in s on the clock of
-        `add`. Raises CalibrationError if the points do not give a calibration, or if a product may
-        be on the belt.
+        of each eye. `stamp` is the stamp of the last block in ns, and `now` the time in s on the
+        clock of `add`. Raises CalibrationError if the points do not give a calibration, or if a
+        product may be on the belt.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')

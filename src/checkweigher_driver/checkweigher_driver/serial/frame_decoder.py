@@ -91,8 +91,8 @@ class FrameDecoder:
 
     With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
     and a disturbed byte inside a frame cannot be detected. `trailer` is 'crlf' if CR LF follows,
-    'none' if not, or 'auto' to find out. Raises ValueError if a frame has neither a checksum nor CR
-    LF, because frames could not be told apart.
+    'none' if not, or 'auto' to find out. Raises ValueError for `trailer` 'none' without a
+    checksum, because the bounds of frames could not be found.
 
     After a bad frame the search continues from its second byte, up to the first place at which five
     frames in a row are good.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # Hz
-# Least number of samples to which a model is fitted, as a multiple of its order.
+# Least number of block means to which a model is fitted, as a multiple of its order.
 _LEAST_RATIO = 3
 _PREDICTED_AT_ONCE = 4  # samples, see `predict`
 

@@ -384,7 +384,7 @@ class _Machine:
 
 
 class _ProfileSignal:
-    """Reading of the machine of a profile, computed in consecutive stretches."""
+    """Simulated load-cell signal of a machine, computed in consecutive blocks."""
 
     def __init__(
         self,

@@ -67,7 +67,7 @@ def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return a text table of the means over all masses, by speed and estimator, then over all speeds.
+    """Return a text table of the means over the masses, by speed and estimator and over all speeds.
 
     Only test passes are used if there are any. The columns include the fractions of the stated 68 %
     and 95 % intervals that contain the error, and the number of conditions within the limits of a

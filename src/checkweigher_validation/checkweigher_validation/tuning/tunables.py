@@ -63,7 +63,7 @@ class Tunable:
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the best values and their badness."""
+        """Return the best parameter values, and the value of the objective there."""
         axes = [replace(axis, start=self.start(axis)) for axis in self.searched()]
         return search(axes, badness, budget)
 

@@ -135,7 +135,7 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return the refusal of a connection to another name or from another site, or None."""
+        """Return an error response if host or origin are those of another site, otherwise None."""
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)

@@ -111,7 +111,7 @@ def identify(signal: NDArray[np.float64], measurement: float, process: float) ->
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
     """
-    # Imported here, because it loads scipy, which takes as long as the rest of a line.
+    # filterpy is imported only here, because it loads SciPy, which takes long at a start.
     from filterpy.kalman import ExtendedKalmanFilter
 
     platform = ExtendedKalmanFilter(dim_x=5, dim_z=1)  # with X0 = 0 and P0 = I

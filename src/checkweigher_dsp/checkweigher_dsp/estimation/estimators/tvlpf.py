@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""TVLPF: a low-pass cascade whose cut-off falls during the window.
 
-Reconstruction from abstracts of Pietrzak, Meller, Niedzwiecki, Dynamic mass measurement in
-checkweighers using a discrete time-variant low-pass filter, Mechanical Systems and Signal
-Processing 48 (2014), and its conference version of 2010. A filter with a high cut-off follows the
-load at once, and one with a low cut-off suppresses the vibration, so the cut-off falls during the
-window:
+This is a reconstruction from the abstracts of two papers: Pietrzak, Meller, Niedzwiecki, Dynamic
+mass measurement in checkweighers using a discrete time-variant low-pass filter, Mechanical Systems
+and Signal Processing 48 (2014), and the conference version of 2010. A filter with a high cut-off
+follows the load at once, and one with a low cut-off suppresses the vibration, so the cut-off falls
+during the window:
 
 .. math:: f(n) = f_\infty + (f_0 - f_\infty) r^n .
 """

@@ -125,7 +125,7 @@ def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
 
 
 def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the median power of residuals (n, k) by frequency, (k // 2 + 1,).
+    """Return the power of residuals (n, k) by frequency, the median over n, shape (k // 2 + 1,).
 
     A Hann window is applied first.
     """
@@ -232,7 +232,7 @@ def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray
 
 
 def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
-    """Return the covariance of a ringing platform of unknown frequency, with a mean variance of 1.
+    """Return the covariance (k, k) of the ringing of a platform, scaled to a mean variance of 1.
 
     Its amplitude is largest while a product enters, and half as large before and long after that.
     """
