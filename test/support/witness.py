@@ -19,7 +19,7 @@ from checkweigher_core.ros.port_node import PortNode
 
 
 def tell(lane: str, port: ports.Port, record: Any) -> None:
-    """Tell a record of a lane."""
+    """Print a record of a lane as a line of JSON."""
     line = {'lane': lane, 'topic': port.name, 'came': time.monotonic_ns()}
     print(json.dumps({**line, **asdict(record)}), flush=True)
 

@@ -39,8 +39,8 @@ class FlowControl:
     """Limits of the lag of the line behind the driver, which waits while a limit is exceeded.
 
     The lag is computed from the counts that the segmenter reports, so that it does not depend on
-    the depth of the queues. Samples and edges are counted separately because they have separate
-    topics, either of which may be delayed. If several threads use it, they must share a lock.
+    the depth of the queues. It counts samples and edges separately, because DDS may delay the
+    topic of either. Threads that use it must share a lock.
     """
 
     max_duration: float = 1.0  # s of signal; below the delay of edges that the segmenter accepts

@@ -148,7 +148,7 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     if hint is Decision and value in Decision.__members__:
         return Decision[value]
     if hint == tuple[str, ...]:
-        if isinstance(value, list) and set(map(type, value)) <= {str}:
+        if isinstance(value, list) and all(isinstance(each, str) for each in value):
             return tuple(value)
     elif hint is float and type(value) is int:
         return float(value)

@@ -76,7 +76,7 @@ class Lines(_FromText, component='lines.js'):
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """Note on the age of the page; the browser greys the page while no beat comes."""
+    """Label with the age of the page. The browser greys the page while it receives no beat."""
 
     def beat(self, age: float) -> None:
         """Send the age of the state that the browser shows, in s."""

@@ -284,7 +284,7 @@ ALL = (
     PRODUCT_ON_LINE, PRODUCT_IN_USE, PERFORMANCE_TEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT,
     VERIFICATION, DIAGNOSTICS,
 )
-# Topics of the page: those that it always needs, and those that it needs while somebody looks.
+# The page subscribes to the results all the time, and to the signals while a viewer is connected.
 PAGE_RESULTS = (
     LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS, MASS_ESTIMATE, VERDICT, STATISTICS,
     FILLER_FEEDBACK, STOP_REQUEST,

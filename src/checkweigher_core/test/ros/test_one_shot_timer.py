@@ -6,6 +6,7 @@ import threading
 import time
 
 import pytest
+from running import wait_for
 
 from checkweigher_core.ros.one_shot_timer import OneShotTimer
 from checkweigher_core.ros.outputs import LOCK
@@ -27,14 +28,6 @@ def timer(fired):
     yield made
     with LOCK:
         made.clear()
-
-
-def wait_for(condition):
-    """Wait until a condition holds."""
-    end = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.001)
 
 
 def test_it_fires_once_at_the_time_set_last(timer, fired):

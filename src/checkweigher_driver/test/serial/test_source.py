@@ -94,7 +94,7 @@ def travel(name, values, options, link):
 
 @contextmanager
 def streaming(link, rate=RATE):
-    """Have a device that streams, and the reader of its source."""
+    """Run a device that streams, and yield it with the reader of its source."""
     machine = SerialDevice(link, '--rate', rate)
     reader = Reader(make('aed', link))
     reader.wait_for_samples(1)

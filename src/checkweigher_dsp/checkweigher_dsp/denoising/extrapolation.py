@@ -121,7 +121,7 @@ def predict(
 def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the weights (windows, 2 n, p) of the last p samples in the next 2 n, from those for n.
 
-    The second half is predicted from p samples, the last n of which are the first half.
+    The first half of the next 2 n samples gives n of the p samples that predict the second half.
     """
     width, order = weights.shape[1:]
     further = weights[..., order - width :] @ weights

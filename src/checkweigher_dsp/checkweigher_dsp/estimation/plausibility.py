@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
 
-# The seventh difference, made flat above a quarter of the sample rate. It reduces a line at a
+# The seventh difference, equalised above a quarter of the sample rate. It reduces a line at a
 # twentieth of the sample rate, at which a platform may ring, to 2e-5.
 _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.array([5, 2])] * 3)
 _EDGE = len(_FILTER) - 1  # samples at each end that it cannot filter

@@ -69,7 +69,7 @@ def identify(
         Responses, normalised so that the steady state for u = 1 is about 1. Start and covariance
         have no unit, so otherwise the result would depend on the unit of the samples.
     variance : ndarray, (windows,) float64
-        Variance of which R is a multiple, in the unit of `samples` squared. R is at least 1e-14,
+        Variance that R is scaled by, in the unit of `samples` squared. R is at least 1e-14,
         which keeps the filter regular if a signal has no noise.
     noise : Noise
         R, Q and P0.

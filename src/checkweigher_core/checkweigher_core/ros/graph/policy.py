@@ -17,7 +17,7 @@ PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
 # Topics to which observers subscribe, by node. The page uses this table, too.
-VIEWED: dict[str, tuple[Port, ...]] = {
+_VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
@@ -63,7 +63,7 @@ class Rights:
 
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node, by its name, in the namespace `lane`."""
-    viewed = VIEWED.get(node, ())
+    viewed = _VIEWED.get(node, ())
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
     reply = {each.name for each in services.SERVICES if each.server == node} | _of(
