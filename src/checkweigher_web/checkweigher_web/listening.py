@@ -64,6 +64,7 @@ class Watch:
     def _look(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD):
             for name in self._names() - self.lanes.keys():
+                self.board.expect(time.monotonic(), name)
                 lane = Lane(name, self._held)
                 self._spinner.add(_Listener('page_results', lane, ports.PAGE_RESULTS))
                 self.lanes[name] = lane

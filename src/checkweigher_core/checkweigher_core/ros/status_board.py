@@ -36,6 +36,7 @@ class StatusBoard:
     def __init__(self, namespace: str = '') -> None:
         self._namespace = namespace
         self._nodes: dict[str, tuple[float, list[Row]]] = {}
+        self._expected: dict[str, float] = {}  # lanes, and since when
         self._lock = threading.Lock()
 
     def add(self, now: float, statuses: Iterable[Any]) -> None:
@@ -52,6 +53,11 @@ class StatusBoard:
         with self._lock:
             for node, rows in reported.items():
                 self._nodes[node] = now, rows
+
+    def expect(self, now: float, lane: str) -> None:
+        """Count the nodes of a lane as silent from `now`, s, until one of them reports."""
+        with self._lock:
+            self._expected[lane] = now
 
     def hosts(self) -> dict[str, set[str]]:
         """Return the host names in the latest reports of each lane."""
@@ -70,7 +76,7 @@ class StatusBoard:
     def rows(self, now: float) -> list[Row]:
         """Return all rows at `now`, s, the worst first; silent and missing nodes are STALE."""
         with self._lock:
-            nodes = dict(self._nodes)
+            nodes, expected = dict(self._nodes), dict(self._expected)
         found = []
         for node, (heard, rows) in nodes.items():
             if now - heard > _SILENCE:
@@ -79,13 +85,15 @@ class StatusBoard:
                 continue
             # Leave out a node's own row if it only repeats the worst of its aspects.
             found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]
-        lanes = {node.rpartition('/')[0] for node in nodes} or {self._namespace}
-        for lane in lanes:
+        known = {node.rpartition('/')[0] for node in nodes}
+        for lane in known | expected.keys() or {self._namespace}:
+            silence = 0.0 if lane in known else now - expected.get(lane, now)
+            overdue = silence if silence > _SILENCE else 0.0
             for name in STAGES:
                 node = f'{lane}/{name}'.lstrip('/')
                 if node not in nodes:
                     text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'
-                    found.append(Row(node, '', Level.STALE, text))
+                    found.append(Row(node, '', Level.STALE, text, silence=overdue))
         return sorted(found, key=lambda row: (-_URGENCY.index(row.level), row.node, row.aspect))
 
 

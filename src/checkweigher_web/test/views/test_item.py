@@ -48,6 +48,15 @@ def test_a_lane_of_which_a_node_that_weighs_is_silent_does_not_weigh():
     assert standstill(board.rows(7.0)) == 'silent for 7 s'
 
 
+def test_a_lane_that_ends_before_its_first_report_does_not_weigh():
+    board = StatusBoard()
+    board.expect(1.0, 'late')
+    assert standstill(board.rows(2.0)) == ''
+    assert standstill(board.rows(5.0)) == 'silent for 4 s'
+    board.add(5.0, [status(f'late/{node}: Connections') for node in STAGES])
+    assert standstill(board.rows(6.0)) == ''
+
+
 def test_nodes_that_nobody_has_heard_yet_are_no_standstill():
     board = StatusBoard()
     board.add(0.0, [status('product: Connections')])
