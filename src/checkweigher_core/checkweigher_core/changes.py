@@ -11,6 +11,7 @@ SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
 RECORD, REPORT = 'record', 'report'  # of a batch
 TUNED = 'tuned'
+ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or ended in order
 TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
 
 

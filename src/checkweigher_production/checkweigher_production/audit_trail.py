@@ -130,6 +130,10 @@ class AuditTrail:
         """Return the last value of a subject, None if there is none."""
         return self._last.get((kind, subject))
 
+    def known(self, kind: str) -> dict[str, Any]:
+        """Return the last values of all subjects of a kind, in the order of their first entries."""
+        return {subject: value for (each, subject), value in self._last.items() if each == kind}
+
     def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
         """Write a state that is about to be set, unless it equals the last one."""
         if (old := self.last(kind, subject)) != plain(value):
@@ -160,7 +164,7 @@ class AuditTrail:
         self, recipes: Mapping[str, Mapping[str, object]], by: Author | None = None
     ) -> None:
         """Write the recipes that are new, changed or removed."""
-        gone = {subject for kind, subject in self._last if kind == RECIPE} - set(recipes)
+        gone = self.known(RECIPE).keys() - recipes.keys()
         for name, recipe in (*recipes.items(), *((name, None) for name in sorted(gone))):
             self.state(RECIPE, name, recipe, by)
 

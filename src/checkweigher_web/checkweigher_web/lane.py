@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import Event, Recording
 from checkweigher_core.records import (
     NANOSECONDS,
+    Alarm,
+    Alarms,
     Decision,
     EyeEdge,
     FillerFeedback,
@@ -82,6 +84,7 @@ class Lane:
         self.statistics: Statistics | None = None
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
+        self.alarms: tuple[Alarm, ...] = ()
         self.load_cell: LoadCell | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
@@ -109,6 +112,8 @@ class Lane:
                     self.statistics = record
                 case FillerFeedback():
                     self.filler = record
+                case Alarms():
+                    self.alarms = record.alarms
                 case StopRequest() | None:
                     self.stop = record
                 case LoadCell():  # the first message of a source

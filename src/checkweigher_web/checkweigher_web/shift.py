@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import BlockColumns, Recording
 from checkweigher_core.records import (
     NANOSECONDS,
+    Alarm,
     Decision,
     EyeEdge,
     MassEstimate,
@@ -127,6 +128,7 @@ class Playback:
     """
 
     stop = filler = None
+    alarms: tuple[Alarm, ...] = ()
 
     def __init__(self, shift: Shift, name: str) -> None:
         self.shift = shift

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import math
 
 from checkweigher_core.records import GRAMS, NANOSECONDS, Verdict
-from checkweigher_core.records.reasons import Reason
+from checkweigher_core.records.reasons import hint_of
 
 # A sign beside the colour, because not everybody sees the colours.
 _SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
@@ -25,12 +25,16 @@ def said(verdict: Verdict) -> str:
 
 def why(verdict: Verdict) -> str:
     """Return the reasons of a verdict, each with what to check."""
-    return '; '.join(f'{reason}: {hint(reason)}' for reason in verdict.reasons)
+    return '; '.join(f'{reason}: {hint_of(reason)}' for reason in verdict.reasons)
 
 
 def when(verdict: Verdict) -> str:
     """Return the local time at which an item was weighed, or a dash if it is not known."""
-    stamp = verdict.t3 or verdict.t1
+    return clock(verdict.t3 or verdict.t1)
+
+
+def clock(stamp: int | None) -> str:
+    """Return the local time of a stamp in ns, or a dash if there is none."""
     if stamp is None:
         return '–'
     return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
@@ -44,10 +48,3 @@ def grams(mass: float, unit: str = '', digits: int = 3) -> str:
 def number(value: float, digits: int, unit: str = '') -> str:
     """Return a number with its unit, or a dash for NaN."""
     return f'{value:.{digits}f}{unit}' if math.isfinite(value) else '–'
-
-
-def hint(reason: str) -> str:
-    """Return what to check for a reason."""
-    if reason not in Reason.__members__.values():
-        return 'a reason that this version does not know'
-    return Reason(reason).hint

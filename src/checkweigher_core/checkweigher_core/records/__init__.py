@@ -19,6 +19,8 @@ from checkweigher_core.records.machine import (
     StreamStatus,
 )
 from checkweigher_core.records.production import (
+    Alarm,
+    Alarms,
     BatchResult,
     FillerFeedback,
     PerformanceState,
@@ -35,6 +37,7 @@ from checkweigher_core.records.quantities import (
     NUMBERS_AT_ONCE,
     Stamp,
     seconds,
+    utc,
 )
 from checkweigher_core.records.rejection import Decision, Permission, StopRequest, Verdict
 from checkweigher_core.records.verification import (

@@ -135,6 +135,41 @@ class FillerFeedback:
 
 
 @dataclass(frozen=True, slots=True)
+class Alarm:
+    """Something that went wrong, kept until it is over and a person has acknowledged it.
+
+    `source` is what raised it: ``stop`` (a stop request), ``fault`` (an item) or ``node`` (a node
+    that was started again); `reason` is that of the request or the item, or the name of the node.
+    It came at `first`, and `count` times in all. `last` is when it last began or ended. It was
+    `active` for `duration` s before `last`, and is so since then if `active` is set.
+    `acknowledged_by` is empty until a person acknowledges it.
+    """
+
+    source: str
+    reason: str
+    text: str
+    first: Stamp
+    last: Stamp
+    count: int = 0
+    active: bool = False
+    duration: float = 0.0
+    acknowledged_by: str = ''
+
+    @property
+    def over(self) -> bool:
+        """Whether it is over and a person has acknowledged it."""
+        return bool(self.acknowledged_by) and not self.active
+
+
+@dataclass(frozen=True, slots=True)
+class Alarms:
+    """The alarms of a lane at `stamp`, in the order in which they first came."""
+
+    stamp: Stamp
+    alarms: tuple[Alarm, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class BatchResult:
     """End of a batch at `stamp`, with the file of its record and the SHA-256 of that file."""
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Units, bounds and times that all records share."""
 
+from datetime import UTC, datetime
 import math
 from typing import Annotated
 
@@ -19,6 +20,11 @@ MAX_MASS = 1e6  # kg
 MAX_WINDOW = 2**16  # samples in a window or a message
 
 Stamp = Annotated[int, 'ns']  # on the clock of the samples
+
+
+def utc(stamp: int) -> str:
+    """Return a stamp as a time of ISO 8601, UTC, to the microsecond."""
+    return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).isoformat(timespec='microseconds')
 
 
 def seconds(stamp: int | None) -> float:

@@ -82,6 +82,12 @@ class StopReason(StrEnum):
         return _STOP_HINTS[self]
 
 
+def hint_of(reason: str) -> str:
+    """Return the hint of a reason in a message, which may be one of another version."""
+    known = reason in Reason.__members__.values()
+    return Reason(reason).hint if known else 'a reason that this version does not know'
+
+
 _HINTS = {
     Reason.DISTANCE_FAULT: 'two products were on the weigh belt at once; increase their spacing',
     Reason.MISSING_EDGE: 'a photo-eye did not switch, or the product was taken off the belt',

@@ -9,7 +9,7 @@ types, and a numpy scalar in a field aborts the process when the message is seri
 
 import array
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
 from operator import attrgetter
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core import records
 from checkweigher_core.records.reasons import StopReason
-from checkweigher_core.ros.ports import ALL, Port
+from checkweigher_core.ros.ports import Port, interface
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,7 @@ _FORMS: dict[type, _Form] = {
     records.ZeroChange: _Form(frame='load_cell'),
     records.ExternalReject: _Form(frame=attrgetter('device')),
     records.MachineConditions: _Form(frame='machine'),
+    records.Alarm: _Form(stamp='first'),
     records.PerformanceTest: _Form(unknown={'state': records.PerformanceState.OVERDUE}),
     records.StopRequest: _Form(
         frame='rejector',
@@ -87,8 +88,6 @@ _FORMS: dict[type, _Form] = {
         amend=_with_text,
     ),
 }
-# One port for each class of records.
-_PORTS = {port.record: port for port in ALL if port.record is not None}
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
@@ -130,11 +129,15 @@ def to_record(port: Port, message: Any) -> Any:
         If a value is impossible in the record, such as an eye that does not exist.
     """
     assert port.record is not None, f'{port.name} has no record'
-    plan = _plan(cast(Any, port.record))
+    return _record(port.record, message)
+
+
+def _record(kind: Any, message: Any) -> Any:
+    plan = _plan(kind)
     form = plan.form
     if form.absent and all(getattr(message, k) == value for k, value in form.absent.items()):
         return None
-    record = port.record(*[convert(get(message)) for get, convert in plan.read])
+    record = kind(*[convert(get(message)) for get, convert in plan.read])
     return record if form.amend is None else form.amend(message, record)
 
 
@@ -206,8 +209,9 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is tuple:
         convert = _writer(get_args(hint)[0])
         return lambda values: list(map(convert, values))
-    if hint in _PORTS:
-        return partial(to_message, _PORTS[hint])
+    if is_dataclass(hint) and isinstance(hint, type):
+        kind = interface(f'checkweigher_msgs/msg/{hint.__name__}')
+        return lambda record: _filled(kind(), to_fields(record))
     if issubclass(hint, str):
         return _text
     for plain in (bool, int, float):
@@ -226,8 +230,8 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is tuple:
         read = _reader(get_args(hint)[0], None)
         return lambda values: tuple(map(read, _bounded(values)))
-    if hint in _PORTS:
-        return partial(to_record, _PORTS[hint])
+    if is_dataclass(hint):
+        return partial(_record, hint)
     if hint is str:
         return lambda text: str(_bounded(text))
     return cast(_Get, hint) if unknown is None else partial(_member, hint, unknown)

@@ -263,6 +263,10 @@ FILLER_FEEDBACK = Port(
 BATCH_RESULT = Port(
     'batch_result', 'checkweigher_msgs/msg/BatchResult', records.BatchResult, STATE,
     'product', ('users',), (), 'The batch that has ended, and the file of its record')
+ALARMS = Port(
+    'alarms', 'checkweigher_msgs/msg/Alarms', records.Alarms, STATE,
+    'product', ('users',), (),
+    'What went wrong, each until it is over and a person has acknowledged it')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Once a second: see [Diagnostics](reasons.md#diagnostics)')
@@ -282,12 +286,12 @@ ALL = (
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
     REJECT_EYE, EXTERNAL_REJECT, MACHINE_CONDITIONS, STOP_REQUEST, PERMISSION, *ALIVE.values(),
     PRODUCT_ON_LINE, PRODUCT_IN_USE, PERFORMANCE_TEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT,
-    VERIFICATION, DIAGNOSTICS,
+    ALARMS, VERIFICATION, DIAGNOSTICS,
 )
 # The page subscribes to the results all the time, and to the signals while a viewer is connected.
 PAGE_RESULTS = (
     LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS, MASS_ESTIMATE, VERDICT, STATISTICS,
-    FILLER_FEEDBACK, STOP_REQUEST,
+    FILLER_FEEDBACK, STOP_REQUEST, ALARMS,
 )
 PAGE_SIGNALS = (LOAD_CELL_SAMPLES, DENOISED_WINDOW)
 # fmt: on
@@ -314,3 +318,4 @@ RECORD_CHANGE = 'record_change'
 SELECT_PRODUCT, NEW_BATCH = 'select_product', 'new_batch'
 RESET_STATISTICS = 'reset_statistics'
 BEGIN_TEST = 'begin_test'
+ACKNOWLEDGE_ALARMS = 'acknowledge_alarms'

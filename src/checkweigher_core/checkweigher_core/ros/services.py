@@ -102,6 +102,8 @@ SERVICES = (
     Service(ports.BEGIN_TEST, 'checkweigher_msgs/srv/BeginTest', 'product', (PAGE_WORK,),
             'begins the [performance test](production.md#the-performance-test) of the product, or '
             'breaks it off'),
+    Service(ports.ACKNOWLEDGE_ALARMS, _TRIGGER, 'product', (PAGE_WORK,),
+            'acknowledges all [alarms](topics.md#alarms); those that are over are gone'),
     Service(ports.RECORD_CHANGE, 'checkweigher_msgs/srv/RecordChange', 'product',
             (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK),
             'writes a change into the audit log before it is made; the other nodes of the lane '

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records to messages and back, through the wire."""
 
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 import itertools
 from typing import Any, get_args, get_origin, get_type_hints
@@ -55,6 +55,8 @@ def example(hint: Any) -> Any:
         return np.arange(number, number + 5).astype(get_args(get_args(hint)[1])[0])
     if issubclass(hint, Enum):
         return list(hint)[1]  # neither the first nor the one for unknown values
+    if is_dataclass(hint):
+        return record_of(hint)
     if hint is bool:
         return True
     return f'text {number}' if hint is str else hint(number)

@@ -5,31 +5,32 @@
 from collections.abc import Awaitable
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 from checkweigher_msgs.srv import BeginTest, NewBatch, RecordChange, ResetStatistics, SelectProduct
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from std_srvs.srv import Trigger
 
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.health.host_clock import HostClock
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import (
-    NANOSECONDS,
     LoadCell,
     MassEstimate,
     Statistics,
     StopRequest,
     Verdict,
+    utc,
 )
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_production.alarms import AlarmList
 from checkweigher_production.audit_log import AuditError, AuditLog
 from checkweigher_production.audit_trail import Author
 from checkweigher_production.batch_record import RecordError
@@ -89,6 +90,9 @@ class ProductNode(StageNode[ProductParameters]):
         line = LineParametersClient(self, _PATIENCE)
         self._audit = LineAudit(log, name, self._time, line, self._batches.has_record, self.warn)
         self._trail = self._audit.trail
+        self._alarms = AlarmList(self._trail, self._stamp, self.output(ports.ALARMS).send)
+        self._alarms.begin_run()
+        self._files.callback(self._alarms.end_run)
         publish, tally = self.output(ports.PRODUCT_ON_LINE).send, self._batches.production.tally
         self._recipe = LineRecipe(line, publish, self._stamp, tally)
         tests = self.output(ports.PERFORMANCE_TEST)
@@ -106,8 +110,8 @@ class ProductNode(StageNode[ProductParameters]):
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         self._serve()
+        self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
         if known.batch_folder:
-            self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
             self.create_timer(_POLL_PERIOD, self._advance_records)
         if known.audit_log:
             self._audit_others()
@@ -121,6 +125,7 @@ class ProductNode(StageNode[ProductParameters]):
             (NewBatch, ports.NEW_BATCH, self._on_new_batch),
             (ResetStatistics, ports.RESET_STATISTICS, self._on_reset),
             (BeginTest, ports.BEGIN_TEST, self._on_begin_test),
+            (Trigger, ports.ACKNOWLEDGE_ALARMS, self._on_acknowledge),
         ):
             self.create_service(kind, name, callback, callback_group=group)
         if self.parameters.recipes:
@@ -143,8 +148,7 @@ class ProductNode(StageNode[ProductParameters]):
         return int(self.get_clock().now().nanoseconds)
 
     def _time(self) -> str:
-        seconds = self._stamp() / NANOSECONDS
-        return datetime.fromtimestamp(seconds, UTC).isoformat(timespec='microseconds')
+        return utc(self._stamp())
 
     async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> Any:
         """Await the work of a service and return its response; `failed` begins the warning.
@@ -203,6 +207,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._publish()
         self._test.take(verdict)
         self._trail.verdict(verdict)
+        self._alarms.add_verdict(verdict)
         if feedback := self._batches.feedback(verdict):
             self._feedback.send(feedback)
 
@@ -217,9 +222,16 @@ class ProductNode(StageNode[ProductParameters]):
         started = self._started_nodes.started()
         self._recipe.add_started(started)
         self._audit.add_started(started)
+        self._alarms.add_started(started)
+
+    def _on_acknowledge(self, request: Any, response: Any) -> Any:
+        author = self._audit.author_of(ports.ACKNOWLEDGE_ALARMS)
+        response.success, response.message = True, self._alarms.acknowledge(author)
+        return response
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
-        if request is not None:
+        self._alarms.set_stop(request)
+        if request is not None and self.parameters.batch_folder:
             self._batches.write('stop', {'time': self._time(), **asdict(request)})
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
@@ -238,10 +250,11 @@ class ProductNode(StageNode[ProductParameters]):
         await self._audit.read_started()
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the findings on recipe, audit log, batch record, performance test and clock."""
+        """Return the findings on recipe, audit log, alarms, batch record, test and clock."""
         return [
             self._selection.finding(),
             self._audit.finding(),
+            self._alarms.finding(),
             self._batches.finding(),
             self._test.finding(),
             self._host_clock.finding(now),

@@ -64,6 +64,7 @@ FIRST_FIELDS = {
         'below_tu2 share_below_tu1 throughput'
     ),
     'FillerFeedback': 'header product item_id items target median step correction limited',
+    'Alarms': 'header alarms',
     'BatchResult': 'header batch record sha256',
     'VerificationStep': 'header step state begin text',
 }

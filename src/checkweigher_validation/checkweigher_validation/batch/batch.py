@@ -13,8 +13,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from checkweigher_core.changes import RECORD
-from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_core.changes import ALARM, RECORD
+from checkweigher_core.records import GRAMS, NANOSECONDS, Alarm, Decision, Verdict
+from checkweigher_production.alarms import alarm_of
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.batch_record import RecordError, read_events
 from checkweigher_production.recipes import Product
@@ -72,7 +73,8 @@ class Batch:
     end: str = ''
     stops: tuple[dict[str, Any], ...] = ()  # lines of the record
     corrections: tuple[dict[str, Any], ...] = ()  # lines of the record
-    changes: tuple[Entry, ...] = ()  # entries of the audit log during the batch
+    changes: tuple[Entry, ...] = ()  # other entries of the audit log during the batch
+    alarms: tuple[Alarm, ...] = ()  # those with entries during the batch, as the last one says
     in_log: InLog | None = None  # None without an audit log
     strays: int = 0  # items of another batch in the record of this one
 
@@ -83,8 +85,11 @@ class Batch:
         in_log = InLog.ABSENT
         if found:
             in_log = InLog.AGREES if found[-1] == self.sha256 else InLog.DIFFERS
-        changes = tuple(e for e in entries if self.begin <= e.time <= end)
-        return replace(self, changes=changes, in_log=in_log)
+        during = [e for e in entries if self.begin <= e.time <= end]
+        alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
+        last = {(alarm.source, alarm.reason, alarm.first): alarm for alarm in alarms}
+        changes = tuple(e for e in during if e.kind != ALARM)
+        return replace(self, changes=changes, alarms=tuple(last.values()), in_log=in_log)
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:

@@ -106,6 +106,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'strays': batch.strays,
         'products': [_part_as_json(part) for part in parts],
         'stops': batch.stops,
+        'alarms': [asdict(each) for each in batch.alarms],
         'filler': batch.corrections,
         'changes': [asdict(entry) for entry in batch.changes],
     }

@@ -8,7 +8,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 import numpy as np
 
-from checkweigher_core.records import GRAMS
+from checkweigher_core.records import GRAMS, utc
 from checkweigher_production.control_chart import SUBGROUP, ControlChart
 from checkweigher_validation.batch.batch import Batch
 from checkweigher_validation.batch.figures import PartFigures
@@ -37,6 +37,7 @@ def render_batch(batch: Batch, parts: Sequence[PartFigures]) -> str:
         subgroup=SUBGROUP,
         histogram=_histogram,
         chart=_chart,
+        utc=utc,
     )
 
 

@@ -87,7 +87,12 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
         Entry(number, f'2026-01-01T{hour}:30:00', '/reject', 'parameter', 'limit', 1, 2, '')
         for number, hour in ((1, '09'), (2, 10), (3, 12))
     ]
+    alarm = {'source': 'fault', 'reason': 'NoLoad<b>', 'text': '', 'first': 0, 'last': 10**9}
+    for count in (1, 2):
+        new = alarm | {'count': count}
+        entries.append(Entry(4, '2026-01-01T10:31:00', '/product', 'alarm', '', None, new, ''))
     batch = read_record(record).with_log(entries)
+    assert [(each.count, each.last) for each in batch.alarms] == [(2, 10**9)]
     assert [each.sequence for each in batch.changes] == [2]
     parts = [figures_of(each, seed=1) for each in batch.parts]
     made = json.loads(json.dumps(as_json(batch, parts), allow_nan=False))
@@ -96,10 +101,19 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
     assert made['products'][0]['control_chart']['centre'] == pytest.approx(0.101, abs=2e-4)
     assert (made['stops'][0]['reason'], made['filler'][0]['step']) == ('TooManyRejects', -5e-4)
     assert [each['sequence'] for each in made['changes']] == [2]
+    assert [each['count'] for each in made['alarms']] == [2]
     assert made['sha256_in_audit_log'] == 'not in the log'
     page = render_batch(batch, parts)
     assert page == render_batch(batch, parts)
-    for text in ('tins &lt;b&gt;', '&lt;script&gt;', batch.sha256, 'TU1Quota', 'parameter limit'):
+    for text in (
+        'tins &lt;b&gt;',
+        '&lt;script&gt;',
+        batch.sha256,
+        'TU1Quota',
+        'parameter limit',
+        'fault NoLoad&lt;b&gt;',
+        '1970-01-01T00:00:01.000000+00:00',
+    ):
         assert text in page
     assert '<b>' not in page
     assert '<script' not in page

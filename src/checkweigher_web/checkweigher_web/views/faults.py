@@ -4,9 +4,9 @@
 
 from nicegui import ui
 
+from checkweigher_core.records.reasons import hint_of
 from checkweigher_web.elements import Table
 from checkweigher_web.views.view import View
-from checkweigher_web.words import hint
 
 
 class FaultsView(View):
@@ -24,4 +24,4 @@ class FaultsView(View):
         found = list(zip(known.reason_counts, known.reasons, strict=True)) if known else []
         found.sort(key=lambda each: -each[0])
         self._headline.set_text('' if found else 'no fault until now')
-        self._reasons.show((str(count), reason, hint(reason)) for count, reason in found)
+        self._reasons.show((str(count), reason, hint_of(reason)) for count, reason in found)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of the views."""
 
+from checkweigher_web.views.alarms import AlarmsView
 from checkweigher_web.views.control_charts import MeansView, SpreadsView
 from checkweigher_web.views.diagnostics import DiagnosticsView
 from checkweigher_web.views.empty_belt import EmptyBeltView
@@ -20,6 +21,7 @@ VIEWS: dict[str, type[View]] = {
     'signal': SignalView,
     'list': ItemListView,
     'diagnostics': DiagnosticsView,
+    'alarms': AlarmsView,
     'faults': FaultsView,
     'production': ProductionView,
     'masses': MassesView,

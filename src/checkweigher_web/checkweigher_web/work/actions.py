@@ -78,6 +78,11 @@ async def reset_stop(services: LaneServices) -> str:
     return await services.message(ports.RESET_STOP_REQUEST) or 'the stop request is taken back'
 
 
+async def acknowledge_alarms(services: LaneServices) -> str:
+    """Acknowledge all alarms of a lane."""
+    return await services.message(ports.ACKNOWLEDGE_ALARMS)
+
+
 async def stop(services: LaneServices) -> str:
     """Stop weighing: deactivate the driver."""
     await _change(services, 'driver', Transition.TRANSITION_DEACTIVATE)

@@ -31,6 +31,7 @@ _STOP = (
     'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it is '
     'started and its stop is reset.'
 )
+_ACKNOWLEDGE = 'You have seen all alarms. Those that are over leave the list.'
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
@@ -165,6 +166,11 @@ _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Start', Role.OPERATOR, _confirmed('Start', 'start weighing', actions.start, _START)),
     ('Stop', Role.OPERATOR, _confirmed('Stop', 'stop weighing', actions.stop, _STOP)),
     ('Reset stop', Role.OPERATOR, _reset),
+    (
+        'Acknowledge alarms',
+        Role.OPERATOR,
+        _confirmed('Acknowledge', 'acknowledge alarms', actions.acknowledge_alarms, _ACKNOWLEDGE),
+    ),
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),
     ('Audit log', Role.OPERATOR, audit_log),

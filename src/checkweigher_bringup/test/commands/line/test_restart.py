@@ -12,9 +12,10 @@ import time
 from typing import Any
 
 from checkweigher_msgs.srv import NewBatch, SelectProduct
-from graph import heard, wait_for
+from graph import call, heard, wait_for
 import pytest
 from running import PATIENCE
+from std_srvs.srv import Trigger
 from supervised_line import SupervisedLine, supervised_line
 
 from checkweigher_core.ros import ports
@@ -76,6 +77,15 @@ class Operator:
         assert (self.known.product, self.known.batch) == (before.product, before.batch)
         assert limits_of(self.known) == limits_of(before)
 
+    def kills_in_alarms(self) -> int:
+        """Return how often the line ended without being stopped, and acknowledge all alarms."""
+        alarms = heard(self._line.listener, ports.ALARMS, latched=True)
+        (_, first) = alarms.get(timeout=PATIENCE)
+        call(self._line.listener, Trigger, ports.ACKNOWLEDGE_ALARMS)
+        while any(not each.active for each in alarms.get(timeout=PATIENCE)[1].alarms):
+            pass
+        return sum(each.count for each in first.alarms if each.reason == 'product')
+
     def check_verdicts(self) -> None:
         """Check that what was accepted is within the limits, and that the counts went on."""
         with suppress(queue.Empty):
@@ -127,5 +137,6 @@ def test_a_line_that_is_killed_goes_on_with_product_batch_counts_and_limits(
             elif number % 3 == 2:
                 operator.select(draw.choice(['tins', 'bars']))
         operator.await_accepted()
+        assert operator.kills_in_alarms() == rounds
         assert line.end() == 130
     print(f'{rounds} kills, {operator.accepted} accepted, {operator.rejected} rejected')
