@@ -17,6 +17,7 @@ from checkweigher_core.records import Decision, FillerFeedback, Verdict
 from checkweigher_core.settings_files import settings_of
 from checkweigher_dsp.rejection.batch_rules import BatchTally
 from checkweigher_production.audit_log import AuditLog
+from checkweigher_production.batch_record import read_events
 from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.recipes import Product
 from checkweigher_production.selection import FILE
@@ -26,6 +27,7 @@ TINS = settings_of(
 )
 LIMITS = replace(TINS.on_line('L2'), lower_limit=0.092)  # as somebody has set it
 COUNT = 12
+RECORDS = Path(__file__).with_name('records')  # as written by each earlier version
 Change = Callable[[Path, random.Random], object]
 
 
@@ -82,6 +84,19 @@ def test_a_line_goes_on_with_product_limits_batch_and_counts(copy: Path):
             assert line.production.summary().accepted == COUNT
             assert not line.add(verdict(COUNT, 'L2'))  # which comes again
     assert line.finding().level == 0
+
+
+@pytest.mark.parametrize('path', sorted(RECORDS.iterdir()), ids=lambda path: path.stem)
+def test_a_batch_that_an_older_version_began_goes_on(path: Path, tmp_path: Path):
+    shutil.copyfile(path, tmp_path / 'L1.jsonl')
+    with batches(tmp_path) as line:
+        assert (line.doubt, line.production.batch) == ('', 'L1')
+        assert line.production.tally('tins', 'L1') == BatchTally('tins', 'L1', 3, 2, 0, 0.0)
+        line.use(TINS)
+        assert line.add(verdict(4, 'L1'))
+        line.begin()
+    kinds = [kind for kind, _ in read_events(tmp_path / 'L1.jsonl')]
+    assert kinds[:7] == ['begin', 'product', *3 * ['verdict'], 'stop', 'filler']
 
 
 def test_of_several_batches_in_progress_none_is_chosen_by_a_guess(copy: Path):
