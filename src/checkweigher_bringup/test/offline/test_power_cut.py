@@ -11,12 +11,17 @@ from typing import Any
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 import pytest
 
-from checkweigher_core.records import NUMBERS_AT_ONCE
+from checkweigher_core.records import NUMBERS_AT_ONCE, Decision, Verdict
 from checkweigher_core.state_files import sync_folder
+from checkweigher_driver.calibration.file import read_version, write_version
+from checkweigher_driver.calibration.static_calibration import CalibrationPoint, calibrate
+from checkweigher_driver.line_io.belt_record import BeltRecord, OnBelt
 from checkweigher_dsp.estimation.learning.learner import ItemKind, LearnedKinds
 from checkweigher_dsp.nodes.given_numbers import GivenNumbers
 from checkweigher_dsp.nodes.learned_record import LearnedRecord
+from checkweigher_production.audit_log import AuditLog, read_log
 from checkweigher_production.audit_seal import add_seal, read_seals
+from checkweigher_production.batch_record import RecordWriter, read_events
 from checkweigher_web.access.users import Role, User, changing_users, read_users, write_users
 
 
@@ -106,6 +111,28 @@ def read_learned(path: Path) -> int:
     return len(known.kinds)
 
 
+def write_batch(path: Path, number: int) -> None:
+    writer = RecordWriter(path.parent)
+    if number == 1:
+        writer.begin(path.stem, 'noon')
+    else:
+        writer.resume(path.stem)
+        writer.write('verdict', Verdict(number, number, Decision.FAULT))
+    writer.close()
+
+
+def write_entry(path: Path, number: int) -> None:
+    with AuditLog(path) as log:
+        log.append('noon', '/product', 'reset', 'counts', None, number)
+
+
+def read_entries(path: Path) -> int:
+    found = read_log(path)
+    assert found.whole
+    return len(found.entries)
+
+
+POINTS = [CalibrationPoint(0.0, 1000.0, 2.0), CalibrationPoint(1.0, 5000.0, 2.0)]
 WRITERS: dict[str, tuple[Callable[[Path, int], object], Callable[[Path], int]]] = {
     'users': (write_user, lambda path: len(read_users(path))),
     'learned': (write_learned, read_learned),
@@ -113,6 +140,12 @@ WRITERS: dict[str, tuple[Callable[[Path, int], object], Callable[[Path], int]]] 
         lambda path, _: add_seal(path, Path('log'), (), KEY),
         lambda path: len(read_seals(path, KEY.public_key())),
     ),
+    'cell.yaml': (
+        lambda path, _: write_version(path, 'aed', calibrate(POINTS), POINTS),
+        read_version,
+    ),
+    'L1.jsonl': (write_batch, lambda path: len(list(read_events(path)))),
+    'audit.log': (write_entry, read_entries),
 }
 
 
@@ -129,7 +162,7 @@ def test_a_file_is_the_old_or_the_new_one_and_the_new_one_once_written(
 
     monkeypatch.setenv('XDG_CONFIG_HOME', str(tmp_path / 'disk'))
     disk = Disk(tmp_path / 'disk', monkeypatch, check)
-    if name == 'seals':  # which lie beside their log
+    if name not in ('users', 'learned'):  # which make their folder
         (tmp_path / 'disk/checkweigher').mkdir()
         sync_folder(tmp_path / 'disk')
     for number in (1, 2, 3):
@@ -137,7 +170,7 @@ def test_a_file_is_the_old_or_the_new_one_and_the_new_one_once_written(
         write(tmp_path / 'disk/checkweigher' / name, number)
         allowed = (number,)
         disk.cut()
-    assert disk.steps >= 12
+    assert disk.steps >= 6
 
 
 def test_no_number_of_an_item_is_given_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -158,3 +191,23 @@ def test_no_number_of_an_item_is_given_again(tmp_path: Path, monkeypatch: pytest
             disk.cut()
         numbers.close()
     assert disk.steps > 60
+
+
+def test_the_record_of_the_belt_knows_of_each_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    runs = False
+
+    def check(left: Path) -> None:
+        record = BeltRecord(left / 'belt')
+        assert record.found.released or not runs
+        record.close(record.found)
+
+    disk = Disk(tmp_path / 'disk', monkeypatch, check)
+    for _ in range(3):
+        record = BeltRecord(tmp_path / 'disk/belt')
+        assert not record.found.released
+        record.keep(OnBelt(released=True))
+        runs = True
+        disk.cut()
+        runs = False
+        record.close(OnBelt())
+    assert disk.steps > 12
