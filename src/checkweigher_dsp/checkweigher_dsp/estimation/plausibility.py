@@ -14,7 +14,10 @@ derivation] If the converter works, the filtered signal e
   the belt in proportion to load and speed, and changes the slope of the load at t1, t2 and t3;
 - never repeats itself: with white noise of s counts, nothing predicts more than a share
   p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings occurs
-  twice in at most N^2 p^w / 2 of all windows.
+  twice in at most N^2 p^w / 2 of all windows;
+- seldom stands still: of n blocks of w readings, more than m = n p^(w-1) consist of one value by
+  chance. By the bound of Chernoff there are k > m of them in at most (m / k)^k exp(k - m) of all
+  windows. This shows a limit that the load crosses again and again.
 
 Noise below 0.3 counts is hidden by the rounding. Then, and if no empty belt is seen, only the steps
 are judged. A converter that shows no noise at all is not judged.
@@ -45,6 +48,7 @@ _CHANCE = 1e-5
 _CALM = -4.26  # the same as a standard normal deviate
 _OUTLIER = 3.0  # standard deviations; larger values of the empty belt are clipped
 _LAGS = 20  # of the correlation of e
+_BLOCKS = 2, 4, 8  # readings
 _STEP = 7.0  # standard deviations of the noise
 _STRIKE = 2e-3  # s/m, step by the strike of a product: share of the load per m/s
 
@@ -80,7 +84,9 @@ def is_plausible(window: WeighWindow) -> bool:
     limit = _OUTLIER * math.sqrt(typical)
     if _is_calmer(rapid[begin - first :], np.clip(empty, -limit, limit)):
         return False
-    return not _is_repeated(counts, math.sqrt(typical - _ROUNDING))
+    predicted = math.erf(1 / math.sqrt(8 * (typical - _ROUNDING)))
+    level = counts[begin - first :]
+    return not (_is_repeated(counts, predicted) or _stands_still(level, predicted))
 
 
 def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
@@ -98,9 +104,20 @@ def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
     return deviate < _CALM
 
 
-def _is_repeated(counts: NDArray[np.int64], noise: float) -> bool:
+def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
+    """Return whether too many blocks of readings consist of one value for chance."""
+    for width in _BLOCKS:
+        blocks = level[: len(level) // width * width].reshape(-1, width)
+        found = np.count_nonzero(np.ptp(blocks, axis=1) == 0)
+        expected = len(blocks) * predicted ** (width - 1)
+        surplus = found - expected
+        if surplus > 0 and found * math.log(found / expected) - surplus > -math.log(_CHANCE):
+            return True
+    return False
+
+
+def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
     """Return whether a sequence of readings occurs twice that is too long for chance."""
-    predicted = math.erf(1 / (noise * math.sqrt(8)))
     length = math.ceil(math.log(2 * _CHANCE / len(counts) ** 2) / math.log(predicted))
     if length >= len(counts):
         return False

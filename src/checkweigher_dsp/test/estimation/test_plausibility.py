@@ -82,3 +82,11 @@ def test_without_noise_or_empty_belt_nothing_follows_from_calm(window, make_pass
     assert is_plausible(make_window([0.2] * 64))
     assert is_plausible(make_pass(0.2))
     assert is_plausible(replace(window, empty_begin=window.window_begin))
+
+
+def test_a_limit_that_the_load_crosses_again_and_again_is_found(window):
+    ringing = 40 * np.sin(0.4 * np.arange(len(window.counts)))
+    counts = np.rint(window.counts / 30 + ringing).astype(np.int32)  # noise of 0.8 counts
+    limit = int(np.quantile(counts[window.window_begin :], 0.3))
+    assert is_plausible(replace(window, counts=counts, zero=ZERO / 30))
+    assert not is_plausible(replace(window, counts=np.minimum(counts, limit), zero=ZERO / 30))
