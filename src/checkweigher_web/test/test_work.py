@@ -110,6 +110,13 @@ def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
 
         person.until(lambda: stop().startswith('STOP TooManyRejects: '))
         assert 'TooManyRejects reset' in person.does('Reset stop', '✓', 'Reset')
+        # The stop and the faults (no product is selected) stay until somebody says that it has been seen.
+        person.until(lambda: 'stop TooManyRejects' in person.text('[aria-label=Alarms]'))
+        assert '2 alarms ack' in person.does('Acknowledge alarms', '✓')
+        person.until(lambda: '0 not acknowledged' in person.text('[aria-label=Alarms]'))
+        assert 'TooManyRejects' not in person.text('[aria-label=Alarms]')
+        entry = [e for e in read_log(line.folder / 'audit.log').entries if e.kind == 'alarm'][-1]
+        assert (entry.who, entry.new['acknowledged_by']) == ('anna', 'anna')
         person.until(lambda: not stop())
         browser.refresh()
         person.until(lambda: person.text('.decision') == '✗ FAULT')  # no product is selected

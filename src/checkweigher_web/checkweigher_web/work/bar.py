@@ -169,7 +169,9 @@ _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     (
         'Acknowledge alarms',
         Role.OPERATOR,
-        _confirmed('Acknowledge', 'acknowledge alarms', actions.acknowledge_alarms, _ACKNOWLEDGE),
+        _confirmed(
+            'Acknowledge alarms', 'acknowledge alarms', actions.acknowledge_alarms, _ACKNOWLEDGE
+        ),
     ),
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),
