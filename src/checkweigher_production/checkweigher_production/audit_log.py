@@ -84,7 +84,6 @@ class Verification:
     problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut'; empty if the chain is whole
     reason: str = ''  # description of the fault
     torn: bytes = b''  # beginning of an unfinished entry at the end
-    unended: bool = False  # the last entry lacks only its end of line
     sha256: str = ''  # of the file, hexadecimal
 
     @property
@@ -125,7 +124,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     chain = _Chain()
     try:
         chain.follow(data)
-        _check_head(chain, head)
+        _check_head(chain, head, ended=data.endswith(b'\n'))
         if known_hash and known_hash not in {entry.hash for entry in chain.entries}:
             raise _FaultError(
                 chain.line,
@@ -134,7 +133,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
             )
     except _FaultError as fault:
         return Verification(tuple(chain.entries), *fault.args)
-    return Verification(tuple(chain.entries), torn=chain.torn, unended=chain.unended)
+    return Verification(tuple(chain.entries), torn=chain.torn)
 
 
 class _FaultError(Exception):
@@ -148,7 +147,6 @@ class _Chain:
     entries: list[Entry] = field(default_factory=list)
     line: int = 1  # number of the next line
     torn: bytes = b''
-    unended: bool = False
 
     def follow(self, data: bytes) -> None:
         """Check and add the entries of a log."""
@@ -167,8 +165,8 @@ class _Chain:
             self.line += 1
             others = []
         # The last line is empty, a torn entry, or an entry that lacks only its end of line.
-        self.torn, self.unended = b'\n'.join(others), not others
-        if others and not _may_be_torn(self.torn, len(self.entries) + 1):
+        self.torn = b'\n'.join(others)
+        if not _may_be_torn(self.torn, len(self.entries) + 1):
             raise self._changed()
 
     def _changed(self) -> _FaultError:
@@ -211,7 +209,7 @@ def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:
     return int(known[1]), known[2].decode()
 
 
-def _check_head(chain: _Chain, head: bytes) -> None:
+def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
     """Check that no entries were cut off at the end. `LOG.head` may be one entry behind."""
     count, line = len(chain.entries), chain.line
     sequence, digest = _parse_head(head, chain)
@@ -227,7 +225,7 @@ def _check_head(chain: _Chain, head: bytes) -> None:
     if hashes[sequence - count - 1] != digest:
         reason = f'entry {sequence} is not the one that LOG.head knows'
         raise _FaultError(line - 1, 'changed', reason)
-    if chain.unended and sequence == count:
+    if sequence == count > 0 and not (ended or chain.torn):
         reason = f'the end of line behind entry {count}, which LOG.head knows, is missing'
         raise _FaultError(line - 1, 'cut', reason)
 
@@ -278,7 +276,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
                 f'{self.path}: line {found.bad_line}: {found.problem}: {found.reason}; keep this '
                 'log as it is and name another file'
             )
-        self.entries, self._torn, self._unended = found.entries, found.torn, found.unended
+        self.entries, self._torn = found.entries, found.torn
+        self._ended = not found.torn and (data.endswith(b'\n') or not data)
         self._count, self.last_hash = len(found.entries), _last_hash(found.entries)
         self.size, self._state = len(data), os.fstat(self._file)
 
@@ -338,20 +337,15 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
 
     def _finish(self, time: str, source: str) -> None:
         """Finish an entry that a power loss, a kill or a full disk left unfinished."""
-        unended, torn = self._unended, self._torn
-        if unended:
-            self._put(b'\n')
-            self._unended = False
         if self._head != _head_line(self._count, self.last_hash):
             os.fsync(self._file)
             self._write_head(self._count, self.last_hash)
-        if unended or torn:
-            # One write ends the torn line and records it, because a reader needs both.
-            record = (time, source, TORN, 'last entry', None, _fingerprint(torn))
-            self._write(record, before=b'\n' if torn else b'', who=f'graph:{source}')
+        if self._torn:
+            record = (time, source, TORN, 'last entry', None, _fingerprint(self._torn))
+            self._write(record, who=f'graph:{source}')
 
-    def _write(self, change: _Change, *, before: bytes = b'', who: str, why: str = '') -> Entry:
-        """Write the entry of a change after the bytes `before`."""
+    def _write(self, change: _Change, *, who: str, why: str = '') -> Entry:
+        """Write the entry of a change, and before it the end of line that is missing, if any."""
         entry = Entry(self._count + 1, *change, self.last_hash, who=who, why=why)
         entry = replace(entry, hash=entry.digest())
         line = entry.line()
@@ -360,18 +354,18 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
                 f'{self.path}: no room for an entry of {len(line)} bytes: a log may have '
                 f'{MAX_LOG >> 20} MiB; name another file'
             )
-        self._put(before + line, entry)
-        self._count, self.last_hash, self._torn = entry.sequence, entry.hash, b''
+        self._put(line if self._ended else b'\n' + line, entry)
+        self._count, self.last_hash = entry.sequence, entry.hash
+        self._torn, self._ended = b'', True
         return entry
 
-    def _put(self, data: bytes, entry: Entry | None = None) -> None:
-        """Append bytes and, if they end with `entry`, write `LOG.head`: all or nothing."""
+    def _put(self, data: bytes, entry: Entry) -> None:
+        """Append the line of an entry and write `LOG.head`, all or nothing."""
         try:
             if os.write(self._file, data) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._file)
-            if entry is not None:
-                self._write_head(entry.sequence, entry.hash)
+            self._write_head(entry.sequence, entry.hash)
             self.size += len(data)
         except OSError:
             try:

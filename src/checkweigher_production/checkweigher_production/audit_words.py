@@ -24,8 +24,6 @@ def conclusion(found: Verification) -> str:
         last = f', the last one of {shortened(entry.time)} has the hash {entry.hash}'
     if found.torn:
         torn = '; a last one was cut off by power loss'
-    if found.unended:
-        torn = '; the end of its line was cut off by power loss'
     return f'the chain is whole: {len(found.entries)} entries{last}{torn}'
 
 

@@ -90,7 +90,6 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
         'problem': found.problem or None,
         'reason': found.reason or None,
         'torn_bytes': len(found.torn),
-        'unended': found.unended,
         'entries': [asdict(entry) for entry in found.entries],
         'seals': [asdict(seal) for seal in seals],
     }
