@@ -84,12 +84,10 @@ class AlarmList:
                 now = self._clock()
                 lasted = alarm.duration + max(now - alarm.last, 0) / NANOSECONDS
                 self._put(replace(alarm, last=now, active=False, duration=lasted), write=True)
-        if request is not None and not self._is_active(STOP, request.reason):
-            self._add(STOP, request.reason.value, request.hint, active=True)
-
-    def _is_active(self, source: str, reason: str) -> bool:
-        known = self._alarms.get((source, reason))
-        return known is not None and known.active
+        if request is not None:
+            known = self._alarms.get((STOP, request.reason.value))
+            if known is None or not known.active:
+                self._add(STOP, request.reason.value, request.hint, active=True)
 
     def acknowledge(self, by: Author) -> str:
         """Acknowledge all alarms for a person, and return what was done in words."""

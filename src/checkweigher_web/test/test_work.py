@@ -110,7 +110,7 @@ def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
 
         person.until(lambda: stop().startswith('STOP TooManyRejects: '))
         assert 'TooManyRejects reset' in person.does('Reset stop', '✓', 'Reset')
-        # The stop and the faults (no product is selected) stay until somebody says that it has been seen.
+        # The stop and the faults, for no product is selected, stay until somebody has seen them.
         person.until(lambda: 'stop TooManyRejects' in person.text('[aria-label=Alarms]'))
         assert '2 alarms ack' in person.does('Acknowledge alarms', '✓')
         person.until(lambda: '0 not acknowledged' in person.text('[aria-label=Alarms]'))
