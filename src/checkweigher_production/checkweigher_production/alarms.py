@@ -19,7 +19,7 @@ from checkweigher_core.records import (
     Verdict,
     utc,
 )
-from checkweigher_core.records.reasons import Reason, hint_of
+from checkweigher_core.records.reasons import Reason, StopReason, hint_of
 from checkweigher_core.ros.ports import NODES
 from checkweigher_production.audit_trail import AuditTrail, Author
 
@@ -78,7 +78,12 @@ class AlarmList:
             self._nodes.add(node)
 
     def set_stop(self, request: StopRequest | None) -> None:
-        """Begin the alarm of a stop request, and end those of other requests; None ends all."""
+        """Begin the alarm of a stop request, and end those of other requests; None ends all.
+
+        NotReady is no alarm: it comes whenever a person stops the line.
+        """
+        if request is not None and request.reason is StopReason.NOT_READY:
+            request = None
         for alarm in tuple(self._alarms.values()):
             if alarm.active and (request is None or alarm.reason != request.reason):
                 now = self._clock()

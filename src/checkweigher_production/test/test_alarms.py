@@ -77,7 +77,7 @@ def test_another_stop_ends_the_first_and_one_that_lasts_is_no_less_there_for_bei
         lane.list.set_stop(replace(STOP, reason=StopReason.GUARD_OPEN))
         lane.list.acknowledge(ANNA)
         assert lane.shown() == [('stop', 'GuardOpen', 0, 0, 1, True)]
-        lane.list.set_stop(None)
+        lane.list.set_stop(replace(STOP, reason=StopReason.NOT_READY))
         assert lane.shown() == []
 
 

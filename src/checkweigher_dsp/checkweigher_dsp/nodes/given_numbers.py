@@ -5,6 +5,7 @@
 from contextlib import suppress
 import os
 from pathlib import Path
+import time
 
 from checkweigher_core.parent_process import parent_identity
 from checkweigher_core.records import NUMBERS_AT_ONCE
@@ -20,7 +21,9 @@ class GivenNumbers:
     """File of the latest numbers that a node of a lane has given.
 
     A run is one process of `run` or `ros2 launch`, which restarts nodes. A restarted node continues
-    the numbers. In the next run they begin at 1, unless a `path` is set.
+    the numbers. In the next run they begin at 1, unless a `path` is set. An empty file beside that
+    path, with `.begun` after its name, shows that there were numbers. If they are lost, any number
+    up to the milliseconds of the clock may have been given.
 
     Parameters
     ----------
@@ -37,13 +40,15 @@ class GivenNumbers:
     ----------
     numbers : frozenset of int
         Numbers that were given before this process began.
+    last : int
+        Largest number that may have been given before, 0 if there is none.
     trouble : str
-        Reason why numbers may be given again, empty if they are not.
+        Reason why numbers are not known or not kept, empty if they are.
     """
 
     def __init__(self, node: str = '', domain: int = 0, path: str = '', most: int = 1) -> None:
         self.numbers: frozenset[int] = frozenset()
-        self.trouble = ''
+        self.last, self.trouble = 0, ''
         self._most = most
         self._file: int | None = None
         if not node:
@@ -51,19 +56,19 @@ class GivenNumbers:
         try:
             file = Path(path) if path else state_file(f'{node.strip("/")}.{domain}.numbers')
             make_folder(file.parent)
-            known = file.exists()
+            begun = file.with_name(f'{file.name}.begun')
+            known = file.exists() or begun.exists()
             self._file = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             whole = self._begin(self._file, _KEPT if path else parent_identity())
+            self.last = max(self.numbers, default=0)
             if path and known and not whole:
-                self.trouble = f'{file}: is damaged, so items are numbered from 1 again'
+                self.trouble = f'{file}: was damaged or removed; the numbers it had are not known'
+                self.last = time.time_ns() // 1_000_000
+            if path:
+                begun.touch()
             sync_folder(file.parent)
         except (OSError, RuntimeError) as error:
             self._fail(error)
-
-    @property
-    def last(self) -> int:
-        """Largest number that was given before this process began, 0 if none."""
-        return max(self.numbers, default=0)
 
     def _begin(self, file: int, run: str) -> bool:
         """Read the numbers of this run, or create the file in its full size.

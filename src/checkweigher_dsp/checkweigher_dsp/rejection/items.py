@@ -45,7 +45,8 @@ class PendingItems:
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
         self.pending: dict[int, PendingItem] = {}
-        self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:])  # in the order of the verdicts
+        # In the order of the verdicts, and whether this process has given them.
+        self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:], False)
         self.passed_over: list[int] = []
         self._forgotten = 0  # largest judged number that is no longer kept
         self._own: deque[int] = deque(maxlen=_MAX_OWN)  # of items that no segmenter announced
@@ -67,10 +68,14 @@ class PendingItems:
         """Return whether an item has its verdict."""
         return number in self._judged or number <= self._forgotten
 
+    def judged_here(self, number: int) -> bool:
+        """Return whether this process has given an item its verdict, as far as it is known."""
+        return self._judged.get(number, False)
+
     def judge(self, number: int) -> None:
         """Remove an item, because it has its verdict."""
         self.pending.pop(number, None)
-        self._judged[number] = None
+        self._judged[number] = True
         self.largest = max(self.largest, number)
         if len(self._judged) > MAX_JUDGED:
             forgotten = next(iter(self._judged))

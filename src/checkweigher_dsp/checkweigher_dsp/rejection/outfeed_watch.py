@@ -63,6 +63,10 @@ class OutfeedWatch:
             self._explained.append(t3)
             self.remove(t3)
 
+    def has_seen(self, t3: int | None) -> bool:
+        """Return whether an edge with this stamp came in this stream."""
+        return t3 in self._stamps
+
     def take_to(self, stamp: int, count: int) -> None:
         """Remove the last `count` edges up to a stamp, which the segmenter has processed."""
         first = -math.inf

@@ -60,8 +60,8 @@ class RejectStage:
     foreign : bool
         Whether edges and estimates may come from a stranger. Each verdict is then a FAULT.
     out_of_numbers : bool
-        Whether an item has left for which no number is free. The caller must stop the line and
-        clear the flag.
+        Whether an item has left for which no number is free, or whose number was given before. The
+        caller must stop the line and clear the flag.
     """
 
     def __init__(
@@ -134,7 +134,10 @@ class RejectStage:
         self._watch.explain(item.t3)
         if pending is None:
             self.late_items += 1
-            self.out_of_numbers |= self.items.is_own(item.item_id) and not watched
+            number = item.item_id
+            # A segmenter that has lost its numbers gives some of them again.
+            again = not self.items.judged_here(number) and self._watch.has_seen(item.t3)
+            self.out_of_numbers |= not watched and (again or self.items.is_own(number))
             return []
         self._deadlines.set(pending, now)
         verdicts = self._judge_lost(pending, now)

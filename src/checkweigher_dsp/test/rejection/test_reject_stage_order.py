@@ -243,6 +243,17 @@ def test_an_announcement_with_a_number_that_another_item_has_stops_the_line():
     assert stage.out_of_numbers
 
 
+@pytest.mark.parametrize('judged', [[1, 2], [7, *range(5_000, 6_023)]])
+def test_numbers_of_items_of_an_earlier_run_stop_the_line(judged):
+    """A segmenter that has lost its numbers begins at 1; reject knows which it has judged."""
+    stage = RejectStage(PARAMETERS, BELT, judged=judged)
+    if judged[0] > 1:  # room for one more number, so that the smallest is forgotten
+        _play(stage, Passage(1).all())
+
+    assert _play(stage, Passage(2).all()) == []
+    assert stage.out_of_numbers
+
+
 def test_an_outfeed_eye_that_flickers_shows_one_item():
     stage, item = RejectStage(PARAMETERS, BELT), Passage(1)
     stage.take(item.entered, item.t1)
