@@ -104,8 +104,7 @@ class ClockWatch:
 
     def _least(self) -> float:
         """Return the shortest recent delay of a block, s, relative to the first stamp."""
-        bins = self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist()
-        least = min([*bins, self._bin[1]])
+        least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
         return math.nan if math.isinf(least) else float(least)
 
     def finding(self, offset_of_clocks: float) -> Finding:

@@ -7,7 +7,7 @@ import math
 import shutil
 import subprocess
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude, warn_if
+from checkweigher_core.health.findings import Finding, Level, conclude, warn_if
 
 COMMAND = ('chronyc', '-n', '-c', 'tracking')
 _ASPECT = 'Host clock'
@@ -64,10 +64,10 @@ def tracking_finding(text: str) -> Finding:
         bound = abs(float(fields[4])) + float(fields[11]) + float(fields[10]) / 2
     except (IndexError, ValueError):
         hint = 'check that chronyd runs, and that chronyc tracking works for this user'
-        return conclude(_ASPECT, '', [Concern(Level.WARN, 'chrony does not answer', hint)])
+        return Finding(_ASPECT, Level.WARN, 'chrony does not answer', hint)
     if reference == 0 or leap == 'Not synchronised':
         hint = 'check chronyc sources, and the network to them'
-        return conclude(_ASPECT, '', [Concern(Level.WARN, 'it is not synchronised', hint)])
+        return Finding(_ASPECT, Level.WARN, 'it is not synchronised', hint)
     if reference == _OWN_CLOCK:
         return conclude(_ASPECT, 'chrony follows this clock itself (local)')
     text = f'right to {1e3 * bound:.3g} ms by chrony'

@@ -113,10 +113,10 @@ def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     form = plan.form
     time = _time(getattr(record, form.stamp) if form.stamp else stamp)
     frame = form.frame if isinstance(form.frame, str) else form.frame(record)
-    fields: dict[str, Any] = {'header': {'stamp': time, 'frame_id': frame}}
-    for place, get, convert in plan.write:
-        fields[place] = convert(get(record))
-    return fields
+    return {
+        'header': {'stamp': time, 'frame_id': frame},
+        **{place: convert(get(record)) for place, get, convert in plan.write},
+    }
 
 
 def to_record(port: Port, message: Any) -> Any:

@@ -130,9 +130,8 @@ def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
 def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
     first = rows[0]  # the worst
     text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
-    names = {decision.name for decision in Decision}
     values = [pair for row in rows if row.aspect == 'Verdicts' for pair in row.values]
-    verdicts = tuple((key, value) for key, value in values if key in names)
+    verdicts = tuple((key, value) for key, value in values if key in Decision.__members__)
     return LaneRow(lane, first.level, verdicts, text if first.level > Level.OK else '')
 
 

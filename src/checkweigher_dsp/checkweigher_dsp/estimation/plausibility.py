@@ -67,8 +67,7 @@ def is_plausible(window: WeighWindow) -> bool:
     if not typical:
         return True  # a converter that shows no noise
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
-    strike = _STRIKE * window.belt_speed * load * _STEP_GAIN
-    explained = np.full(len(loaded), strike)
+    explained = np.full(len(loaded), _STRIKE * window.belt_speed * load * _STEP_GAIN)
     # A scale without lag shows corners where the load begins to rise, is complete, and falls.
     for corner in (0, begin - entry, end - entry):
         near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)

@@ -162,8 +162,9 @@ class ConvergenceWatch:
             ),
         ]
         certain = f'masses are certain to {100 * relative:.2f} %'
-        well = 'no item yet' if math.isnan(relative) else certain
-        return conclude('Convergence', well, concerns, values)
+        return conclude(
+            'Convergence', 'no item yet' if math.isnan(relative) else certain, concerns, values
+        )
 
 
 class VerdictTiming:

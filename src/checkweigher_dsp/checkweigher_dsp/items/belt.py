@@ -174,12 +174,11 @@ class Belt:
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
-        gone, self.items = self.items, []
-        for item in gone:
-            item.fault(Reason.MISSING_EDGE)
+        self.fault_all(Reason.MISSING_EDGE)
+        for item in self.items:
             item.state = State.GONE
-            self.finished.append(item)
-        self.at_infeed, self.freed = None, stamp
+        self.finished += self.items
+        self.items, self.at_infeed, self.freed = [], None, stamp
 
     def expire(self, stamp: int) -> None:
         """Give up items that must have left by `stamp`, even on the slowest belt."""
@@ -191,10 +190,10 @@ class Belt:
         """Give up all items with a reason, because the stream has ended."""
         for item in (*self.abandoned, *([self.at_outfeed] if self.at_outfeed is not None else [])):
             item.state = State.GONE
+        self.fault_all(reason)
         for item in self.items:
-            item.fault(reason)
             item.state = State.ABANDONED
-            self.finished.append(item)
+        self.finished += self.items
         self.abandoned, self.items = deque(self.items), []
         self.runs_on = reason is Reason.CLOCK_JUMP
         self.covered = self.at_outfeed is not None

@@ -193,5 +193,6 @@ class Inspections:
 
     def _miss(self, reject: ExternalReject, item_id: int, why: str) -> None:
         said = f'{reject.device}: {reject.text}' if reject.text else reject.device
-        reason = StopReason.MISSED_EXTERNAL_REJECT
-        self.missed.append(StopRequest(reason, item_id, reject.stamp, f'{said}: {why}'))
+        self.missed.append(
+            StopRequest(StopReason.MISSED_EXTERNAL_REJECT, item_id, reject.stamp, f'{said}: {why}')
+        )

@@ -55,8 +55,9 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 def refused(verdict: Verdict) -> Verdict:
     """Return a verdict as a FAULT without a mass, because its data may come from a stranger."""
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
-    nan = math.nan
-    return replace(verdict, decision=Decision.FAULT, reasons=reasons, mass=nan, std_dev=nan)
+    return replace(
+        verdict, decision=Decision.FAULT, reasons=reasons, mass=math.nan, std_dev=math.nan
+    )
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:

@@ -139,8 +139,7 @@ class WindowCutter:
         """Return the reason why the samples of a place cannot be weighed, None if they can."""
         if place.end - place.begin < self._parameters.min_window:
             return Reason.WINDOW_TOO_SHORT
-        reason = self._check_samples(place.entry, place.end)
-        return reason or self._check_load(place.begin, place.end)
+        return self._check_samples(place.entry, place.end) or self._check_load(place)
 
     def _zero_before(self, item: TrackedItem, place: _Place) -> Zero:
         """Return the zero at t1, after an update by the empty belt before the item."""
@@ -259,10 +258,10 @@ class WindowCutter:
             return Reason.SATURATION
         return None
 
-    def _check_load(self, begin: int, end: int) -> Reason | None:
+    def _check_load(self, place: _Place) -> Reason | None:
         """Compare the mean load above the zero of calibration with the capacity."""
-        cell = self._load_cell
-        reading = np.add.reduce(self._buffer.look_at(begin, end), dtype=np.int64) / (end - begin)
+        cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
+        reading = np.add.reduce(counts, dtype=np.int64) / len(counts)
         load = (float(reading) - cell.zero_counts) / cell.counts_per_kg
         return Reason.OVERLOAD if abs(load) > cell.capacity else None
 

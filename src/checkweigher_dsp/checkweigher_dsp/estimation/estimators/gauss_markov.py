@@ -198,8 +198,9 @@ class GaussMarkov(Estimator):
 
     def _whitener_at(self, speed_step: int) -> Prewhitener:
         known, speed = self.parameters, speed_step * _SPEED_STEP
-        std_dev = max(known.at('noise', speed), _LEAST_NOISE)
-        return Prewhitener(known.row_at('reflection', speed), std_dev)
+        return Prewhitener(
+            known.row_at('reflection', speed), max(known.at('noise', speed), _LEAST_NOISE)
+        )
 
 
 def least_squares(

@@ -183,6 +183,5 @@ def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) 
     taught = fit(passages, kind.rise)
     if items == parameters.most:
         passages = ()
-    same = taught is not None and kind.fit is not None and taught.lead == kind.fit.lead
-    recent = kind.recent if same else ()
+    recent = kind.recent if taught and kind.fit and taught.lead == kind.fit.lead else ()
     return replace(kind, items=items, passages=passages, fit=taught, recent=recent)
