@@ -94,9 +94,12 @@ class Parameters:
     @classmethod
     def entries(cls) -> 'dict[str, Field[Any]]':
         """Return all parameters by name; names in inner sets have a dot."""
-        own = {entry.name: entry for entry in fields(cls)}
-        sets = {name: e.default for name, e in own.items() if isinstance(e.default, Parameters)}
-        return flatten(own | {name: each.entries() for name, each in sets.items()})
+        return flatten(
+            {
+                e.name: e.default.entries() if isinstance(e.default, Parameters) else e
+                for e in fields(cls)
+            }
+        )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
@@ -271,8 +274,8 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
 
 def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
     """Return the addresses in the namespaces of other lanes."""
-    named = {each: each.rpartition('/')[0].strip('/') for each in addresses}
-    named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
+    spaces = ((each, each.rpartition('/')[0].strip('/')) for each in addresses)
+    named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
     if lane is None and len(lanes) > 1:
         raise SettingsError(f'addresses several lanes, {", ".join(lanes)}; name one of them')

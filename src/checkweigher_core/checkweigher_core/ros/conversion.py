@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core import records
 from checkweigher_core.records.reasons import StopReason
-from checkweigher_core.ros.ports import ALL, Port
+from checkweigher_core.ros.ports import Port
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,6 @@ _FORMS: dict[type, _Form] = {
         amend=_with_text,
     ),
 }
-# One port for each class of records.
-_PORTS = {port.record: port for port in ALL if port.record is not None}
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
@@ -106,8 +104,8 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     """Return the fields of a record's message by name.
 
-    Header and times are mappings. Arrays are contiguous and of the type of the message. Nested
-    records are messages of rclpy. All other fields are plain Python values.
+    Header and times are mappings. Arrays are contiguous and of the type of the message. All
+    other fields are plain Python values.
     """
     plan = _plan(cast(Any, type(record)))
     form = plan.form
@@ -206,14 +204,9 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is tuple:
         convert = _writer(get_args(hint)[0])
         return lambda values: list(map(convert, values))
-    if hint in _PORTS:
-        return partial(to_message, _PORTS[hint])
     if issubclass(hint, str):
         return _text
-    for plain in (bool, int, float):
-        if issubclass(hint, plain):
-            return plain
-    raise TypeError(f'{hint}: no message has such a field')
+    return next(plain for plain in (bool, int, float) if issubclass(hint, plain))
 
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
@@ -226,8 +219,6 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is tuple:
         read = _reader(get_args(hint)[0], None)
         return lambda values: tuple(map(read, _bounded(values)))
-    if hint in _PORTS:
-        return partial(to_record, _PORTS[hint])
     if hint is str:
         return lambda text: str(_bounded(text))
     return cast(_Get, hint) if unknown is None else partial(_member, hint, unknown)

@@ -64,8 +64,9 @@ class StatusBoard:
         found: dict[str, set[str]] = {}
         with self._lock:
             for node, (_, rows) in self._nodes.items():
-                names = {value for row in rows for key, value in row.values if key == HOST}
-                found.setdefault(node.rpartition('/')[0], set()).update(names)
+                found.setdefault(node.rpartition('/')[0], set()).update(
+                    value for row in rows for key, value in row.values if key == HOST
+                )
         return found
 
     @property

@@ -127,8 +127,7 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
     The rows of `white` (4, n) are response, signal, and its derivatives to the two times.
     """
     # Plain floats, because arithmetic on arrays of two numbers takes many times as long.
-    products = white.dot(white.T).tolist()
-    (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = products
+    (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()
     if not size > 0:
         return 0.0, 0.0
     # The size of the response is free, so only the part orthogonal to it depends on the times.

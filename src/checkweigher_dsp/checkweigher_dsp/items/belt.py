@@ -21,8 +21,12 @@ class UsualTransit:
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
-        self.value: int | None = None  # ns, of the last whole item
         self._belt_lengths = belt_lengths
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard the speed of the belt."""
+        self.value: int | None = None  # ns, of the last whole item
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
@@ -63,10 +67,6 @@ class UsualTransit:
         if transit is None or item.t1 is None:
             return False
         return stamp - item.t1 <= (1 - _TOO_EARLY) * transit
-
-    def forget(self) -> None:
-        """Discard the speed of the belt."""
-        self.value = self._outlier = None
 
 
 class Belt:

@@ -77,8 +77,7 @@ class TrackedItem:
     def accounts_for(self, stamp: int, debounce: int) -> bool:
         """Return whether this item can have blocked the infeed eye at `stamp`, ns."""
         if self.t1 is None:
-            later = [t for t in (self.t2, self.t3) if t is not None]
-            return bool(later) and stamp < later[0]
+            return stamp < self.entered
         if self.t2 is None and Reason.CHATTERING_EYE in self.faults:
             return self.t1 <= stamp
         last = self.t2 if self.t2 is not None else self.t1

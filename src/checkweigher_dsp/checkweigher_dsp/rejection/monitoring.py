@@ -72,6 +72,10 @@ class RejectMonitor:
         self.zero_step = ''
         self._zero: tuple[float, int] | None = None  # of the last item, kg, and its t1
         self._in_a_row = self._failed_in_a_row = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Drop the edges and items, because the stamps of a new stream are unrelated to them."""
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
 
@@ -161,10 +165,6 @@ class RejectMonitor:
                 self.stop(StopReason.UNCONFIRMED_REJECT, item.item_id, item.reject_at)
         self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
         return near.count(False)
-
-    def restart(self) -> None:
-        """Drop the edges and items, because the stamps of a new stream are unrelated to them."""
-        self._expected, self._edges = [], []
 
     def reset(self, now: int) -> None:
         """Clear the request and the rejects in a row, unless a reason lasts; see `check`."""

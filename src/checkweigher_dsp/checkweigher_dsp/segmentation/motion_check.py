@@ -35,9 +35,8 @@ class MotionCheck:
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
         speed = self._weigh_length / seconds(item.t3 - item.t1)
-        if item.t2 is None:
-            return speed, math.nan
-        return speed, speed * seconds(item.t2 - item.t1)
+        length = math.nan if item.t2 is None else speed * seconds(item.t2 - item.t1)
+        return speed, length
 
     def check(self, item: TrackedItem) -> None:
         """Add the faults of an item. Items are checked once, in the order in which they left."""

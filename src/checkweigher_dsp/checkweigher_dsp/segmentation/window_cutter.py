@@ -241,9 +241,11 @@ class WindowCutter:
     def _check_start(self, item: TrackedItem) -> None:
         """Fault an item that was there before the samples began, because an edge may be missing."""
         origin, parameters = self._buffer.origin, self._parameters
-        margin = parameters.max_transit(self._load_cell.weigh_length)
-        if item.t1 is not None:
-            margin = round(NANOSECONDS * parameters.debounce_time)
+        margin = (
+            parameters.max_transit(self._load_cell.weigh_length)
+            if item.t1 is None
+            else round(NANOSECONDS * parameters.debounce_time)
+        )
         if origin is not None and item.entered <= origin + margin:
             item.fault(Reason.START_UP)
 

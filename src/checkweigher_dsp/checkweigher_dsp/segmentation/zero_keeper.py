@@ -104,6 +104,6 @@ class ZeroKeeper:
                 f'the empty belt reads {mass:.6f} kg, beyond zero_range '
                 f'{self._limits.zero_range:g} kg: not zeroed'
             )
-        mass_before = (before - cell.zero_counts) / cell.counts_per_kg
-        change = ZeroChange(stamp, mass, mass_before, self.zero.std_dev / abs(cell.counts_per_kg))
+        previous = (before - cell.zero_counts) / cell.counts_per_kg
+        change = ZeroChange(stamp, mass, previous, self.zero.std_dev / abs(cell.counts_per_kg))
         return ZeroAnswer(f'zeroed at {mass:.6f} kg from the zero of calibration', change)

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from synthetic_line import CELL, make_line, run_segmenter
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import NANOSECONDS
@@ -17,13 +18,13 @@ DEFAULT = SegmenterParameters()
 
 
 @pytest.fixture(scope='module')
-def milli_cell(load_cell):
+def milli_cell():
     """A load cell with a sample each millisecond."""
-    return replace(load_cell, sample_rate=1000.0)
+    return replace(CELL, sample_rate=1000.0)
 
 
 @pytest.fixture(scope='module')
-def cut(run_segmenter):
+def cut():
     """Return the windows of a line in the order of their items."""
 
     def cut_line(line, parameters=DEFAULT, without=(), **blocks):
@@ -48,9 +49,7 @@ def _reasons(windows):
         (1.0001, 1101, 1201),  # just after
     ],
 )
-def test_a_window_begins_at_or_after_t2_and_ends_before_t3(
-    make_line, cut, milli_cell, entry, begin, end
-):
+def test_a_window_begins_at_or_after_t2_and_ends_before_t3(cut, milli_cell, entry, begin, end):
     line = make_line((0.2,), first_entry=entry, load_cell=milli_cell)
 
     (window,) = cut(line)
@@ -73,7 +72,7 @@ def test_a_window_begins_at_or_after_t2_and_ends_before_t3(
     ],
 )
 def test_a_window_has_its_time_and_from_when_on_the_belt_was_empty(
-    make_line, cut, milli_cell, spacing, lost, first, empty_begin
+    cut, milli_cell, spacing, lost, first, empty_begin
 ):
     line = make_line((0.2, 0.1), spacing=spacing, load_cell=milli_cell)
 
@@ -93,7 +92,7 @@ def test_a_window_has_its_time_and_from_when_on_the_belt_was_empty(
     ],
 )
 def test_an_item_that_enters_while_another_leaves_is_alone_later(
-    make_line, cut, milli_cell, spacing, lost, empty_begin
+    cut, milli_cell, spacing, lost, empty_begin
 ):
     line = make_line((0.2, 0.1), spacing=spacing, load_cell=milli_cell)
 
@@ -103,7 +102,7 @@ def test_an_item_that_enters_while_another_leaves_is_alone_later(
     assert (second.empty_begin, second.window_begin) == (empty_begin, 600)
 
 
-def test_what_the_eyes_tell_stands_in_the_window(make_line, cut, load_cell):
+def test_what_the_eyes_tell_stands_in_the_window(cut):
     line = make_line((0.2,), speed=0.8, length=0.12)
     product = line.products[0]
 
@@ -119,9 +118,9 @@ def test_what_the_eyes_tell_stands_in_the_window(make_line, cut, load_cell):
 
 
 @pytest.mark.parametrize('spacing', [0.42, 0.6, 2.0])
-def test_the_zero_is_read_from_the_empty_belt_alone(make_line, run_segmenter, load_cell, spacing):
+def test_the_zero_is_read_from_the_empty_belt_alone(spacing):
     line = make_line((0.2, 0.1, 0.3), spacing=spacing)
-    drifted = replace(load_cell, zero_counts=4000.0)  # the belt reads 5000 without noise
+    drifted = replace(CELL, zero_counts=4000.0)  # the belt reads 5000 without noise
 
     windows = run_segmenter(Segmenter(drifted, DEFAULT), line.events())
 
@@ -134,9 +133,9 @@ def test_the_zero_is_read_from_the_empty_belt_alone(make_line, run_segmenter, lo
         )
 
 
-def test_where_no_empty_belt_was_seen_the_zero_is_carried_on(make_line, run_segmenter, load_cell):
+def test_where_no_empty_belt_was_seen_the_zero_is_carried_on():
     line = make_line((0.2, 0.1), spacing=0.32)  # 0.02 s between two, less than zero_moment
-    drifted = replace(load_cell, zero_counts=4000.0)
+    drifted = replace(CELL, zero_counts=4000.0)
     parameters = SegmenterParameters(zero_random_walk=1e-3, zero_drift=0.0)
 
     first, second = run_segmenter(Segmenter(drifted, parameters), line.events())
@@ -149,7 +148,7 @@ def test_where_no_empty_belt_was_seen_the_zero_is_carried_on(make_line, run_segm
 
 
 @pytest.mark.parametrize('lost', ['t1', 't2', 't3'])
-def test_a_missing_edge_is_a_fault_without_signal(make_line, cut, lost):
+def test_a_missing_edge_is_a_fault_without_signal(cut, lost):
     window = cut(make_line(), without=[(1, lost)])[1]
 
     assert 'MissingEdge' in window.reasons
@@ -159,7 +158,7 @@ def test_a_missing_edge_is_a_fault_without_signal(make_line, cut, lost):
 
 
 @pytest.mark.parametrize('lost', ['t1', 't2'])
-def test_an_item_without_a_speed_of_its_own_gets_that_of_the_line(make_line, cut, lost):
+def test_an_item_without_a_speed_of_its_own_gets_that_of_the_line(cut, lost):
     line = make_line(speed=0.8)
 
     window = cut(line, without=[(1, lost)])[1]
@@ -181,11 +180,11 @@ def test_an_item_without_a_speed_of_its_own_gets_that_of_the_line(make_line, cut
         ((1056, 1056), []),
     ],
 )
-def test_samples_lost_between_t1_and_t3_are_a_fault(make_line, cut, lost, reasons):
+def test_samples_lost_between_t1_and_t3_are_a_fault(cut, lost, reasons):
     assert _reasons(cut(make_line(), lost=lost)) == [reasons, [], []]
 
 
-def test_lost_samples_before_the_item_shorten_what_goes_with_it(make_line, cut):
+def test_lost_samples_before_the_item_shorten_what_goes_with_it(cut):
     line = make_line()
 
     window = cut(line, lost=(900, 950))[0]
@@ -199,18 +198,16 @@ def test_lost_samples_before_the_item_shorten_what_goes_with_it(make_line, cut):
     ('index', 'reasons'), [(1100, ['Saturation']), (1000, ['Saturation']), (959, []), (1152, [])]
 )
 @pytest.mark.parametrize('limit', ['min_counts', 'max_counts'])
-def test_a_reading_at_the_limit_of_the_converter_is_a_fault(
-    make_line, cut, load_cell, index, reasons, limit
-):
+def test_a_reading_at_the_limit_of_the_converter_is_a_fault(cut, index, reasons, limit):
     line = make_line()
-    line.counts[index] = getattr(load_cell, limit)
+    line.counts[index] = getattr(CELL, limit)
 
     assert _reasons(cut(line)) == [reasons, [], []]
 
 
-def test_one_count_within_the_limit_is_no_saturation(make_line, cut, load_cell):
+def test_one_count_within_the_limit_is_no_saturation(cut):
     line = make_line()
-    line.counts[1100:1102] = load_cell.max_counts - 1, load_cell.min_counts + 1
+    line.counts[1100:1102] = CELL.max_counts - 1, CELL.min_counts + 1
 
     assert _reasons(cut(line)) == [[], [], []]
 
@@ -224,18 +221,16 @@ def test_one_count_within_the_limit_is_no_saturation(make_line, cut, load_cell):
         ({'edge_lateness': 60.0, 'min_belt_speed': 2.0}, {'sample_rate': 5e4}, 'edge_lateness: '),
     ],
 )
-def test_windows_that_would_be_too_long_are_refused_before_the_first(load_cell, values, cell, name):
+def test_windows_that_would_be_too_long_are_refused_before_the_first(values, cell, name):
     with pytest.raises(ParameterError, match=f'segmenter.{name}'):
-        Segmenter(replace(load_cell, **cell), SegmenterParameters(**values))
+        Segmenter(replace(CELL, **cell), SegmenterParameters(**values))
 
 
 @pytest.mark.parametrize(('capacity', 'reasons'), [(0.25, ['Overload']), (0.31, [])])
 @pytest.mark.parametrize('sign', [1, -1])
-def test_a_load_above_the_capacity_is_a_fault(
-    make_line, run_segmenter, load_cell, capacity, reasons, sign
-):
-    sensitivity = sign * load_cell.counts_per_kg
-    cell = replace(load_cell, counts_per_kg=sensitivity, capacity=capacity)
+def test_a_load_above_the_capacity_is_a_fault(capacity, reasons, sign):
+    sensitivity = sign * CELL.counts_per_kg
+    cell = replace(CELL, counts_per_kg=sensitivity, capacity=capacity)
     line = make_line(load_cell=cell)
 
     windows = run_segmenter(Segmenter(cell, SegmenterParameters()), line.events())
@@ -244,7 +239,7 @@ def test_a_load_above_the_capacity_is_a_fault(
 
 
 @pytest.mark.parametrize(('least', 'reasons'), [(96, []), (97, ['WindowTooShort'])])
-def test_a_window_of_fewer_samples_than_allowed_is_a_fault(make_line, cut, least, reasons):
+def test_a_window_of_fewer_samples_than_allowed_is_a_fault(cut, least, reasons):
     # (0.2 - 0.1) m at 1 m/s are 96 samples.
     assert _reasons(cut(make_line(), SegmenterParameters(min_window=least))) == [reasons] * 3
 
@@ -260,7 +255,7 @@ def test_a_window_of_fewer_samples_than_allowed_is_a_fault(make_line, cut, least
     ],
     ids=str,
 )
-def test_what_is_no_product_of_this_line_is_one_fault(make_line, cut, line, reasons):
+def test_what_is_no_product_of_this_line_is_one_fault(cut, line, reasons):
     # An item that is slower than the slowest belt is given up before it leaves.
     parameters = SegmenterParameters(debounce_time=0.001)
     windows = cut(make_line(**line), parameters)
@@ -269,11 +264,9 @@ def test_what_is_no_product_of_this_line_is_one_fault(make_line, cut, line, reas
 
 
 @pytest.mark.parametrize('seen', [1, 2])
-def test_what_is_on_the_belt_when_the_stream_ends_is_a_fault(
-    make_line, run_segmenter, load_cell, seen
-):
+def test_what_is_on_the_belt_when_the_stream_ends_is_a_fault(seen):
     line = make_line((0.1,))
-    segmenter = Segmenter(load_cell, DEFAULT)
+    segmenter = Segmenter(CELL, DEFAULT)
 
     windows = run_segmenter(segmenter, [line.blocks(1100)[0], *line.edges()[:seen]])
 
@@ -281,10 +274,10 @@ def test_what_is_on_the_belt_when_the_stream_ends_is_a_fault(
     assert segmenter.finish() == []
 
 
-def test_a_restart_of_the_source_costs_the_item_on_the_belt(make_line, run_segmenter, load_cell):
+def test_a_restart_of_the_source_costs_the_item_on_the_belt():
     before = make_line((0.1,))
     after = make_line((0.2,), start=before.start + 20 * NANOSECONDS)
-    segmenter = Segmenter(load_cell, DEFAULT)
+    segmenter = Segmenter(CELL, DEFAULT)
     begun = [event for event in before.events() if event.stamp < before.products[0].t2 + 1]
 
     windows = run_segmenter(segmenter, begun + after.events())
@@ -295,7 +288,7 @@ def test_a_restart_of_the_source_costs_the_item_on_the_belt(make_line, run_segme
     assert windows[1].first_index + windows[1].window_end == 1152
 
 
-def test_items_are_counted_on_from_those_that_were_there_before(make_line, run_segmenter):
+def test_items_are_counted_on_from_those_that_were_there_before():
     line = make_line()
     segmenter = Segmenter(line.load_cell, DEFAULT, item_count=41)
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from synthetic_line import CELL, make_line, run_segmenter
 
 from checkweigher_core.records import NANOSECONDS, EyeEdge
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -56,7 +57,7 @@ def _interleave(blocks, edges, edges_first, line, lateness=LATENESS):
 
 @settings(max_examples=100)
 @given(st.data())
-def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmenter, data):
+def test_neither_blocks_nor_interleaving_change_a_window(data):
     line = make_line(
         (0.1, 0.2, 0.3, 0.15),
         speed=data.draw(st.sampled_from([0.5, 1.0, 1.37])),
@@ -85,15 +86,15 @@ def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmente
 
 
 @pytest.mark.parametrize('order', ['samples first', 'edges first'])
-def test_one_whole_stream_may_come_before_the_other(make_line, run_segmenter, load_cell, order):
+def test_one_whole_stream_may_come_before_the_other(order):
     # All samples first: the first edge is then late by less than edge_lateness.
     line = make_line()
     parameters = SegmenterParameters(edge_lateness=5.0)
-    expected = run_segmenter(Segmenter(load_cell, parameters), line.events())
+    expected = run_segmenter(Segmenter(CELL, parameters), line.events())
     samples, edges = line.blocks(size=10**6), line.edges()
 
     windows = run_segmenter(
-        Segmenter(load_cell, parameters),
+        Segmenter(CELL, parameters),
         samples + edges if order == 'samples first' else edges + samples,
     )
 
@@ -101,7 +102,7 @@ def test_one_whole_stream_may_come_before_the_other(make_line, run_segmenter, lo
     _same(windows, expected)
 
 
-def test_all_edges_may_be_as_late_as_allowed_through_a_long_run(make_line, run_segmenter):
+def test_all_edges_may_be_as_late_as_allowed_through_a_long_run():
     # The samples from zero_time before t1 on must still be there, wherever the ring stands.
     line = make_line((0.1,) * 20, spacing=0.53)
     line.counts[::7] += 3
@@ -118,7 +119,7 @@ def test_all_edges_may_be_as_late_as_allowed_through_a_long_run(make_line, run_s
     _same(windows, expected)
 
 
-def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, run_segmenter):
+def test_an_edge_after_t3_changes_no_window_however_early_it_comes():
     # The infeed eye flickers again after the product has begun to leave.
     line = make_line((0.1,), length=0.17)
     parameters = SegmenterParameters(debounce_time=0.05)
@@ -133,14 +134,14 @@ def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, ru
     _same(windows, expected)
 
 
-def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing(load_cell, run_segmenter):
+def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing():
     at_once = [
         EyeEdge(5, eye, blocked)
         for eye, blocked in ((0, False), (0, True), (0, False), (1, True), (1, False))
     ]
     unseen = EyeEdge(NANOSECONDS, 1, True)
 
-    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [*at_once, unseen])
+    windows = run_segmenter(Segmenter(CELL, DEFAULT), [*at_once, unseen])
 
     assert [window.item_id for window in windows] == [1, 2]
     assert all(window.reasons for window in windows)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_line import CELL, make_line
 
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
@@ -22,15 +23,15 @@ def _feed(segmenter, events):
 
 
 @pytest.mark.parametrize(('calibrated', 'reasons'), [(2100.0, ()), (1900.0, ('ZeroOutOfRange',))])
-def test_beyond_the_range_every_item_is_a_fault(make_line, load_cell, calibrated, reasons):
+def test_beyond_the_range_every_item_is_a_fault(calibrated, reasons):
     # The belt reads 5000; the range is 3000 counts.
-    segmenter = Segmenter(replace(load_cell, zero_counts=calibrated), CAREFUL)
+    segmenter = Segmenter(replace(CELL, zero_counts=calibrated), CAREFUL)
 
     assert [window.reasons for window in _feed(segmenter, make_line().events())] == [reasons] * 3
 
 
-def test_an_idle_belt_is_zeroed_on_demand(make_line, load_cell):
-    segmenter = Segmenter(replace(load_cell, zero_counts=4000.0), CAREFUL)
+def test_an_idle_belt_is_zeroed_on_demand():
+    segmenter = Segmenter(replace(CELL, zero_counts=4000.0), CAREFUL)
     line = make_line((0.1,), first_entry=8.0)
     segmenter.zero_keeper.request()
 
@@ -46,8 +47,8 @@ def test_an_idle_belt_is_zeroed_on_demand(make_line, load_cell):
     assert 0 < change.std_dev < 1e-4
 
 
-def test_between_products_the_next_empty_belt_is_taken(make_line, load_cell):
-    segmenter = Segmenter(load_cell, SegmenterParameters(zero_random_walk=0.0))
+def test_between_products_the_next_empty_belt_is_taken():
+    segmenter = Segmenter(CELL, SegmenterParameters(zero_random_walk=0.0))
     line = make_line((0.1,) * 6)
     events = line.events()
     _feed(segmenter, events[:40])
@@ -64,11 +65,11 @@ def test_between_products_the_next_empty_belt_is_taken(make_line, load_cell):
         (5000.0, 20.0, 500_000, 'not at rest'),
     ],
 )
-def test_what_cannot_be_zeroed_says_why(make_line, load_cell, calibrated, after, noise, why):
+def test_what_cannot_be_zeroed_says_why(calibrated, after, noise, why):
     line = make_line((0.1,), after=after)
     # A reading that grows: halves of 0.25 s are apart by a quarter of what it does in a second.
     line.counts[:] += (noise * np.arange(len(line.counts)) / 960).astype(np.int32)
-    segmenter = Segmenter(replace(load_cell, zero_counts=calibrated), CAREFUL)
+    segmenter = Segmenter(replace(CELL, zero_counts=calibrated), CAREFUL)
     segmenter.zero_keeper.request()
 
     _feed(segmenter, line.events())
@@ -78,9 +79,9 @@ def test_what_cannot_be_zeroed_says_why(make_line, load_cell, calibrated, after,
     assert why in answer.text
 
 
-def test_a_belt_that_is_never_empty_is_not_zeroed(make_line, load_cell):
+def test_a_belt_that_is_never_empty_is_not_zeroed():
     line = make_line((0.1,) * 90, spacing=0.15)
-    segmenter = Segmenter(load_cell, CAREFUL)
+    segmenter = Segmenter(CELL, CAREFUL)
     events = line.events()
     _feed(segmenter, events[:60])
     segmenter.zero_keeper.request()
@@ -90,10 +91,10 @@ def test_a_belt_that_is_never_empty_is_not_zeroed(make_line, load_cell):
     assert segmenter.zero_keeper.answer.text == 'the belt was not empty within 10 s: not zeroed'
 
 
-def test_with_60_ms_of_empty_belt_a_drift_of_100_g_an_hour_is_followed(make_line, load_cell):
+def test_with_60_ms_of_empty_belt_a_drift_of_100_g_an_hour_is_followed():
     # What the walk states covers the lag: two standard deviations, once the filter is steady.
     line = make_line((0.1,) * 200, spacing=0.36, after=0.1)
-    rate, drift = load_cell.sample_rate, 0.1 / 3600 * load_cell.counts_per_kg
+    rate, drift = CELL.sample_rate, 0.1 / 3600 * CELL.counts_per_kg
     time = np.arange(len(line.counts)) / rate
     # As the ring-down of a platform of 38 Hz and a damping ratio of 0.06 after each product.
     ringing = np.zeros(len(time))
@@ -104,7 +105,7 @@ def test_with_60_ms_of_empty_belt_a_drift_of_100_g_an_hour_is_followed(make_line
     line.counts[:] += np.round(ringing + drift * time).astype(np.int32)
 
     windows = _feed(
-        Segmenter(load_cell, SegmenterParameters(zero_random_walk=1e-4)), line.events(size=96)
+        Segmenter(CELL, SegmenterParameters(zero_random_walk=1e-4)), line.events(size=96)
     )
 
     errors = np.array(

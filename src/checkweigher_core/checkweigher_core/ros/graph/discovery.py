@@ -59,8 +59,7 @@ def _written(text: str) -> Path:
 
 def profiles(environment: Mapping[str, str]) -> str:
     """Return the profiles as XML, with the ports to contact if there is no multicast."""
-    text = _PACKAGED.read_text(encoding='utf-8')
-    return text.replace(_PLACE, _initial_peers(peers(environment)))
+    return _PACKAGED.read_text(encoding='utf-8').replace(_PLACE, _initial_peers(peers(environment)))
 
 
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:

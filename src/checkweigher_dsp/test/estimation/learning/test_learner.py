@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from synthetic_line import make_pass
 
 from checkweigher_core.health.findings import Level
 from checkweigher_core.settings_files import plain, settings_of
@@ -20,7 +21,7 @@ MASSES = (0.1, 0.15, 0.2)
 
 
 @pytest.fixture(scope='module')
-def items(make_pass):
+def items():
     """Return a function that makes windows of items on a belt with a line of 13 Hz.
 
     Each item swings at 21 Hz after it has come on, by another part of its mass. A `line` is

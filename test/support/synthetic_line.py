@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
@@ -157,28 +156,3 @@ def make_pass(
         'window_begin': int(np.sum(time < 0.1)), 'window_end': int(np.sum(time < 0.2)),
     }  # fmt: skip
     return make_window(force, counts_per_kg=1e9, zero=0.0, **{**values, **fields})
-
-
-@pytest.fixture(scope='session')
-def load_cell():
-    return CELL
-
-
-@pytest.fixture(scope='session', name='make_line')
-def _make_line():
-    return make_line
-
-
-@pytest.fixture(scope='session', name='make_window')
-def _make_window():
-    return make_window
-
-
-@pytest.fixture(scope='session', name='make_pass')
-def _make_pass():
-    return make_pass
-
-
-@pytest.fixture(scope='session', name='run_segmenter')
-def _run_segmenter():
-    return run_segmenter
