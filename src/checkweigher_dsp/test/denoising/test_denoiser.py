@@ -229,6 +229,8 @@ def test_a_window_that_contradicts_itself_is_a_bad_window(fields):
     [
         ({'gamma6': (0.1, 0.2)}, r'denoise\.speeds: 2 values for 5 speeds'),
         ({'speeds': (1.5, 1.25, 1.0, 0.75, 0.5)}, r'denoise\.speeds: speeds must ascend'),
+        ({'speeds': (0.5, 0.75, 0.75, 1.0, 1.25)}, r'denoise\.speeds: speeds must ascend'),
+        ({'speeds': ()}, r'denoise\.speeds: speeds must ascend'),
         ({'lambda7': (1.0, 2.0, math.inf, 4.0, 5.0)}, r'denoise\.lambda7: .*finite'),
         ({'gamma5': (0.1, -0.2, 0.1, 0.1, 0.1)}, r'denoise\.gamma5: -0\.2 is not in 0\.\.10'),
         ({'natural_frequency': (38.0, 39.0)}, r'denoise\.natural_frequency: 2 values, must be 1'),

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from synthetic_line import CELL, make_line, run_segmenter
+from synthetic_line import CELL, make_line, reasons_of, run_segmenter
 
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -27,10 +27,6 @@ def _run(line, events, **parameters):
     return sorted(windows, key=lambda window: window.item_id)
 
 
-def _reasons(windows):
-    return [list(window.reasons) for window in windows]
-
-
 def _shift(line, after, delay):
     """Move all edges later than `after` by `delay`: the belt stood still, or was slower."""
     return sorted(
@@ -39,20 +35,13 @@ def _shift(line, after, delay):
     )
 
 
-def _at(line, changed):
-    """Order blocks and edges by time."""
-    timed = [(line.stamp_at(b.first_index + len(b.counts)), b) for b in line.blocks()]
-    timed += [(edge.stamp, edge) for edge in changed]
-    return [event for _, event in sorted(timed, key=lambda pair: pair[0])]
-
-
 LOST = [(1, 't2'), (1, 't3'), (1, 't4'), (2, 't1')]
 
 
 def test_four_edges_lost_between_two_items_do_not_make_a_slow_one():
     line = make_line((0.1,) * 5)
 
-    assert _reasons(_run(line, line.events(LOST))) == [[], ['BeltStopped'], [], []]
+    assert reasons_of(_run(line, line.events(LOST))) == [[], ['BeltStopped'], [], []]
 
 
 def test_nor_before_any_speed_is_known_if_the_recipe_has_the_length():
@@ -82,7 +71,7 @@ def test_the_length_is_that_of_the_recipe(length, width, reason):
 
     windows = _run(line, line.events(), product_length=0.1, product_width=width)
 
-    assert _reasons(windows) == [[reason] if reason else []]
+    assert reasons_of(windows) == [[reason] if reason else []]
 
 
 @pytest.mark.parametrize(
@@ -106,24 +95,18 @@ def test_another_belt_speed_costs_one_item(speeds, reasons):
         ]
         start, first = line.stamp_at(len(line.counts)), first + len(line.counts)
 
-    assert _reasons(run_segmenter(segmenter, events)) == reasons
+    assert reasons_of(run_segmenter(segmenter, events)) == reasons
 
 
-@pytest.mark.parametrize('moment', ['t1', 't2'])
-def test_a_belt_that_stops_during_a_pass_is_a_fault(moment):
-    line = make_line((0.1,) * 4, after=3.0)
-    edges = _shift(line, getattr(line.products[1], moment), NANOSECONDS)
-
-    assert _reasons(_run(line, _at(line, edges))) == [[], ['BeltStopped'], [], []]
-
-
-def test_a_belt_that_stops_for_long_costs_what_was_on_it():
+@pytest.mark.parametrize(
+    ('moment', 'seconds', 'reason'),
+    [('t1', 1, 'BeltStopped'), ('t2', 1, 'BeltStopped'), ('t1', 4, 'MissingEdge')],
+)
+def test_a_belt_that_stops_during_a_pass_costs_what_was_on_it(moment, seconds, reason):
     line = make_line((0.1,) * 5, after=12.0)
-    edges = _shift(line, line.products[1].t1, 4 * NANOSECONDS)
+    edges = _shift(line, getattr(line.products[1], moment), seconds * NANOSECONDS)
 
-    windows = _run(line, _at(line, edges))
-
-    assert _reasons(windows) == [[], ['MissingEdge'], [], [], []]
+    assert reasons_of(_run(line, line.events(edges=edges))) == [[], [reason], [], [], []]
 
 
 def test_a_product_that_rides_back_over_the_infeed_eye_is_a_fault():
@@ -131,7 +114,7 @@ def test_a_product_that_rides_back_over_the_infeed_eye_is_a_fault():
     t2 = line.products[1].t2
     back = [EyeEdge(t2 + 20 * MS, Eye.INFEED, True), EyeEdge(t2 + 60 * MS, Eye.INFEED, False)]
 
-    windows = _run(line, _at(line, [*line.edges(), *back]))
+    windows = _run(line, line.events(edges=[*line.edges(), *back]))
 
     assert not windows[0].reasons
     assert all('DistanceFault' in window.reasons for window in windows[1:])
@@ -143,7 +126,7 @@ def test_a_product_taken_off_first_is_passed_over_if_the_length_is_known():
 
     windows = _run(line, events, product_length=0.1)
 
-    assert _reasons(windows) == [['MissingEdge'], [], [], [], []]
+    assert reasons_of(windows) == [['MissingEdge'], [], [], [], []]
 
 
 @pytest.mark.parametrize('before', [('t1',), ('t1', 't2')])
@@ -154,7 +137,7 @@ def test_a_product_on_the_belt_at_start_up_is_a_fault(before):
     if before == ('t1',):
         edges.append(EyeEdge(line.start, Eye.INFEED, True))
 
-    windows = _run(line, _at(line, edges))
+    windows = _run(line, line.events(edges=edges))
 
     assert 'StartUp' in windows[0].reasons
     assert not windows[1].reasons
@@ -192,7 +175,7 @@ def test_samples_that_never_come_are_a_fault_and_not_a_silence():
 
     windows = [window for edge in line.edges() for window in segmenter.take(edge)]
 
-    assert _reasons(windows)[:20] == [['SamplesLost']] * 20
+    assert reasons_of(windows)[:20] == [['SamplesLost']] * 20
 
 
 def _blocks_with(line, change):
@@ -208,7 +191,7 @@ def test_a_jump_of_the_index_without_the_time_is_a_fault():
     line = make_line((0.1,) * 4)
     events = _blocks_with(line, lambda b: replace(b, first_index=b.first_index + 96))
 
-    assert _reasons(_run(line, events)) == [[], ['ClockJump'], [], []]
+    assert reasons_of(_run(line, events)) == [[], ['ClockJump'], [], []]
 
 
 @pytest.mark.parametrize('jump', [1, -1])
@@ -220,7 +203,7 @@ def test_a_jump_of_the_time_without_the_index_is_a_fault(jump):
         for event in line.events()
     ]
 
-    reasons = _reasons(_run(line, events))
+    reasons = reasons_of(_run(line, events))
 
     assert reasons[0] == []
     assert reasons[1] == ['ClockJump']
@@ -238,7 +221,7 @@ def test_blocks_twice_do_nothing_and_swapped_or_late_ones_are_lost(change):
         del events[hit]
 
     lost = [] if change == 'twice' else ['SamplesLost']
-    assert _reasons(_run(line, events)) == [[], lost, []]
+    assert reasons_of(_run(line, events)) == [[], lost, []]
 
 
 @pytest.mark.parametrize('duration', [1.0, 30.0])  # within what is kept of the signal, and beyond
@@ -251,7 +234,7 @@ def test_a_recording_played_in_a_loop_starts_again_each_time(duration):
     windows = _run(line, [*events, *begun, *events])
 
     whole = [[], []]
-    assert _reasons(windows) == [*whole, [], ['SourceRestarted'], *whole]
+    assert reasons_of(windows) == [*whole, [], ['SourceRestarted'], *whole]
     for first, last in zip(windows[:2], windows[4:], strict=True):
         # The zero is followed on: of it alone more is known.
         assert np.array_equal(last.counts, first.counts)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_line import CELL, make_line, run_segmenter
+from synthetic_line import MILLI, cut, make_line
 
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -16,18 +16,11 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 @pytest.fixture(scope='module')
 def line():
     """A sample each millisecond; t1 = 1.0 s, t2 = 1.1 s, t3 = 1.2 s, t4 = 1.3 s."""
-    return make_line((0.2,), load_cell=replace(CELL, sample_rate=1000.0))
+    return make_line((0.2,), load_cell=MILLI)
 
 
 def _trailing(trail_time, **values):
     return SegmenterParameters(trail_time=trail_time, **values)
-
-
-def _cut(line, parameters, events=None):
-    events = line.events() if events is None else events
-    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
-    assert [window.item_id for window in windows] == list(range(1, len(windows) + 1))
-    return windows
 
 
 @pytest.mark.parametrize(
@@ -36,7 +29,7 @@ def _cut(line, parameters, events=None):
     [(0.0, 0), (0.001, 1), (0.05, 50), (0.1, 100), (0.101, 100), (5.0, 100)],
 )
 def test_a_window_holds_what_was_waited_for_after_t3(line, trail_time, count):
-    (window,) = _cut(line, _trailing(trail_time))
+    (window,) = cut(line, _trailing(trail_time))
 
     assert len(window.counts) - window.window_end == count
     assert window.first_index + window.window_end == 1200
@@ -44,9 +37,9 @@ def test_a_window_holds_what_was_waited_for_after_t3(line, trail_time, count):
 
 
 def test_but_for_what_follows_t3_a_window_is_as_it_was(line):
-    (short,) = _cut(line, _trailing(0.0))
+    (short,) = cut(line, _trailing(0.0))
 
-    (long,) = _cut(line, _trailing(0.05))
+    (long,) = cut(line, _trailing(0.05))
 
     assert replace(long, counts=long.counts[: long.window_end]) == short
 
@@ -71,7 +64,7 @@ def test_a_trail_with_lost_or_saturated_samples_is_left_out_and_the_item_weighed
         counts[index], lost = getattr(line.load_cell, spoilt), (0, 0)
     events = replace(line, counts=counts).events(lost=lost)
 
-    (window,) = _cut(line, _trailing(0.05), events)
+    (window,) = cut(line, _trailing(0.05), events)
 
     assert window.reasons == ()
     np.testing.assert_array_equal(window.counts, counts[500 : 1200 + count])
@@ -83,7 +76,7 @@ def test_a_trail_with_lost_or_saturated_samples_is_left_out_and_the_item_weighed
 def test_the_end_of_the_stream_after_t3_cuts_the_trail_short(line, end, reasons):
     (block,) = line.blocks(cuts=[end])[:1]
 
-    (window,) = _cut(line, _trailing(0.05), [block, *line.edges()[:3]])
+    (window,) = cut(line, _trailing(0.05), [block, *line.edges()[:3]])
 
     assert window.reasons == reasons
     np.testing.assert_array_equal(window.counts, [] if reasons else line.counts[500:end])
@@ -93,7 +86,7 @@ def test_a_restart_of_the_source_cuts_the_trail_short_and_the_item_is_weighed(li
     (block,) = line.blocks(cuts=[1220])[:1]
     after = make_line((0.1,), start=line.start + 20 * NANOSECONDS, load_cell=line.load_cell)
 
-    windows = _cut(line, _trailing(0.05), [block, *line.edges()[:3], *after.events()])
+    windows = cut(line, _trailing(0.05), [block, *line.edges()[:3], *after.events()])
 
     assert [window.reasons for window in windows] == [(), ()]
     np.testing.assert_array_equal(windows[0].counts, line.counts[500:1220])
@@ -109,8 +102,8 @@ def test_what_goes_with_a_window_is_kept_while_its_trail_is_waited_for(line, ent
     belt = {'speed': 0.1, 'load_cell': line.load_cell}
     slow = make_line((0.2, 0.1), length=0.19, spacing=0.4, first_entry=entry, **belt)
 
-    fine = _cut(slow, parameters, slow.events(size=20))
-    coarse = _cut(slow, parameters, [*slow.edges(), *slow.blocks(size=1000)])
+    fine = cut(slow, parameters, slow.events(size=20))
+    coarse = cut(slow, parameters, [*slow.edges(), *slow.blocks(size=1000)])
 
     assert [window.reasons for window in fine] == [(), ()]
     assert coarse == fine
