@@ -74,8 +74,8 @@ def conclude(
 
     The text is `well` if there is no concern; None among the `concerns` is ignored.
     """
-    found = [concern for concern in concerns if concern is not None]
-    worst = max(found, key=lambda concern: concern.level, default=Concern(Level.OK, well, ''))
+    none = Concern(Level.OK, well, '')
+    worst = max(filter(None, concerns), key=lambda concern: concern.level, default=none)
     return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
 
 

@@ -29,8 +29,9 @@ class HostClock:
         self._exists = shutil.which(command[0]) is not None
         self._asked = -math.inf
         self._question: subprocess.Popen[str] | None = None
-        text = 'not known yet' if self._exists else 'not checked: there is no chrony here'
-        self._finding = conclude(_ASPECT, text)
+        self._finding = conclude(
+            _ASPECT, 'not known yet' if self._exists else 'not checked: there is no chrony here'
+        )
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Host clock at `now`, s."""

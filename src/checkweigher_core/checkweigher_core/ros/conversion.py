@@ -50,8 +50,7 @@ def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEs
 
 def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
     """Return a stop request with the text that its hint adds to the hint of the reason."""
-    text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
-    return replace(request, text=text)
+    return replace(request, text=message.hint.removeprefix(request.reason.hint).removeprefix(': '))
 
 
 _WEIGHED = 1  # of MassEstimate.status

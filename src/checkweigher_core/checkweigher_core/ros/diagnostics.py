@@ -87,9 +87,8 @@ class Diagnostics:
     def _summary(self, findings: list[Finding]) -> Finding:
         """Return the status of the node itself; a warning is shown for one period."""
         worst = max(findings, key=lambda finding: finding.level)
-        level, text = worst.level, 'running'
-        if level > Level.OK:
-            text = f'{worst.aspect}: {worst.message}'
+        level = worst.level
+        text = f'{worst.aspect}: {worst.message}' if level > Level.OK else 'running'
         if self._warning and level <= Level.WARN:
             level, text = Level.WARN, self._warning
         self._warning = ''

@@ -59,8 +59,8 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
     """
     values = {}
     for own_name, entry in parameters.entries().items():
-        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
         name = prefix + own_name
+        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
         try:
             declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:

@@ -143,10 +143,9 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
             return 0.0, 0.0
         shift1 = ((a22 + ridge) * b1 - a12 * b2) / determinant
         shift2 = ((a11 + ridge) * b2 - a12 * b1) / determinant
-        linear = 2 * (shift1 * b1 + shift2 * b2)
         left = (
             power
-            - linear
+            - 2 * (shift1 * b1 + shift2 * b2)
             + a11 * shift1 * shift1
             + 2 * a12 * shift1 * shift2
             + a22 * shift2 * shift2

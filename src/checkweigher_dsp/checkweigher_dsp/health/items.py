@@ -212,11 +212,11 @@ class VerdictTiming:
             'late_lately': len(self._late),
             **self._counts,
         }
-        late = counted(len(self._late), 'verdict')
         concerns = [
             error_if(
                 deadlines and len(self._late) > 0,
-                f'{late} came after the reject time in the last minute',
+                f'{counted(len(self._late), "verdict")} came after the reject time in the last '
+                'minute',
                 'check the load on this machine, rejector_distance and actuator_delay',
             ),
             warn_if(

@@ -89,7 +89,6 @@ class ZeroWatch:
             'age_of_last_update_s': now - self._updated,
             'running_for_min': (now - self._began) / MINUTE,
         }
-        warm = now - self._began > _WARM_UP
         concerns = [
             error_if(
                 not self._zero.trusted,
@@ -104,7 +103,9 @@ class ZeroWatch:
             warn_if(
                 self._range > 0 and abs(distance + drift) > self._range,
                 f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour',
-                'check for dirt that builds up' if warm else 'let the load cell warm up',
+                'check for dirt that builds up'
+                if now - self._began > _WARM_UP
+                else 'let the load cell warm up',
             ),
             warn_if(
                 self._item - self._missed_since > _UPDATE_PATIENCE,

@@ -54,8 +54,8 @@ class ItemTracker:
     def is_empty(self) -> bool:
         """Whether no item is on the belt and both eyes are clear."""
         belt = self.belt
-        at_an_eye = belt.at_infeed is not None or self.eyes.any_blocked
-        return not (belt.items or at_an_eye or belt.cleared_first is not None)
+        on_belt = belt.items or belt.at_infeed or belt.cleared_first is not None
+        return not (on_belt or self.eyes.any_blocked)
 
     @property
     def empty_since(self) -> int | None:

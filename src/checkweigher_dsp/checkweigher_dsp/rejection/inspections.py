@@ -159,8 +159,8 @@ class Inspections:
             reasons.append(Reason.NOT_INSPECTED.value)
         if not reasons:
             return verdict
-        known = tuple(dict.fromkeys((*verdict.reasons, *reasons)))
-        return replace(verdict, decision=Decision.FAULT, reasons=known)
+        known = dict.fromkeys((*verdict.reasons, *reasons))
+        return replace(verdict, decision=Decision.FAULT, reasons=tuple(known))
 
     def _was_out(self, passage: Passage | None) -> bool:
         return any(

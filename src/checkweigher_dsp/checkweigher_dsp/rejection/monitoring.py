@@ -95,8 +95,9 @@ class RejectMonitor:
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self.stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
-        failed = Reason.STAGE_FAILED in verdict.reasons
-        self._failed_in_a_row = _counted_on(self._failed_in_a_row, failed)
+        self._failed_in_a_row = _counted_on(
+            self._failed_in_a_row, Reason.STAGE_FAILED in verdict.reasons
+        )
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
         # An item that a station removes does not reach the eye behind the rejector.

@@ -31,7 +31,6 @@ class ItemSource:
         zero: ZeroKeeper,
         item_count: int,
     ) -> None:
-        known = parameters.product_length > 0
         self._buffer = buffer
         self._zero = zero
         self._weigh_length = load_cell.weigh_length
@@ -44,7 +43,9 @@ class ItemSource:
             round(NANOSECONDS * parameters.debounce_time),
             parameters.max_transit(load_cell.weigh_length),
             item_count,
-            load_cell.weigh_length / parameters.product_length if known else 0.0,
+            load_cell.weigh_length / parameters.product_length
+            if parameters.product_length
+            else 0.0,
             self._is_unloaded,
         )
 

@@ -53,9 +53,8 @@ class Prewhitener:
 
     def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return filtered signals (..., n), in units of the standard deviation of the noise."""
-        count = signals.shape[-1]
         result = np.empty(signals.shape)
-        begin = min(self._order, count)
+        begin = min(self._order, signals.shape[-1])
         result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
         self.whiten_again(signals, result, begin)
         return result

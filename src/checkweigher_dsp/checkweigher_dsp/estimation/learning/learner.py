@@ -140,9 +140,9 @@ def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
     """Return the state after an item for which the estimator found `load`."""
-    kind = _kind_of(known, window)
-    if kind is None:
-        kind = ItemKind(window.belt_speed, window.product_length, rise_parts_of(window))
+    kind = _kind_of(known, window) or ItemKind(
+        window.belt_speed, window.product_length, rise_parts_of(window)
+    )
     passage = passage_of(window, load, kind.rise) if kind.rise else None
     if passage is None:
         return known
