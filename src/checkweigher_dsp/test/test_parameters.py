@@ -269,15 +269,67 @@ def test_of_several_lanes_none_is_taken_by_chance():
     assert read(LANES.partition('/right')[0], sets)['larder']['shelf.boards'] == 4
 
 
+TOO_LONG = '.* s for each item.* lower it'
+ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
+
+
 @pytest.mark.parametrize(
-    ('values', 'name'),
+    ('node', 'values', 'complaint'),
     [
-        ({'stretch': 2**20, 'prediction_order': 1000, 'iterations': 100}, 'iterations'),
-        ({'stretch': 2**20}, 'stretch'),
-        ({'iterations': 100}, 'iterations'),
-        ({'prediction_order': 1000, 'iterations': 10}, 'prediction_order'),
+        ('segmenter', {'min_belt_speed': 3, 'max_belt_speed': 2}, 'min_belt_speed: 3 is not below'),
+        ('denoise', {'gamma6': (0.1, 0.2)}, 'speeds: 2 values for 5 speeds'),
+        ('denoise', {'speeds': (1.5, 1.25, 1.0, 0.75, 0.5)}, 'speeds: speeds must ascend'),
+        ('denoise', {'speeds': (0.5, 0.75, 0.75, 1.0, 1.25)}, 'speeds: speeds must ascend'),
+        ('denoise', {'speeds': ()}, 'speeds: speeds must ascend'),
+        ('denoise', {'lambda7': (1.0, 2.0, math.inf, 4.0, 5.0)}, 'lambda7: .*finite'),
+        ('denoise', {'gamma5': (0.1, -0.2, 0.1, 0.1, 0.1)}, r'gamma5: -0\.2 is not in 0\.\.10'),
+        ('denoise', {'natural_frequency': (38.0, 39.0)}, 'natural_frequency: 2 values, must be 1'),
+        ('denoise', {'damping_ratio': ()}, 'damping_ratio: 0 values, must be 1 or 5'),
+        # What would take too long, with the parameter to lower.
+        (
+            'denoise',
+            {'stretch': 2**20, 'prediction_order': 1000, 'iterations': 100},
+            f'iterations: {TOO_LONG}',
+        ),
+        ('denoise', {'stretch': 2**20}, f'stretch: {TOO_LONG}'),
+        ('denoise', {'iterations': 100}, f'iterations: {TOO_LONG}'),
+        ('denoise', {'prediction_order': 1000, 'iterations': 10}, f'prediction_order: {TOO_LONG}'),
+        ('identifier.mean', {'speeds': ()}, 'speeds: must ascend and name at least one'),
+        ('identifier.mean', {'speeds': (1.0, 1.0)}, 'speeds: must ascend'),
+        ('identifier.mean', {'speeds': (0.5, 1.0)}, 'gain: 1 values for 2 speeds'),
+        ('identifier.mean', {'offset': (0.0, 0.0)}, 'offset: 2 values for 1 speeds'),
+        ('identifier.mean', {'gain': (0.0,)}, r'gain: 0\.0 is not in 0\.1\.\.10'),
+        ('identifier.mean', {'std_dev': (-1.0,)}, r'std_dev: -1\.0 is not in'),
+        ('identifier.gauss_markov', {'reflection': (1.0,), 'order': 1}, 'reflection: must lie'),
+        ('identifier.gauss_markov', {'reflection': (0.1,), 'order': 2}, 'reflection: 1 values'),
+        ('identifier.gauss_markov', {'noise': (1e-5, 1e-5)}, 'noise: 2 values for 1 speeds'),
+        ('identifier.gauss_markov', {'speeds': (1.0, 2.0)}, r'\w+: \d values for 2 speeds'),
+        ('identifier.learned', {'parts': 8, 'weights_alone': (1.0,) * 8}, 'weights: 1 values'),
+        (
+            'reject',
+            {'inspections': 'a', 'inspection_distances': (1,)},
+            'inspection_times: 0 values',
+        ),
+        (
+            'reject',
+            {'inspections': 'a a', 'inspection_distances': (1, 2), 'inspection_times': (0, 0)},
+            'inspections: .* has a device twice',
+        ),
+        ('reject', {'stations': 'UNDER; OVER', **ONE_STATION}, 'station_distances: 1 values, but'),
+        ('reject', {'stations': 'HEAVY', **ONE_STATION}, r"stations\[0\]: 'HEAVY' is no"),
+        ('reject', {'stations': 'ACCEPT', **ONE_STATION}, r"stations\[0\]: 'ACCEPT' is no"),
+        (
+            'reject',
+            {'stations': '0.2..0.1', **ONE_STATION},
+            r'stations\[0\]: .* no range of masses',
+        ),
+        (
+            'reject',
+            {'stations': 'UNDER; ', 'station_distances': (1, 2), 'station_delays': (0, 0)},
+            r'stations\[1\]: has to say what',
+        ),
     ],
 )
-def test_what_would_take_too_long_is_refused_with_the_parameter_to_lower(values, name):
-    with pytest.raises(ParameterError, match=rf'denoise\.{name}: .* s for each item.* lower it'):
-        LineParameters().with_values({f'denoise.{each}': value for each, value in values.items()})
+def test_values_that_do_not_go_together_are_refused_by_name(node, values, complaint):
+    with pytest.raises(ParameterError, match=rf'^{node}\.{complaint}'):
+        LineParameters().with_values({f'{node}.{name}': value for name, value in values.items()})

@@ -77,9 +77,8 @@ def is_plausible(window: WeighWindow) -> bool:
     if typical < 2 * _ROUNDING or known is loaded:
         return True
     limit = _OUTLIER * math.sqrt(typical)
-    if _is_calmer(rapid[begin - first :], np.clip(empty, -limit, limit)):
-        return False
-    return not _is_repeated(counts, math.sqrt(typical - _ROUNDING))
+    calmer = _is_calmer(rapid[begin - first :], np.clip(empty, -limit, limit))
+    return not (calmer or _is_repeated(counts, math.sqrt(typical - _ROUNDING)))
 
 
 def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:

@@ -87,11 +87,11 @@ class WorkloadWatch:
         self._count = 0
         self._last = math.nan
 
-    def add(self, now: float, taken: float) -> None:
-        """Add a window that was finished at `now` and took the time `taken`, both in s."""
+    def add(self, began: float, ended: float) -> None:
+        """Add a window that was processed from `began` to `ended`, both in s."""
         self._count += 1
-        self._last = now
-        self._taken.add(now, taken)
+        self._last = ended
+        self._taken.add(ended, ended - began)
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Windows."""

@@ -64,9 +64,11 @@ class UsualTransit:
     def is_early(self, item: TrackedItem, stamp: int) -> bool:
         """Return whether an item cannot have reached the outfeed eye at `stamp`."""
         transit = self.of(item)
-        if transit is None or item.t1 is None:
-            return False
-        return stamp - item.t1 <= (1 - _TOO_EARLY) * transit
+        return (
+            transit is not None
+            and item.t1 is not None
+            and stamp - item.t1 <= (1 - _TOO_EARLY) * transit
+        )
 
 
 class Belt:

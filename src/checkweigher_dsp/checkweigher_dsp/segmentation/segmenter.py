@@ -193,8 +193,7 @@ class Segmenter:
             return None
         begin, left, parameters = buffer.start, tracker.empty_since, self._parameters
         if left is not None:
-            settled = left + round(NANOSECONDS * parameters.settle_time)
-            begin = max(begin, buffer.index_at(settled))
+            begin = max(begin, buffer.index_at(left + round(NANOSECONDS * parameters.settle_time)))
         return begin, buffer.end - round(parameters.edge_lateness * self.load_cell.sample_rate)
 
 

@@ -263,9 +263,8 @@ class WindowCutter:
     def _check_load(self, place: _Place) -> Reason | None:
         """Compare the mean load above the zero of calibration with the capacity."""
         cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
-        reading = np.add.reduce(counts, dtype=np.int64) / len(counts)
-        load = (float(reading) - cell.zero_counts) / cell.counts_per_kg
-        return Reason.OVERLOAD if abs(load) > cell.capacity else None
+        load = float(np.add.reduce(counts, dtype=np.int64) / len(counts)) - cell.zero_counts
+        return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item enters, and whether it is settled."""

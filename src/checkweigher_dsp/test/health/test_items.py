@@ -47,7 +47,7 @@ def test_an_unknown_reason_has_a_hint_as_well():
 def test_a_stage_that_is_always_busy_is_warned_of():
     watch = WorkloadWatch()
     for number in range(20):
-        watch.add(0.5 * number, 0.3)
+        watch.add(0.5 * number - 0.3, 0.5 * number)
     finding = watch.finding(9.9)
     assert finding.values['busy_share'] == pytest.approx(0.6, rel=1e-12)
     assert finding.level == Level.WARN

@@ -108,9 +108,7 @@ def test_a_clearing_eye_belongs_to_no_item_that_is_gone(clears, blocks, costs):
 @pytest.mark.parametrize('name', ['t1', 't2'])
 def test_a_chattering_infeed_eye_is_a_fault_of_this_item_alone(name):
     line = make_line()
-    product = line.products[1]
-
-    items = _track(_flicker(line.edges(), getattr(product, name)))
+    items = _track(_flicker(line.edges(), getattr(line.products[1], name)))
 
     _assert_whole_but(items, line.products, {1})
     assert _reasons(items)[1] == [Reason.CHATTERING_EYE]
@@ -345,9 +343,7 @@ def test_an_eye_that_clears_first_of_all_has_seen_an_item_but_for_its_state(stat
 def test_a_flicker_after_a_lost_edge_is_no_item():
     # The t2 at 1100 is lost, what flickers there is not.
     flicker = [(1102, 't1'), (1104, 't2'), (1106, 't1'), (1108, 't2')]
-    edges = _edges((1000, 't1'), *flicker, (1200, 't3'), (1300, 't4'))
-
-    items = _track(edges)
+    items = _track(_edges((1000, 't1'), *flicker, (1200, 't3'), (1300, 't4')))
 
     assert [(item.t1, item.t3) for item in items] == [(1000 * MS, 1200 * MS)]
     assert Reason.CHATTERING_EYE in items[0].faults

@@ -63,9 +63,7 @@ def test_noise_is_averaged_and_the_standard_deviation_covers_the_error(estimator
 
 
 def test_each_item_gets_one_verdict_and_a_fault_no_mass():
-    line = make_line(MASSES)
-
-    weighings = _weigh(line, without=[(1, 't2')], lost=(2200, 2250))
+    weighings = _weigh(make_line(MASSES), without=[(1, 't2')], lost=(2200, 2250))
 
     # The third enters at 2.2 s, that is sample 2112.
     assert [list(w.verdict.reasons) != [] for w in weighings] == [False, True, True, False, False]

@@ -69,9 +69,7 @@ def test_a_window_has_its_time_and_from_when_on_the_belt_was_empty(
     ],
 )
 def test_an_item_that_enters_while_another_leaves_is_alone_later(spacing, lost, empty_begin):
-    line = make_line((0.2, 0.1), spacing=spacing, load_cell=MILLI)
-
-    second = cut(line, without=lost)[1]
+    second = cut(make_line((0.2, 0.1), spacing=spacing, load_cell=MILLI), without=lost)[1]
 
     assert second.reasons == ()
     assert (second.empty_begin, second.window_begin) == (empty_begin, 600)
@@ -252,8 +250,3 @@ def test_items_are_counted_on_from_those_that_were_there_before():
     assert [window.item_id for window in run_segmenter(segmenter, line.events())] == [42, 43, 44]
     assert (segmenter.item_count, segmenter.cutter.count, segmenter.edges) == (44, 3, 12)
     assert segmenter.samples == len(line.counts)
-
-
-def test_a_slowest_belt_faster_than_the_fastest_is_refused():
-    with pytest.raises(ParameterError, match=r'segmenter\.min_belt_speed: 3 is not below'):
-        SegmenterParameters(min_belt_speed=3.0, max_belt_speed=2.0)

@@ -48,9 +48,7 @@ def test_nor_before_any_speed_is_known_if_the_recipe_has_the_length():
     line = make_line((0.1,) * 4)
     lost = [(number - 1, name) for number, name in LOST]
 
-    windows = _run(line, line.events(lost), product_length=0.1)
-
-    assert windows[0].reasons == ('ProductTooLong',)
+    assert _run(line, line.events(lost), product_length=0.1)[0].reasons == ('ProductTooLong',)
 
 
 @pytest.mark.parametrize(
@@ -122,9 +120,7 @@ def test_a_product_that_rides_back_over_the_infeed_eye_is_a_fault():
 
 def test_a_product_taken_off_first_is_passed_over_if_the_length_is_known():
     line = make_line((0.1,) * 5)
-    events = line.events([(0, 't3'), (0, 't4')])
-
-    windows = _run(line, events, product_length=0.1)
+    windows = _run(line, line.events([(0, 't3'), (0, 't4')]), product_length=0.1)
 
     assert reasons_of(windows) == [['MissingEdge'], [], [], [], []]
 
@@ -146,9 +142,7 @@ def test_a_product_on_the_belt_at_start_up_is_a_fault(before):
 
 def test_edges_that_overtake_one_another_before_their_samples_do_no_harm():
     line = make_line()
-    expected = _run(line, line.events())
-
-    assert _run(line, [*reversed(line.edges()), *line.blocks()]) == expected
+    assert _run(line, [*reversed(line.edges()), *line.blocks()]) == _run(line, line.events())
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -256,9 +250,7 @@ FIRST_EDGES = [(number, name) for number in range(3) for name in NAMES]
 def test_after_a_start_with_lost_edges_the_second_whole_product_is_weighed(lost):
     line = make_line((0.1,) * 8)
 
-    windows = _run(line, line.events(lost))
-
-    weighed = {window.t3 for window in windows if not window.reasons}
+    weighed = {window.t3 for window in _run(line, line.events(lost)) if not window.reasons}
     whole = [p for n, p in enumerate(line.products) if n > lost[-1][0]]
     assert {product.t3 for product in whole[1:]} <= weighed
 
@@ -268,15 +260,11 @@ def test_after_a_start_with_lost_edges_the_second_whole_product_is_weighed(lost)
 def test_no_edges_that_were_lost_at_the_start_keep_a_steady_feed_from_being_weighed(lost, spacing):
     line = make_line((0.1,) * 8, spacing=spacing)
 
-    windows = _run(line, line.events(lost))
-
-    weighed = {window.t3 for window in windows if not window.reasons}
+    weighed = {window.t3 for window in _run(line, line.events(lost)) if not window.reasons}
     assert {product.t3 for product in line.products[-2:]} <= weighed
 
 
 def test_two_products_that_are_always_on_the_belt_at_once_stay_faults():
     line = make_line((0.1,) * 8, spacing=0.15)
 
-    windows = _run(line, line.events([(0, 't3'), (0, 't4')]))
-
-    assert all(window.reasons for window in windows)
+    assert all(window.reasons for window in _run(line, line.events([(0, 't3'), (0, 't4')])))

@@ -62,9 +62,7 @@ def test_a_trail_with_lost_or_saturated_samples_is_left_out_and_the_item_weighed
     counts, lost = line.counts.copy(), (index, index + 10)
     if spoilt != 'lost':
         counts[index], lost = getattr(line.load_cell, spoilt), (0, 0)
-    events = replace(line, counts=counts).events(lost=lost)
-
-    (window,) = cut(line, _trailing(0.05), events)
+    (window,) = cut(line, _trailing(0.05), replace(line, counts=counts).events(lost=lost))
 
     assert window.reasons == ()
     np.testing.assert_array_equal(window.counts, counts[500 : 1200 + count])

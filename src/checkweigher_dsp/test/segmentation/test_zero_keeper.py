@@ -41,8 +41,7 @@ def test_an_idle_belt_is_zeroed_on_demand():
 
 def test_between_products_the_next_empty_belt_is_taken():
     segmenter = Segmenter(CELL, SegmenterParameters(zero_random_walk=0.0))
-    line = make_line((0.1,) * 6)
-    events = line.events()
+    events = make_line((0.1,) * 6).events()
     feed(segmenter, events[:40])
     segmenter.zero_keeper.request()
     feed(segmenter, events[40:])

@@ -39,9 +39,7 @@ def test_two_steps_of_the_filter():
 
 
 def test_the_ends_of_a_segment_count_less():
-    tracker = ZeroTracker(0.0, 1e6, 0.0, RATE)
-
-    zero = tracker.update(0.0, _counts(10, 0, 0, 0))
+    zero = ZeroTracker(0.0, 1e6, 0.0, RATE).update(0.0, _counts(10, 0, 0, 0))
 
     # Weights sin^2(k pi / 5), k = 1 to 4, which add up to 5 / 2.
     assert zero.counts == pytest.approx(10 * math.sin(math.pi / 5) ** 2 / 2.5, rel=1e-6)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from synthetic_line import make_pass
 
-from checkweigher_core.parameters import ParameterError
 from checkweigher_dsp.estimation.estimators.learned import (
     Layout,
     Learned,
@@ -94,8 +93,3 @@ def test_between_two_speeds_the_weights_are_between():
     )
     # 1 m/s is a third of the way.
     assert mass == pytest.approx(2.0 * alone.mass)
-
-
-def test_weights_that_do_not_fit_the_parts_are_refused():
-    with pytest.raises(ParameterError, match=r'learned.weights: 1 values for 1 speeds'):
-        LearnedParameters(parts=8, rise_parts=8, weights_alone=(1.0,) * 8)
