@@ -96,8 +96,10 @@ def pooled_reflections(
     --------
     >>> segments = [np.array([1.0, 2.0, 3.0]), np.array([4.0, -1.0])]
     >>> reflections, std_dev = pooled_reflections(segments, 1)
-    >>> print(reflections.round(4))  # -2 (1 2 + 2 3 - 4 1) / (1 + 4 + 4 + 9 + 16 + 1)
+    >>> print(reflections.round(4))  # k = -2 (1 2 + 2 3 - 4 1) / (1 + 4 + 4 + 9 + 16 + 1)
     [-0.2286]
+    >>> print(round(std_dev, 4))  # sqrt((1 - k k) (1 + 4 + 9 + 16 + 1) / 5)
+    2.4241
     """
     kept = [np.asarray(segment, float) for segment in segments if len(segment) > order]
     if not kept:

@@ -12,12 +12,7 @@ import pytest
 from synthetic_line import make_window
 
 from checkweigher_core.records import NANOSECONDS, WeighWindow
-from checkweigher_dsp.denoising.denoiser import (
-    PADDINGS,
-    DenoiseParameters,
-    Denoiser,
-    pad,
-)
+from checkweigher_dsp.denoising.denoiser import PADDINGS, DenoiseParameters, Denoiser, pad
 from checkweigher_dsp.denoising.load_rise import load_response
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.denoising.wavelet_shrinkage import (

@@ -9,11 +9,7 @@ import pytest
 from synthetic_line import make_window
 
 from checkweigher_core.records import NANOSECONDS
-from checkweigher_dsp.denoising.window_batch import (
-    batches_of,
-    rise_time,
-    time_since_entry,
-)
+from checkweigher_dsp.denoising.window_batch import batches_of, rise_time, time_since_entry
 
 ROUNDING = 1e-12
 

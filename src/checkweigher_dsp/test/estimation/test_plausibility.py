@@ -79,9 +79,7 @@ def test_a_scale_without_inertia_shows_where_the_slope_of_the_load_changes(windo
     assert is_plausible(replace(window, counts=counts))
 
 
-def test_without_noise_or_empty_belt_nothing_follows_from_calm(
-    window,
-):
+def test_without_noise_or_empty_belt_nothing_follows_from_calm(window):
     assert is_plausible(make_window([0.2] * 64))
     assert is_plausible(make_pass(0.2))
     assert is_plausible(replace(window, empty_begin=window.window_begin))

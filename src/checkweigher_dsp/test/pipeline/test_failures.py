@@ -76,12 +76,14 @@ def test_a_window_on_which_a_stage_fails_costs_itself_alone(failed, failures, mo
     assert [number for number, _ in failed] == [4, 2]
 
 
-def check_random_times(failures, count):
-    """Send `count` lines with edges and samples at random times through all stages."""
+@pytest.mark.parametrize('count', [100, pytest.param(12_500, marks=pytest.mark.soak)])
+def test_no_time_of_edges_and_samples_makes_a_stage_fail(failed, failures, count):
     denoiser = Denoiser(DenoiseParameters(), failures)
     times = st.integers(-300 * MS, 300 * MS)
 
-    @settings(max_examples=count, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=EXAMPLES or count, deadline=None, suppress_health_check=list(HealthCheck)
+    )
     @given(
         st.sampled_from(tuple(ESTIMATORS)), st.floats(0.15, 2.9), st.floats(0.006, 0.25),
         times, times | st.just(0),
@@ -113,8 +115,4 @@ def check_random_times(failures, count):
 
     check()
 
-
-@pytest.mark.parametrize('count', [100, pytest.param(12_500, marks=pytest.mark.soak)])
-def test_no_time_of_edges_and_samples_makes_a_stage_fail(failed, failures, count):
-    check_random_times(failures, EXAMPLES or count)
     assert failed == []

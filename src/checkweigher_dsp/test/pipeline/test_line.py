@@ -91,18 +91,9 @@ def test_limits_and_the_rejector_are_those_of_the_parameters():
     )
 
 
-@pytest.fixture
-def write(tmp_path):
-    def write_text(text):
-        path = tmp_path / 'line.yaml'
-        path.write_text(text, encoding='utf-8')
-        return path
-
-    return write_text
-
-
-def test_a_file_sets_what_it_names_and_leaves_the_rest(write):
-    path = write(
+def test_a_file_sets_what_it_names_and_leaves_the_rest(tmp_path):
+    path = tmp_path / 'line.yaml'
+    path.write_text(
         '/**/segmenter:\n  ros__parameters: {min_window: 20}\n'
         '/**/denoise:\n  ros__parameters: {stretch: 2048, gamma5: [0, 0, 0, 0, 0.5]}\n'
         'identifier:\n  ros__parameters: {iswd_eksi: {process_noise: 0.5}, tvlpf.gain: [1.5]}\n'
@@ -138,8 +129,11 @@ def test_a_file_sets_what_it_names_and_leaves_the_rest(write):
         ('rejekt:\n  ros__parameters: {lower_limit: 1.0}\n', 'line 3: rejekt: addresses none of'),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_line_naming_file_and_parameter(write, text, complaint):
-    path = write('segmenter:\n  ros__parameters: {lead_time: 0.1}\n' * ('segm' not in text) + text)
+def test_a_wrong_file_is_refused_in_one_line_naming_file_and_parameter(tmp_path, text, complaint):
+    path = tmp_path / 'line.yaml'
+    path.write_text(
+        'segmenter:\n  ros__parameters: {lead_time: 0.1}\n' * ('segm' not in text) + text
+    )
 
     with pytest.raises(ParameterError) as error:
         LineParameters.from_file(path)

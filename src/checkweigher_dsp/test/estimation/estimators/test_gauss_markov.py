@@ -47,9 +47,7 @@ def _textbook(window, mass, lead_time=0.4):
     time = seconds(window.stamp - window.t1) + np.arange(len(window.counts)) / 960.0
     used = time >= -lead_time
     used[: window.empty_begin] = False
-    rows = responses(
-        Platform(38.0, 0.06, 2.5), mass, Crossing(0.0, 0.1, 0.2, 0.3), time[used]
-    )  # fmt: skip
+    rows = responses(Platform(38.0, 0.06, 2.5), mass, Crossing(0.0, 0.1, 0.2, 0.3), time[used])
     noise = covariance(MODEL, NOISE, np.sum(used)) + ZERO_STD_DEV**2
     for row, std_dev in zip(rows[1:], (FREE, FREE, IMPACT * mass, IMPACT * mass), strict=True):
         noise += std_dev**2 * np.outer(row, row)

@@ -64,16 +64,12 @@ def test_there_are_no_features_where_there_is_no_signal_or_no_part(layout):
     assert np.all(np.isnan(pass_features(replace(window, t1=None), layout)))
 
 
-@pytest.fixture
-def known():
-    """Return weights that tell which of them are used: 1 kg a part of the lead."""
-    return LearnedParameters(
+def test_close_behind_another_item_the_window_alone_is_used():
+    # Weights that tell which of them are used: 1 kg a part of the lead.
+    known = LearnedParameters(
         parts=8, rise_parts=8, lead_parts=4, gap=0.5, speeds=(1.0,),
         weights=(1.0,) * 4 + (0.0,) * 16, weights_alone=(0.125,) * 8,
     )  # fmt: skip
-
-
-def test_close_behind_another_item_the_window_alone_is_used(known):
     empty = make_pass(0.2, disturbance=lambda time: np.where(time < 0, 0.001, 0.0))
     assert Learned(known).estimate(empty).mass == pytest.approx(0.004, rel=0.02)
     # 0.45 s of signal, and the item before left 0.09 s before t1: less than half of 0.2 s.
