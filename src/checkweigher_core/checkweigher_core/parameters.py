@@ -59,8 +59,10 @@ def parameter(
     inclusive, and applies to each element of a tuple. Without `choices`, any string is valid. A
     field of `Settings` may have other types; without a default, its value must be given.
     """
-    description = Description(text, unit, minimum, maximum, choices)
-    return field(default=default, metadata={'description': description})
+    return field(
+        default=default,
+        metadata={'description': Description(text, unit, minimum, maximum, choices)},
+    )
 
 
 def describe(entry: 'Field[Any]') -> Description:
@@ -92,9 +94,12 @@ class Parameters:
     @classmethod
     def entries(cls) -> 'dict[str, Field[Any]]':
         """Return all parameters by name; names in inner sets have a dot."""
-        own = {entry.name: entry for entry in fields(cls)}
-        sets = {name: e.default for name, e in own.items() if isinstance(e.default, Parameters)}
-        return flatten(own | {name: each.entries() for name, each in sets.items()})
+        return flatten(
+            {
+                e.name: e.default.entries() if isinstance(e.default, Parameters) else e
+                for e in fields(cls)
+            }
+        )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
@@ -150,8 +155,7 @@ def _word(kind: type, description: Description, value: object) -> object:
         expected = 'a string' if kind is str else 'true or false'
         raise ValueError(f'{reprlib.repr(value)} is not {expected}')
     if description.choices and value not in description.choices:
-        choices = ', '.join(description.choices)
-        raise ValueError(f'{reprlib.repr(value)} is not one of {choices}')
+        raise ValueError(f'{reprlib.repr(value)} is not one of {", ".join(description.choices)}')
     return value
 
 
@@ -270,12 +274,11 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
 
 def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
     """Return the addresses in the namespaces of other lanes."""
-    named = {each: each.rpartition('/')[0].strip('/') for each in addresses}
-    named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
+    spaces = ((each, each.rpartition('/')[0].strip('/')) for each in addresses)
+    named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
     if lane is None and len(lanes) > 1:
-        names = ', '.join(lanes)
-        raise SettingsError(f'addresses several lanes, {names}; name one of them')
+        raise SettingsError(f'addresses several lanes, {", ".join(lanes)}; name one of them')
     return {each for each in named if lane is not None and named[each] != lane.strip('/')}
 
 
@@ -283,8 +286,6 @@ def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     """Join nested names by dots, as ROS does."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
-        if isinstance(value, dict):
-            flat |= flatten(value, f'{prefix}{name}.')
-        else:
-            flat[f'{prefix}{name}'] = value
+        own = f'{prefix}{name}'
+        flat |= flatten(value, f'{own}.') if isinstance(value, dict) else {own: value}
     return flat

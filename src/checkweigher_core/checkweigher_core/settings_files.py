@@ -82,8 +82,10 @@ def plain(value: Any) -> Any:
 @cache
 def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
     """Return fields and types by key; `class_` has the key class, and ``T | None`` the type T."""
-    hints = get_type_hints(kind)
-    types = {k: get_args(h)[0] if isinstance(h, UnionType) else h for k, h in hints.items()}
+    types = {
+        name: get_args(hint)[0] if isinstance(hint, UnionType) else hint
+        for name, hint in get_type_hints(kind).items()
+    }
     return {e.name.rstrip('_'): (e, types[e.name]) for e in fields(kind) if e.metadata}
 
 

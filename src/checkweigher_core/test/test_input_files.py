@@ -16,11 +16,7 @@ def test_only_a_file_or_a_link_to_one_is_read(tmp_path: Path):
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'link').symlink_to('/dev/zero')
     assert read_input(tmp_path / 'good') == b'text'
-    for name, what in (
-        ('pipe', 'not a reg'),
-        ('link', 'not a reg'),
-        ('.', 'dir'),
-        ('x', 'No such'),
-    ):
+    faults = {'pipe': 'not a reg', 'link': 'not a reg', '.': 'dir', 'x': 'No such'}
+    for name, what in faults.items():
         with pytest.raises(OSError, match=what):
             read_input(tmp_path / name)

@@ -30,8 +30,8 @@ def _room(flow):
     return number
 
 
-@pytest.mark.parametrize(('rate', 'seconds'), [(0.5, 6.0), (1.0, 3.0), (2.0, 1.5)])
-def test_signal_passes_at_the_chosen_rate(rate, seconds):
+@pytest.mark.parametrize(('rate', 'seconds'), [(0.5, 6.0), (1.0, 3.0), (2.0, 1.5), (0.0, 0.0)])
+def test_signal_passes_at_the_chosen_rate_or_for_0_at_once(rate, seconds):
     pacer = Pacer(rate, RATE, start=20.0)
 
     assert pacer.due(EyeEdge(7 * SECOND, Eye.INFEED, True)) == 20.0
@@ -49,13 +49,6 @@ def test_a_block_is_due_when_its_last_sample_has_been_taken():
     assert pacer.due(EyeEdge(7 * SECOND + 3 * SECOND // 4, Eye.INFEED, True)) == 20.375
 
 
-def test_at_rate_0_everything_is_due_at_once():
-    pacer = Pacer(0.0, RATE, start=20.0)
-
-    assert pacer.due(_block(7 * SECOND, 50)) == 20.0
-    assert pacer.due(EyeEdge(3600 * SECOND, Eye.INFEED, True)) == 20.0
-
-
 def _flow(samples=0, **limits):
     """Return what follows when so many samples have been sent."""
     flow = FlowControl(**limits)
@@ -67,15 +60,12 @@ def _edge(seconds):
     return EyeEdge(round(seconds * SECOND), Eye.INFEED, True)
 
 
-def test_the_lead_is_limited_in_time():
+def test_the_lead_is_limited_in_time_and_in_blocks():
     # 1 s is 100 samples, 500 blocks of 10 are more; the last one is sent at the limit.
     flow = _flow()
     assert _room(flow) == 110
     flow.taken(10, 0, 0)
     assert _room(flow) == 10
-
-
-def test_the_lead_is_limited_in_blocks():
     # 3 blocks of 10 are less than 100 samples.
     flow = _flow(max_blocks=3)
     assert _room(flow) == 40

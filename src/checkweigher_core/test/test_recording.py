@@ -30,5 +30,4 @@ def test_events_are_sorted_by_stamp_with_an_edge_before_the_block_of_its_stamp()
 def test_the_order_of_arrival_does_not_matter():
     random = Random(1)
     for _ in range(20):
-        arrived = random.sample(EVENTS, len(EVENTS))
-        assert list(Recording.from_events(CELL, arrived)) == EVENTS
+        assert list(Recording.from_events(CELL, random.sample(EVENTS, len(EVENTS)))) == EVENTS

@@ -102,8 +102,7 @@ def test_what_is_written_is_what_is_read(tmp_path: Path):
     for mode in (0o600, 0o644):
         write_settings(path, read_settings(CAKE, Cake), mode)
         assert os.stat(path).st_mode & 0o777 == mode
-    again = read_settings(path, Cake)
-    assert plain(again) == plain(read_settings(CAKE, Cake))
+    assert plain(read_settings(path, Cake)) == plain(read_settings(CAKE, Cake))
     assert json.loads(path.read_text())['format'] == 2
     assert os.listdir(tmp_path) == ['cake']
 

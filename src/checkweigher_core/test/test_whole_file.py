@@ -16,20 +16,15 @@ from checkweigher_core.whole_file import OutputError, is_stream, write_whole
 NULL, FULL = (os.makedev(1, minor) for minor in (3, 7))
 
 
-@pytest.fixture
-def make_device(tmp_path: Path):
-    """Return a function that makes a character device in a folder of the test's own."""
-
-    def make(number: int) -> Path:
-        path = tmp_path / 'device'
-        try:
-            os.mknod(path, 0o600 | stat.S_IFCHR, number)
-            path.open('wb').close()
-        except PermissionError:
-            pytest.skip('devices can be made and opened by root only')
-        return path
-
-    return make
+def make_device(folder: Path, number: int) -> Path:
+    """Make a character device in a folder of the test's own."""
+    path = folder / 'device'
+    try:
+        os.mknod(path, 0o600 | stat.S_IFCHR, number)
+        path.open('wb').close()
+    except PermissionError:
+        pytest.skip('devices can be made and opened by root only')
+    return path
 
 
 def test_a_link_stays_and_what_it_names_is_replaced(tmp_path: Path):
@@ -54,8 +49,8 @@ def test_links_in_a_circle_are_refused(tmp_path: Path):
 
 
 @pytest.mark.parametrize('linked', [False, True])
-def test_a_device_takes_the_text_and_stays(make_device, tmp_path: Path, linked: bool):
-    device = make_device(NULL)
+def test_a_device_takes_the_text_and_stays(tmp_path: Path, linked: bool):
+    device = make_device(tmp_path, NULL)
     path = tmp_path / 'link' if linked else device
     if linked:
         path.symlink_to(device)
@@ -67,8 +62,8 @@ def test_a_device_takes_the_text_and_stays(make_device, tmp_path: Path, linked: 
     assert len(os.listdir(tmp_path)) == 1 + linked
 
 
-def test_a_full_device_is_an_error(make_device):
-    device = make_device(FULL)
+def test_a_full_device_is_an_error(tmp_path: Path):
+    device = make_device(tmp_path, FULL)
     with pytest.raises(OutputError, match='device: cannot be written: No space left'):
         write_whole(device, 'text')
     assert stat.S_ISCHR(device.stat().st_mode)

@@ -9,6 +9,7 @@ from pkgutil import walk_packages
 
 import numpy as np
 import pytest
+from synthetic_line import make_window
 
 import checkweigher_dsp
 
@@ -37,7 +38,7 @@ def test_the_modules_with_examples_exist():
 
 
 @pytest.mark.parametrize('name', MODULES)
-def test_the_examples_of_a_module_are_true(name, make_window):
+def test_the_examples_of_a_module_are_true(name):
     window = replace(make_window([0.2] * 96), denoised=np.full(96, 0.2))
 
     result = doctest.testmod(

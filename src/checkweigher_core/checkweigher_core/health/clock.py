@@ -104,26 +104,23 @@ class ClockWatch:
 
     def _least(self) -> float:
         """Return the shortest recent delay of a block, s, relative to the first stamp."""
-        bins = self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist()
-        least = min([*bins, self._bin[1]])
+        least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
         return math.nan if math.isinf(least) else float(least)
 
     def finding(self, offset_of_clocks: float) -> Finding:
         """Return the aspect Clock; `offset_of_clocks` is the time of day at arrival time 0, s."""
         least, slope = self._least(), self._bins.slope
-        offset = math.nan
-        if self._origin is not None:
-            offset = least + offset_of_clocks - self._origin / NANOSECONDS
+        origin = math.nan if self._origin is None else self._origin / NANOSECONDS
         pace = self._pace(slope)
         # Delay that 95 % of the blocks do not exceed, relative to the shortest one, s.
         jitter = self._delays.quantile(0.95) - self._delays.smallest
-        eye_offset = math.nan  # delay of the edges relative to samples of the same time, s
-        if len(self._edge_delays) >= _FEWEST_EDGES:
-            eye_offset = self._edge_delays.smallest - least
+        # Delay of the edges relative to samples of the same time, s.
+        is_known = len(self._edge_delays) >= _FEWEST_EDGES
+        eye_offset = self._edge_delays.smallest - least if is_known else math.nan
         # Relative difference between the clocks of the machine and of the stamps.
         drift = slope if len(self._bins) >= _DRIFT_BINS else math.nan
         values = {
-            'stamps_behind_this_machine_s': offset,
+            'stamps_behind_this_machine_s': least + offset_of_clocks - origin,
             'drift_ppm': 1e6 * drift,
             'jitter_of_arrival_ms': 1e3 * jitter,
             'edges_behind_samples_ms': 1e3 * eye_offset,

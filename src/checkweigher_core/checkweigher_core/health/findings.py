@@ -74,8 +74,8 @@ def conclude(
 
     The text is `well` if there is no concern; None among the `concerns` is ignored.
     """
-    found = [concern for concern in concerns if concern is not None]
-    worst = max(found, key=lambda concern: concern.level, default=Concern(Level.OK, well, ''))
+    none = Concern(Level.OK, well, '')
+    worst = max(filter(None, concerns), key=lambda concern: concern.level, default=none)
     return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
 
 
@@ -85,7 +85,7 @@ T = TypeVar('T')
 class Recent(Generic[T]):
     """Entries of the last `duration` seconds, at most `limit` of them."""
 
-    def __init__(self, duration: float, limit: int) -> None:
+    def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         self._duration = duration
         self._entries: deque[tuple[float, T]] = deque(maxlen=limit)
 
@@ -100,9 +100,6 @@ class Recent(Generic[T]):
 
 class RecentValues(Recent[float]):
     """Values of the last `duration` seconds. Without values, statistics are NaN."""
-
-    def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
-        super().__init__(duration, limit)
 
     def add(self, time: float, value: float) -> None:
         """Add a value at a time, s; NaN and infinities are ignored."""

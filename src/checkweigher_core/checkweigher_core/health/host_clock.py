@@ -7,7 +7,7 @@ import math
 import shutil
 import subprocess
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude, warn_if
+from checkweigher_core.health.findings import Finding, Level, conclude, warn_if
 
 COMMAND = ('chronyc', '-n', '-c', 'tracking')
 _ASPECT = 'Host clock'
@@ -29,8 +29,9 @@ class HostClock:
         self._exists = shutil.which(command[0]) is not None
         self._asked = -math.inf
         self._question: subprocess.Popen[str] | None = None
-        text = 'not known yet' if self._exists else 'not checked: there is no chrony here'
-        self._finding = conclude(_ASPECT, text)
+        self._finding = conclude(
+            _ASPECT, 'not known yet' if self._exists else 'not checked: there is no chrony here'
+        )
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Host clock at `now`, s."""
@@ -64,10 +65,10 @@ def tracking_finding(text: str) -> Finding:
         bound = abs(float(fields[4])) + float(fields[11]) + float(fields[10]) / 2
     except (IndexError, ValueError):
         hint = 'check that chronyd runs, and that chronyc tracking works for this user'
-        return conclude(_ASPECT, '', [Concern(Level.WARN, 'chrony does not answer', hint)])
+        return Finding(_ASPECT, Level.WARN, 'chrony does not answer', hint)
     if reference == 0 or leap == 'Not synchronised':
         hint = 'check chronyc sources, and the network to them'
-        return conclude(_ASPECT, '', [Concern(Level.WARN, 'it is not synchronised', hint)])
+        return Finding(_ASPECT, Level.WARN, 'it is not synchronised', hint)
     if reference == _OWN_CLOCK:
         return conclude(_ASPECT, 'chrony follows this clock itself (local)')
     text = f'right to {1e3 * bound:.3g} ms by chrony'

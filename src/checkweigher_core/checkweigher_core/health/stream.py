@@ -115,9 +115,7 @@ class SampleWatch:
         """Return the aspect Samples; `waited` is the time since the stream began, s."""
         age = now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
-        span = self._arrivals.span
-        if span < SHORTEST_SPAN:
-            span = math.nan
+        span = self._arrivals.span if self._arrivals.span >= SHORTEST_SPAN else math.nan
         values = {
             'sample_rate_nominal_hz': self.load_cell.sample_rate,
             'sample_rate_by_stamps_hz': self.clock.sample_rate,

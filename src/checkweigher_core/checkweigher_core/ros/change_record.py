@@ -50,8 +50,9 @@ class ChangeRecord:
             self.look()
         if not self._needed:
             return ''
-        text = json.dumps(plain(value), allow_nan=False)
-        request = RecordChange.Request(kind=kind, subject=subject, new_value=text)
+        request = RecordChange.Request(
+            kind=kind, subject=subject, new_value=json.dumps(plain(value), allow_nan=False)
+        )
         asked, answer = time.monotonic(), None
         if self._client.service_is_ready():
             future = self._client.call_async(request)

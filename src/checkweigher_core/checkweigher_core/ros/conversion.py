@@ -50,8 +50,7 @@ def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEs
 
 def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
     """Return a stop request with the text that its hint adds to the hint of the reason."""
-    text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
-    return replace(request, text=text)
+    return replace(request, text=message.hint.removeprefix(request.reason.hint).removeprefix(': '))
 
 
 _WEIGHED = 1  # of MassEstimate.status
@@ -105,17 +104,17 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     """Return the fields of a record's message by name.
 
-    Header and times are mappings. Arrays are contiguous and of the type of the message. Nested
-    records are messages of rclpy. All other fields are plain Python values.
+    Header and times are mappings. Arrays are contiguous and of the type of the message. All
+    other fields are plain Python values.
     """
     plan = _plan(cast(Any, type(record)))
     form = plan.form
     time = _time(getattr(record, form.stamp) if form.stamp else stamp)
     frame = form.frame if isinstance(form.frame, str) else form.frame(record)
-    fields: dict[str, Any] = {'header': {'stamp': time, 'frame_id': frame}}
-    for place, get, convert in plan.write:
-        fields[place] = convert(get(record))
-    return fields
+    return {
+        'header': {'stamp': time, 'frame_id': frame},
+        **{place: convert(get(record)) for place, get, convert in plan.write},
+    }
 
 
 def to_record(port: Port, message: Any) -> Any:
@@ -214,10 +213,7 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
         return lambda record: _filled(kind(), to_fields(record))
     if issubclass(hint, str):
         return _text
-    for plain in (bool, int, float):
-        if issubclass(hint, plain):
-            return plain
-    raise TypeError(f'{hint}: no message has such a field')
+    return next(plain for plain in (bool, int, float) if issubclass(hint, plain))
 
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:

@@ -8,7 +8,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, Level
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import LoadCell
 from checkweigher_core.ros.graph.connections import Connections
@@ -44,8 +44,9 @@ class Diagnostics:
 
     def set_hardware(self, load_cell: LoadCell) -> None:
         """Set the hardware ID of the findings to a load cell."""
-        parts = (load_cell.model, load_cell.serial_number)
-        self._hardware_id = '/'.join(part for part in parts if part) or 'checkweigher'
+        self._hardware_id = (
+            '/'.join(filter(None, (load_cell.model, load_cell.serial_number))) or 'checkweigher'
+        )
 
     def count(self, name: str) -> None:
         """Count an event. Any thread may call it, but only one thread for each name."""
@@ -77,16 +78,17 @@ class Diagnostics:
         try:
             return list(look())
         except Exception as error:  # diagnostics must not stop the line
-            text = f'{type(error).__name__}: {error}'
-            concern = Concern(Level.ERROR, text, 'a defect of the diagnostics; report it')
-            return [conclude(aspect, '', [concern])]
+            text, hint = (
+                f'{type(error).__name__}: {error}',
+                'a defect of the diagnostics; report it',
+            )
+            return [Finding(aspect, Level.ERROR, text, hint)]
 
     def _summary(self, findings: list[Finding]) -> Finding:
         """Return the status of the node itself; a warning is shown for one period."""
         worst = max(findings, key=lambda finding: finding.level)
-        level, text = worst.level, 'running'
-        if level > Level.OK:
-            text = f'{worst.aspect}: {worst.message}'
+        level = worst.level
+        text = f'{worst.aspect}: {worst.message}' if level > Level.OK else 'running'
         if self._warning and level <= Level.WARN:
             level, text = Level.WARN, self._warning
         self._warning = ''

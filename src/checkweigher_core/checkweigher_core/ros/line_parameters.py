@@ -101,8 +101,7 @@ class LineParametersClient:
 
     def _client(self, node: str) -> AsyncParameterClient:
         if node not in self._clients:
-            client = AsyncParameterClient(self._node, node, callback_group=self._group)
-            self._clients[node] = client
+            self._clients[node] = AsyncParameterClient(self._node, node, callback_group=self._group)
         return self._clients[node]
 
 

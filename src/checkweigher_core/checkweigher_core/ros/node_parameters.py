@@ -39,12 +39,16 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
     if isinstance(entry.default, float) and bounded:
-        lower, upper = float(allowed.minimum), float(allowed.maximum)
-        result.floating_point_range = [FloatingPointRange(from_value=lower, to_value=upper)]
+        result.floating_point_range = [
+            FloatingPointRange(from_value=float(allowed.minimum), to_value=float(allowed.maximum))
+        ]
     elif isinstance(entry.default, int) and not isinstance(entry.default, bool) and bounded:
-        least = int(max(allowed.minimum, -_LARGEST_INTEGER))
-        most = int(min(allowed.maximum, _LARGEST_INTEGER))
-        result.integer_range = [IntegerRange(from_value=least, to_value=most)]
+        result.integer_range = [
+            IntegerRange(
+                from_value=int(max(allowed.minimum, -_LARGEST_INTEGER)),
+                to_value=int(min(allowed.maximum, _LARGEST_INTEGER)),
+            )
+        ]
     return result
 
 
@@ -55,8 +59,8 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
     """
     values = {}
     for own_name, entry in parameters.entries().items():
-        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
         name = prefix + own_name
+        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
         try:
             declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:

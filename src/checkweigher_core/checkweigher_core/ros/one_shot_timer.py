@@ -90,8 +90,7 @@ class _TimerThread:
                 now, self._wakes = time.monotonic_ns(), min(times.values(), default=math.inf)
                 if self._wakes <= now:
                     return [each for each, due in times.items() if due <= now]
-                left = (self._wakes - now) / NANOSECONDS
-                self._set.wait(left if times else None)
+                self._set.wait((self._wakes - now) / NANOSECONDS if times else None)
 
 
 _thread = _TimerThread()

@@ -54,8 +54,9 @@ class Output:
         with LOCK:
             if self._latched or self.publisher.get_subscription_count() > 0:
                 is_message = self.port.record is None
-                message = record if is_message else to_message(self.port, record, **header)
-                self.publisher.publish(message)
+                self.publisher.publish(
+                    record if is_message else to_message(self.port, record, **header)
+                )
             for taker in self.takers:
                 taker.take(record)
 

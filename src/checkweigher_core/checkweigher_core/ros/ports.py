@@ -127,8 +127,9 @@ def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
     """
     from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-    profiles = _with_finite_times(offered), _with_finite_times(asked)
-    compatibility, why = qos_check_compatible(*profiles)
+    compatibility, why = qos_check_compatible(
+        _with_finite_times(offered), _with_finite_times(asked)
+    )
     if compatibility != QoSCompatibility.ERROR:
         return ''
     return ', '.join(

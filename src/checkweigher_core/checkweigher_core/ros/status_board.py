@@ -48,8 +48,9 @@ class StatusBoard:
             if name in NODES and self._namespace in ('', lane):
                 values = tuple((one_line(v.key), one_line(v.value)) for v in status.values)
                 level = Level(min(status.level[0], Level.STALE))
-                row = Row(node, aspect, level, one_line(status.message), values)
-                reported.setdefault(node, []).append(row)
+                reported.setdefault(node, []).append(
+                    Row(node, aspect, level, one_line(status.message), values)
+                )
         with self._lock:
             for node, rows in reported.items():
                 self._nodes[node] = now, rows
@@ -64,8 +65,9 @@ class StatusBoard:
         found: dict[str, set[str]] = {}
         with self._lock:
             for node, (_, rows) in self._nodes.items():
-                names = {value for row in rows for key, value in row.values if key == HOST}
-                found.setdefault(node.rpartition('/')[0], set()).update(names)
+                found.setdefault(node.rpartition('/')[0], set()).update(
+                    value for row in rows for key, value in row.values if key == HOST
+                )
         return found
 
     @property
@@ -130,9 +132,13 @@ def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
 def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
     first = rows[0]  # the worst
     text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
-    names = {decision.name for decision in Decision}
-    values = [pair for row in rows if row.aspect == 'Verdicts' for pair in row.values]
-    verdicts = tuple((key, value) for key, value in values if key in names)
+    verdicts = tuple(
+        (key, value)
+        for row in rows
+        if row.aspect == 'Verdicts'
+        for key, value in row.values
+        if key in Decision.__members__
+    )
     return LaneRow(lane, first.level, verdicts, text if first.level > Level.OK else '')
 
 

@@ -113,8 +113,7 @@ def test_a_rate_other_than_that_of_the_load_cell_info_is_warned_of():
 
 @pytest.mark.parametrize(('ppm', 'level'), [(200, Level.OK), (-2000, Level.WARN)])
 def test_drift_is_seen_through_jitter(ppm, level):
-    rng = np.random.default_rng(1)
-    late = rng.exponential(0.005, 5 * BLOCKS)
+    late = np.random.default_rng(1).exponential(0.005, 5 * BLOCKS)
     late[::97] += 0.3
     watch, _ = watched(range(5 * BLOCKS), delay=lambda n: ppm * 1e-6 * n * SIZE / 960.0 + late[n])
     finding = watch.clock.finding(0.0)

@@ -41,10 +41,6 @@ def test_what_cannot_describe_a_load_cell_is_refused_by_name(name, value):
         replace(LOAD_CELL, **{name: value})
 
 
-def test_a_load_cell_may_be_mounted_upside_down():
-    assert replace(LOAD_CELL, counts_per_kg=-1e6).counts_per_kg == -1e6
-
-
 @pytest.mark.parametrize('mass', [-0.1, math.nan, math.inf, 1e308])
 def test_what_is_no_mass_is_no_reference(mass):
     with pytest.raises(ValueError, match='a reference mass of'):
@@ -82,11 +78,6 @@ def test_force_is_the_load_without_the_zero():
     )
 
     np.testing.assert_array_equal(window.force, [0.0, 1.0, 3.0])
-
-
-def test_an_estimate_is_weighed_unless_it_has_a_reason():
-    assert MassEstimate(1, 0, 1, 2, mass=0.1).weighed
-    assert not MassEstimate(1, 0, 1, 2, ('SamplesLost',), mass=0.1).weighed
 
 
 @pytest.mark.parametrize(

@@ -86,14 +86,12 @@ def test_every_field_passes_through_its_message(port: Port):
         assert type(passed) is type(value), entry.name
 
 
-def test_samples_pass_through_their_message_and_are_shared():
+def test_samples_are_shared_with_their_message():
     block = SampleBlock(T1, 2**40, np.arange(-3, 3, dtype=np.int32))
     message = through_the_wire(to_message(ports.LOAD_CELL_SAMPLES, block))
 
     found = to_record(ports.LOAD_CELL_SAMPLES, message)
 
-    assert (found.stamp, found.first_index) == (block.stamp, block.first_index)
-    np.testing.assert_array_equal(found.counts, block.counts)
     assert found.counts.dtype == np.int32
     assert not found.counts.flags.writeable
     assert np.shares_memory(found.counts, np.frombuffer(message.counts, np.int32))

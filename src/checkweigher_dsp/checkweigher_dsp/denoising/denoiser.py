@@ -133,8 +133,10 @@ class DenoiseParameters(Parameters):
         for name in ('natural_frequency', 'damping_ratio'):
             count = len(getattr(self, name))
             if count not in (1, len(self.speeds)):
-                allowed = f'1 or {len(self.speeds)}, one for each of speeds'
-                raise ParameterError(f'denoise.{name}: {count} values, must be {allowed}')
+                raise ParameterError(
+                    f'denoise.{name}: {count} values, must be 1 or {len(self.speeds)}, one for '
+                    'each of speeds'
+                )
         check_cost(self, _cost, 'stretch', 'prediction_order', 'iterations')
 
     @cached_property
@@ -204,9 +206,10 @@ class Denoiser:
         )
 
     def _denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
-        bad = (Reason.BAD_WINDOW.value,)
         result = [
-            window if window.reasons or is_consistent(window) else replace(window, reasons=bad)
+            window
+            if window.reasons or is_consistent(window)
+            else replace(window, reasons=(Reason.BAD_WINDOW.value,))
             for window in windows
         ]
         usable = [number for number, window in enumerate(result) if not window.reasons]

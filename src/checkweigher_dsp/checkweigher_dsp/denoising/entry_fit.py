@@ -127,8 +127,7 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
     The rows of `white` (4, n) are response, signal, and its derivatives to the two times.
     """
     # Plain floats, because arithmetic on arrays of two numbers takes many times as long.
-    products = white.dot(white.T).tolist()
-    (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = products
+    (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()
     if not size > 0:
         return 0.0, 0.0
     # The size of the response is free, so only the part orthogonal to it depends on the times.
@@ -144,10 +143,9 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
             return 0.0, 0.0
         shift1 = ((a22 + ridge) * b1 - a12 * b2) / determinant
         shift2 = ((a11 + ridge) * b2 - a12 * b1) / determinant
-        linear = 2 * (shift1 * b1 + shift2 * b2)
         left = (
             power
-            - linear
+            - 2 * (shift1 * b1 + shift2 * b2)
             + a11 * shift1 * shift1
             + 2 * a12 * shift1 * shift2
             + a22 * shift2 * shift2

@@ -136,6 +136,5 @@ def _between_centres(means: NDArray[np.float64], block: int) -> NDArray[np.float
     """
     # The centre of a block of an even number of samples lies between two of them.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block
-    slopes = means[..., 1:] - means[..., :-1]
-    samples = means[..., :-1, np.newaxis] + slopes[..., np.newaxis] * share
+    samples = means[..., :-1, np.newaxis] + np.diff(means)[..., np.newaxis] * share
     return samples.reshape(*means.shape[:-1], -1)[..., 1 + (block - 1) // 2 :]

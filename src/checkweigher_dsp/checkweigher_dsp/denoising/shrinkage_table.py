@@ -3,6 +3,7 @@
 """Gains and thresholds of the wavelet shrinkage for each belt speed."""
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -48,16 +49,14 @@ class ShrinkageTable:
         >>> print(f'{band.gain:.4f} {band.threshold:.1f}')
         0.8225 4.0
         """
-        found: list[Shrinkage | None] = [None] * (LEVELS - len(SHRUNK_LEVELS))
-        for gains, thresholds in zip(self.gains, self.thresholds, strict=True):
-            if not any(gains):
-                found.append(None)
-                continue
-            threshold: Any = 0.0
-            if any(thresholds):
-                threshold = unit * np.interp(speed, self.speeds, thresholds)
-            found.append(Shrinkage(np.interp(speed, self.speeds, gains), threshold))
-        return tuple(found)
+        at = partial(np.interp, speed, self.speeds)
+        shrunk = (
+            Shrinkage(at(gains), unit * at(thresholds) if any(thresholds) else 0.0)
+            if any(gains)
+            else None
+            for gains, thresholds in zip(self.gains, self.thresholds, strict=True)
+        )
+        return *[None] * (LEVELS - len(SHRUNK_LEVELS)), *shrunk
 
 
 # Long et al., Table 1, at 30, 45, 60, 75 and 90 m/min.

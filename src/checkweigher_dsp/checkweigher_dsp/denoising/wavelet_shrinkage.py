@@ -198,8 +198,7 @@ def threshold_universally(
             # The filters of a level are causal here; their centre is half their length later.
             centre = taps // 2 * (2 ** (band + 1) - 1)
             centred = np.roll(coefficients, -centre, axis=-1)
-            noise = np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)
-            threshold = factor * noise
+            threshold = factor * np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)
         if hard:
             kept = np.where(np.abs(coefficients) >= threshold, coefficients, 0.0)
         else:

@@ -62,11 +62,18 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
     for (entry, begin, block, count), positions in _in_parts(shapes, min_length):
         chosen = [windows[position] for position in positions]
         forces = [each.force_between(each.window_end - count, each.window_end) for each in chosen]
-        since_entry = np.array([times[position][1] for position in positions])
-        rise_times = np.array([[rise_time(each)] for each in chosen])
-        speeds = np.array([[each.belt_speed] for each in chosen])
-        signals = np.array(forces), since_entry, rise_times, speeds
-        batches.append(WindowBatch(tuple(positions), *signals, entry, begin, block))
+        batches.append(
+            WindowBatch(
+                tuple(positions),
+                np.array(forces),
+                time=np.array([times[position][1] for position in positions]),
+                rise_time=np.array([[rise_time(each)] for each in chosen]),
+                belt_speed=np.array([[each.belt_speed] for each in chosen]),
+                entry=entry,
+                begin=begin,
+                block=block,
+            )
+        )
     return batches
 
 
@@ -139,11 +146,11 @@ def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.
 
 def is_consistent(window: WeighWindow) -> bool:
     """Return whether the fields of a window without reasons are consistent."""
-    zeros = window.zero, window.zero_counts, window.zero_std_dev
+    numbers = window.zero, window.zero_counts, window.zero_std_dev, window.counts_per_kg
     return (
         0 <= window.window_begin < window.window_end <= len(window.counts) <= MAX_WINDOW
         and 0 < window.sample_rate < math.inf
         and 0 < window.belt_speed < math.inf
-        and all(math.isfinite(value) for value in (*zeros, window.counts_per_kg))
+        and all(map(math.isfinite, numbers))
         and window.counts_per_kg != 0
     )

@@ -71,8 +71,7 @@ def is_plausible(window: WeighWindow) -> bool:
     if not typical:
         return True  # a converter that shows no noise
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
-    strike = _STRIKE * window.belt_speed * load * _STEP_GAIN
-    explained = np.full(len(loaded), strike)
+    explained = np.full(len(loaded), _STRIKE * window.belt_speed * load * _STEP_GAIN)
     # A scale without lag shows corners where the load begins to rise, is complete, and falls.
     for corner in (0, begin - entry, end - entry):
         near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
@@ -82,11 +81,9 @@ def is_plausible(window: WeighWindow) -> bool:
     if typical < 2 * _ROUNDING or known is loaded:
         return True
     limit = _OUTLIER * math.sqrt(typical)
-    if _is_calmer(rapid[begin - first :], np.clip(empty, -limit, limit)):
-        return False
-    predicted = math.erf(1 / math.sqrt(8 * (typical - _ROUNDING)))
-    level = counts[begin - first :]
-    return not (_is_repeated(counts, predicted) or _stands_still(level, predicted))
+    calmer = _is_calmer(rapid[begin - first :], np.clip(empty, -limit, limit))
+    predicted, level = math.erf(1 / math.sqrt(8 * (typical - _ROUNDING))), counts[begin - first :]
+    return not (calmer or _is_repeated(counts, predicted) or _stands_still(level, predicted))
 
 
 def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:

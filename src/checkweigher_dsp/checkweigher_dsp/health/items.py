@@ -87,11 +87,11 @@ class WorkloadWatch:
         self._count = 0
         self._last = math.nan
 
-    def add(self, now: float, taken: float) -> None:
-        """Add a window that was finished at `now` and took the time `taken`, both in s."""
+    def add(self, began: float, ended: float) -> None:
+        """Add a window that was processed from `began` to `ended`, both in s."""
         self._count += 1
-        self._last = now
-        self._taken.add(now, taken)
+        self._last = ended
+        self._taken.add(ended, ended - began)
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Windows."""
@@ -162,8 +162,9 @@ class ConvergenceWatch:
             ),
         ]
         certain = f'masses are certain to {100 * relative:.2f} %'
-        well = 'no item yet' if math.isnan(relative) else certain
-        return conclude('Convergence', well, concerns, values)
+        return conclude(
+            'Convergence', 'no item yet' if math.isnan(relative) else certain, concerns, values
+        )
 
 
 class VerdictTiming:
@@ -211,11 +212,11 @@ class VerdictTiming:
             'late_lately': len(self._late),
             **self._counts,
         }
-        late = counted(len(self._late), 'verdict')
         concerns = [
             error_if(
                 deadlines and len(self._late) > 0,
-                f'{late} came after the reject time in the last minute',
+                f'{counted(len(self._late), "verdict")} came after the reject time in the last '
+                'minute',
                 'check the load on this machine, rejector_distance and actuator_delay',
             ),
             warn_if(

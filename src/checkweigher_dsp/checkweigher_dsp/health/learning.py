@@ -23,12 +23,16 @@ def learning_finding(
     """Return the aspect Learning; `trouble` is the reason why the record cannot be kept."""
     if not on:
         return Finding('Learning', Level.OK, 'off')
-    concerns: list[Concern | None] = [
-        Concern(Level.WARN, f'{_name(kind)}: since item {kind.change.item_id} {kind.change}', _HINT)
-        for kind in known.kinds
-        if kind.change is not None
+    concerns = [
+        *(
+            Concern(
+                Level.WARN, f'{_name(kind)}: since item {kind.change.item_id} {kind.change}', _HINT
+            )
+            for kind in known.kinds
+            if kind.change is not None
+        ),
+        warn_if(bool(trouble), f'not kept over a restart: {trouble}', 'look at it'),
     ]
-    concerns.append(warn_if(bool(trouble), f'not kept over a restart: {trouble}', 'look at it'))
     values: Values = {_name(kind): describe(kind) for kind in known.kinds}
     weighing = sum(kind.weighs for kind in known.kinds)
     text = f'{weighing} of {len(known.kinds)} speeds and lengths are weighed by what was learned'

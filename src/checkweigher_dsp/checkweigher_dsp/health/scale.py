@@ -47,7 +47,7 @@ class ZeroWatch:
         self._zero_counts = zero_counts
         self._range = zero_range
         self._began = began
-        self._zero: Zero | None = None
+        self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
         self._missed_since = math.inf  # s, first product after the last update
@@ -56,7 +56,7 @@ class ZeroWatch:
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
         """Add the zero at `now`, s; `item` tells whether it comes with an item."""
-        if self._zero is None or zero.counts != self._zero.counts:
+        if zero.counts != self._zero.counts:  # also if it is the first one
             self._updated, self._missed_since = now, math.inf
         elif item:
             self._missed_since = min(self._missed_since, now)
@@ -69,8 +69,6 @@ class ZeroWatch:
 
     @property
     def _distance(self) -> float:
-        if self._zero is None:
-            return math.nan
         return (self._zero.counts - self._zero_counts) / self._counts_per_kg
 
     @property
@@ -83,19 +81,17 @@ class ZeroWatch:
         self._drift.forget(now)
         distance, drift = self._distance, self.drift
         share = abs(distance) / self._range if self._range > 0 else math.nan
-        std_dev = math.nan if self._zero is None else self._zero.std_dev / abs(self._counts_per_kg)
         values = {
             'from_calibration_g': GRAMS * distance,
-            'std_dev_g': GRAMS * std_dev,
+            'std_dev_g': GRAMS * self._zero.std_dev / abs(self._counts_per_kg),
             'share_of_zero_range': share,
             'drift_g_per_h': GRAMS * drift,
             'age_of_last_update_s': now - self._updated,
             'running_for_min': (now - self._began) / MINUTE,
         }
-        warm = now - self._began > _WARM_UP
         concerns = [
             error_if(
-                self._zero is not None and not self._zero.trusted,
+                not self._zero.trusted,
                 f'the zero is {GRAMS * distance:+.1f} g from calibration, out of its limits',
                 'clean the belt, free the platform, call the service zero or calibrate',
             ),
@@ -107,7 +103,9 @@ class ZeroWatch:
             warn_if(
                 self._range > 0 and abs(distance + drift) > self._range,
                 f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour',
-                'check for dirt that builds up' if warm else 'let the load cell warm up',
+                'check for dirt that builds up'
+                if now - self._began > _WARM_UP
+                else 'let the load cell warm up',
             ),
             warn_if(
                 self._item - self._missed_since > _UPDATE_PATIENCE,

@@ -108,8 +108,8 @@ class SegmenterWatch:
             return finding
         well, text = self._end
         failed = f'the source failed: {text}' if text else 'the source failed'
-        concern = error_if(not well, failed, 'see Source of driver')
-        return conclude('Samples', 'the stream has ended', [concern], finding.values)
+        concerns = [error_if(not well, failed, 'see Source of driver')]
+        return conclude('Samples', 'the stream has ended', concerns, finding.values)
 
 
 def edges_finding(check: EdgeCheck) -> Finding:

@@ -21,8 +21,12 @@ class UsualTransit:
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
-        self.value: int | None = None  # ns, of the last whole item
         self._belt_lengths = belt_lengths
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard the speed of the belt."""
+        self.value: int | None = None  # ns, of the last whole item
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
@@ -60,13 +64,11 @@ class UsualTransit:
     def is_early(self, item: TrackedItem, stamp: int) -> bool:
         """Return whether an item cannot have reached the outfeed eye at `stamp`."""
         transit = self.of(item)
-        if transit is None or item.t1 is None:
-            return False
-        return stamp - item.t1 <= (1 - _TOO_EARLY) * transit
-
-    def forget(self) -> None:
-        """Discard the speed of the belt."""
-        self.value = self._outlier = None
+        return (
+            transit is not None
+            and item.t1 is not None
+            and stamp - item.t1 <= (1 - _TOO_EARLY) * transit
+        )
 
 
 class Belt:
@@ -174,12 +176,11 @@ class Belt:
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
-        gone, self.items = self.items, []
-        for item in gone:
-            item.fault(Reason.MISSING_EDGE)
+        self.fault_all(Reason.MISSING_EDGE)
+        for item in self.items:
             item.state = State.GONE
-            self.finished.append(item)
-        self.at_infeed, self.freed = None, stamp
+        self.finished += self.items
+        self.items, self.at_infeed, self.freed = [], None, stamp
 
     def expire(self, stamp: int) -> None:
         """Give up items that must have left by `stamp`, even on the slowest belt."""
@@ -191,10 +192,10 @@ class Belt:
         """Give up all items with a reason, because the stream has ended."""
         for item in (*self.abandoned, *([self.at_outfeed] if self.at_outfeed is not None else [])):
             item.state = State.GONE
+        self.fault_all(reason)
         for item in self.items:
-            item.fault(reason)
             item.state = State.ABANDONED
-            self.finished.append(item)
+        self.finished += self.items
         self.abandoned, self.items = deque(self.items), []
         self.runs_on = reason is Reason.CLOCK_JUMP
         self.covered = self.at_outfeed is not None

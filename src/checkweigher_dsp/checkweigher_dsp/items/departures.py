@@ -19,11 +19,10 @@ def departure_before(belt: Belt, stamp: int) -> int | None:
 
 def last_departure(belt: Belt, stamp: int) -> int | None:
     """Return the time of the last departure before `stamp` according to the eyes."""
-    left = [item for item in (*belt.given_up, belt.left_last) if item is not None]
-    departures = [item.departure for item in left]
-    if belt.freed is not None:
-        departures.append(belt.freed)
-    return min(max(departures), stamp) if departures else None
+    items = *belt.given_up, belt.left_last
+    departures = [belt.freed, *(item.departure for item in items if item is not None)]
+    last = max((each for each in departures if each is not None), default=None)
+    return None if last is None else min(last, stamp)
 
 
 def is_next_departure(belt: Belt, stamp: int) -> bool:

@@ -5,6 +5,7 @@
 from bisect import bisect_left, insort
 from collections.abc import Callable, Iterable
 from itertools import takewhile
+import math
 from operator import attrgetter
 
 from checkweigher_core.records import EyeEdge
@@ -24,7 +25,7 @@ class EdgeQueue:
         self._lateness = lateness
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
-        self._newest: int | None = None  # largest stamp by the present clock
+        self._newest = -math.inf  # largest stamp by the present clock
 
     @property
     def is_empty(self) -> bool:
@@ -33,19 +34,16 @@ class EdgeQueue:
 
     def add(self, edge: EyeEdge) -> None:
         """Add an edge."""
-        if self._newest is not None and edge.stamp < self._newest - self._lateness:
+        if edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
-            return
-        if self._newest is None or edge.stamp > self._newest:
-            self._newest = edge.stamp
-        insort(self._edges, edge, key=_STAMP)
+        else:
+            self._newest = max(self._newest, edge.stamp)
+            insort(self._edges, edge, key=_STAMP)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
         """Add edges of the present clock."""
         self._edges = sorted([*edges, *self._edges], key=_STAMP)
-        if self._edges:
-            newest = self._edges[-1].stamp
-            self._newest = newest if self._newest is None else max(self._newest, newest)
+        self._newest = max([self._newest, *(edge.stamp for edge in self._edges[-1:])])
 
     def admit_strays(self) -> None:
         """Add the strays as late edges: the clock has not gone back."""
@@ -61,14 +59,14 @@ class EdgeQueue:
 
     def drop_after(self, stamp: int) -> None:
         """Remove the edges after a time, ns."""
-        if self._newest is not None and self._newest > stamp:
+        if self._newest > stamp:
             self._edges = [edge for edge in self._edges if edge.stamp <= stamp]
-            self._newest = self._edges[-1].stamp if self._edges else None
+            self._newest = self._edges[-1].stamp if self._edges else -math.inf
 
     def pop_all(self) -> list[EyeEdge]:
         """Remove and return all edges, including strays."""
         self.admit_strays()
-        self._newest = None
+        self._newest = -math.inf
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:

@@ -67,8 +67,7 @@ class TrackedItem:
         if self.t3 is None and self.given_up is not None:
             # It may have been on the belt until then.
             return self.given_up if self.t2 is None else max(self.given_up, self.t2)
-        last_seen = self.t3 if self.t3 is not None else self.entered
-        return last_seen + 2 * self.length
+        return (self.entered if self.t3 is None else self.t3) + 2 * self.length
 
     def fault(self, *reasons: Reason) -> None:
         """Add reasons why the item cannot be weighed."""
@@ -77,12 +76,10 @@ class TrackedItem:
     def accounts_for(self, stamp: int, debounce: int) -> bool:
         """Return whether this item can have blocked the infeed eye at `stamp`, ns."""
         if self.t1 is None:
-            later = [t for t in (self.t2, self.t3) if t is not None]
-            return bool(later) and stamp < later[0]
+            return stamp < self.entered
         if self.t2 is None and Reason.CHATTERING_EYE in self.faults:
             return self.t1 <= stamp
-        last = self.t2 if self.t2 is not None else self.t1
-        return self.t1 <= stamp <= last + debounce
+        return self.t1 <= stamp <= (self.t1 if self.t2 is None else self.t2) + debounce
 
     def snapshot(self) -> 'TrackedItem':
         """Return a copy, which later edges do not change."""

@@ -46,7 +46,6 @@ class ItemTracker:
         belt_lengths: float = 0.0,
         unloaded: Callable[[int, int], bool] = lambda since, stamp: False,
     ) -> None:
-        self._max_transit = max_transit
         self.eyes = Eyes(debounce, max_transit)
         self.belt = Belt(self.eyes, UsualTransit(max_transit, belt_lengths), count, unloaded)
         self._settled: list[TrackedItem] = []
@@ -55,22 +54,14 @@ class ItemTracker:
     def is_empty(self) -> bool:
         """Whether no item is on the belt and both eyes are clear."""
         belt = self.belt
-        at_an_eye = belt.at_infeed is not None or self.eyes.any_blocked
-        return not (belt.items or at_an_eye or belt.cleared_first is not None)
+        on_belt = belt.items or belt.at_infeed or belt.cleared_first is not None
+        return not (on_belt or self.eyes.any_blocked)
 
     @property
     def empty_since(self) -> int | None:
         """Time at which the last item had left, ns; None if there was none."""
         newest = self.eyes.newest
         return None if newest is None else last_departure(self.belt, newest)
-
-    @property
-    def overdue_after(self) -> int | None:
-        """Time after which the first item is given up, ns; None if there is none."""
-        belt = self.belt
-        if belt.cleared_first is not None:
-            return belt.cleared_first + self._max_transit
-        return belt.items[0].entered + self._max_transit if belt.items else None
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
         """Process an edge and return the items that it finishes or that are given up."""
@@ -96,7 +87,7 @@ class ItemTracker:
     def expire(self, stamp: int) -> list[TrackedItem]:
         """Give up and return the items that must have left by `stamp`."""
         first = self.belt.cleared_first
-        if first is not None and stamp - first > self._max_transit:
+        if first is not None and stamp - first > self.belt.transit.max_transit:
             settle_first(self.belt)
         self.belt.expire(stamp)
         self._settle(stamp)

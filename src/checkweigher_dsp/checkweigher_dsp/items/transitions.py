@@ -245,8 +245,6 @@ def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
     item = switch.there
     if item is None or not belt.only_entering:
         return None
-    if switch.previous is None or not switch.previous.blocked:
-        return None
     belt.items[0].fault(Reason.MISSING_EDGE)
     item.t4 = None
     return item

@@ -32,8 +32,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
     def _on_window(self, window: WeighWindow) -> None:
         began = time.monotonic()
         denoised = self._denoiser.denoise(window)
-        now = time.monotonic()
-        self._workload.add(now, now - began)
+        self._workload.add(began, time.monotonic())
         self._windows.send(denoised)
 
     def diagnose(self, now: float) -> list[Finding]:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """File of the item numbers that a node has given, for the next process of the node."""
 
-from contextlib import suppress
 import os
 from pathlib import Path
 import time
@@ -81,10 +80,8 @@ class GivenNumbers:
         if not places:
             os.ftruncate(file, 0)
             os.pwrite(file, line.encode() + (b' ' * (_NUMBER - 1) + b'\n') * self._most, 0)
-        found: dict[int, int] = {}
-        for place, text in enumerate(places):
-            with suppress(ValueError):  # incomplete, or never written
-                found[int(text)] = place
+        # A number that is incomplete, or was never written, is no decimal.
+        found = {int(text): n for n, text in enumerate(places) if text.strip().isdecimal()}
         self.numbers = frozenset(found)
         # Not the place after the largest number, because later numbers may be smaller.
         free = [place for place, text in enumerate(places) if not text.strip()]

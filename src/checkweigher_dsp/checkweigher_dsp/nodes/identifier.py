@@ -68,7 +68,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         began = time.monotonic()
         estimate = self._identifier.estimate(window)
         now = time.monotonic()
-        self._workload.add(now, now - began)
+        self._workload.add(began, now)
         self._estimates.send(estimate)
         self.count('weighed' if estimate.weighed else 'faults')
         if not window.reasons:  # the segmenter has logged those with reasons

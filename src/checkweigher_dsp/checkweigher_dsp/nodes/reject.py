@@ -202,9 +202,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if stage.out_of_numbers:
             stage.out_of_numbers = False
             monitor.stop(StopReason.NO_ITEMS)
-        missed, stage.inspections.missed = stage.inspections.missed, []
-        for request in missed:
-            monitor.request = monitor.request or request
+        monitor.request = monitor.request or stage.inspections.missed
+        stage.inspections.missed = None
         self._stops.show()
         self._timer.set(stage.due, monitor.due)
 

@@ -58,8 +58,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers)
         if self._numbers.last:  # continuing at the next thousand shows the restart
-            thousands = self._numbers.last // NUMBERS_AT_ONCE + 1
-            self._count = thousands * NUMBERS_AT_ONCE - 1
+            self._count = (self._numbers.last // NUMBERS_AT_ONCE + 1) * NUMBERS_AT_ONCE - 1
         self._segmenter: Segmenter | None = None
         self._watch = SegmenterWatch(self.parameters, time.monotonic())
         self._early: deque[SampleBlock | EyeEdge] = deque(maxlen=_MAX_EARLY)
@@ -69,7 +68,6 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._blocks_since_report = 0
         self._block_time = 0.0  # s, of the last one
         self._stream = 0
-        self._announced = False
         self._end: tuple[int, int] | None = None
         self._items = self.output(ports.ITEMS)
         self._windows = self.held_output(ports.WEIGH_WINDOW, ports.DENOISED_WINDOW)
@@ -137,8 +135,9 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._items_before += before.cutter.count
             self._count = before.item_count
             self._answer_zero(False, 'the stream was started again: not zeroed')
-        failures = Failures(self.item_failed)
-        self._segmenter = Segmenter(load_cell, self.parameters, self._count, failures)
+        self._segmenter = Segmenter(
+            load_cell, self.parameters, self._count, Failures(self.item_failed)
+        )
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
         segmenter = self._segmenter
@@ -168,7 +167,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if self._zero_requests and answer is not None:
             if answer.change is not None:
                 self._zero_settings.send(answer.change)
-            self._answer_zero(answer.done, answer.text)
+            self._answer_zero(answer.change is not None, answer.text)
         self._finish_if_ended()
 
     def _go_by_edges(self) -> None:
@@ -186,7 +185,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._finish_if_ended()
         elif status.stream != self._stream:
             self._begin_stream(status.stream)
-        elif not self._announced:
+        elif self._answer_timer.due is None:
             self._publish_status(StreamState.RUNNING)  # the driver waits for it
 
     def _begin_stream(self, stream: int) -> None:
@@ -199,7 +198,6 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._start(segmenter.load_cell)
         elif segmenter is not None:
             self._watch.begin_stream(time.monotonic(), segmenter.load_cell)
-        self._announced = True
         self._answer_timer.set(_in(_ANSWER_PERIOD))
 
     def _answer(self) -> None:
@@ -210,9 +208,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         """
         if self._segmenter is None or any(entry.count() == 0 for entry in self._events):
             self._answer_timer.set(_in(_ANSWER_PERIOD))
-            return
-        if self._announced:
-            self._announced = False
+        else:
             self._publish_status(StreamState.RUNNING)
 
     def _finish_if_ended(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from rclpy.node import Node
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import full_name
@@ -57,7 +57,5 @@ class StrangerWatch:
 
     def finding(self) -> Finding:
         """Return the aspect Publishers."""
-        concerns = [Concern(Level.ERROR, self.found, Reason.FOREIGN_PUBLISHER.hint)]
-        return conclude(
-            'Publishers', 'each topic of the line has one maker', concerns if self.found else ()
-        )
+        concern = error_if(bool(self.found), self.found, Reason.FOREIGN_PUBLISHER.hint)
+        return conclude('Publishers', 'each topic of the line has one maker', [concern])

@@ -66,18 +66,15 @@ class LineParameters:
         ParameterError
             If a parameter does not exist or a value cannot be used.
         """
-        nodes = [entry.name for entry in fields(self)]
-        by_node: dict[str, dict[str, object]] = {}
+        stages: dict[str, Parameters] = vars(self)
+        given: dict[str, dict[str, object]] = {}
         for name, value in changes.items():
             node, _, rest = name.partition('.')
-            if node not in nodes:
-                raise ParameterError(f'{name!r} addresses none of {", ".join(nodes)}')
-            by_node.setdefault(node, {})[rest] = value
-        made = {}
-        for node, values in by_node.items():
-            own: Parameters = getattr(self, node)
-            made[node] = own.from_mapping({**own.as_mapping(), **values})
-        return replace(self, **cast(dict[str, Any], made))
+            if node not in stages:
+                raise ParameterError(f'{name!r} addresses none of {", ".join(stages)}')
+            given.setdefault(node, stages[node].as_mapping())[rest] = value
+        made: dict[str, Any] = {n: stages[n].from_mapping(values) for n, values in given.items()}
+        return replace(self, **made)
 
     def with_estimator(self, name: str) -> Self:
         """Return a copy with another estimator."""

@@ -114,12 +114,15 @@ def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tupl
 
 def count(mass: float, tally: BatchTally, product: ProductOnLine, *, accepted: bool) -> BatchTally:
     """Return the tally with one more item; `mass` in kg."""
-    items = tally.items + 1
+    tally = replace(tally, items=tally.items + 1)
     if not accepted:
-        return replace(tally, items=items)
-    surplus = tally.surplus + (mass - product.nominal if product.nominal else 0.0)
-    below_tu1 = tally.below_tu1 + _below_tu1(mass, product)
-    return BatchTally(*tally.key, items, tally.accepted + 1, below_tu1, surplus)
+        return tally
+    return replace(
+        tally,
+        accepted=tally.accepted + 1,
+        below_tu1=tally.below_tu1 + _below_tu1(mass, product),
+        surplus=tally.surplus + (mass - product.nominal if product.nominal else 0.0),
+    )
 
 
 def _below_tu1(mass: float, product: ProductOnLine) -> bool:

@@ -34,17 +34,15 @@ class Deadlines:
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
-        self.newest = 0
         self._line_speed = math.nan  # m/s, of the last item
         self._heard: int | None = None  # arrival of the first announcement
-        self._arrivals = ArrivalClock()
-        self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges by stamp
+        self.restart()
 
     def restart(self) -> None:
         """Begin a new stream, in which the same stamps may come again."""
         self.newest = 0
         self._arrivals = ArrivalClock()
-        self._came.clear()
+        self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges by stamp
 
     def add_edge(self, edge: EyeEdge, now: int) -> int:
         """Add an edge that came at `now`, and return its undelayed arrival."""

@@ -83,13 +83,14 @@ class Inspections:
         Places and times of the devices.
     judged : deque of (Verdict, Passage or None)
         Latest verdicts of this stream, which are final, with the passages of their items.
-    missed : list of StopRequest
-        Requests to stop for rejects that came too late or belong to no item. The caller empties it.
+    missed : StopRequest or None
+        Request to stop for the first reject that came too late or belongs to no item. The caller
+        clears it.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
-        self.missed: list[StopRequest] = []
+        self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
         # The devices count as not running until they report it. The last outage may be open.
@@ -159,8 +160,8 @@ class Inspections:
             reasons.append(Reason.NOT_INSPECTED.value)
         if not reasons:
             return verdict
-        known = tuple(dict.fromkeys((*verdict.reasons, *reasons)))
-        return replace(verdict, decision=Decision.FAULT, reasons=known)
+        known = dict.fromkeys((*verdict.reasons, *reasons))
+        return replace(verdict, decision=Decision.FAULT, reasons=tuple(known))
 
     def _was_out(self, passage: Passage | None) -> bool:
         return any(
@@ -193,5 +194,6 @@ class Inspections:
 
     def _miss(self, reject: ExternalReject, item_id: int, why: str) -> None:
         said = f'{reject.device}: {reject.text}' if reject.text else reject.device
-        reason = StopReason.MISSED_EXTERNAL_REJECT
-        self.missed.append(StopRequest(reason, item_id, reject.stamp, f'{said}: {why}'))
+        self.missed = self.missed or StopRequest(
+            StopReason.MISSED_EXTERNAL_REJECT, item_id, reject.stamp, f'{said}: {why}'
+        )

@@ -97,8 +97,7 @@ class PendingItems:
         number = after + 1
         while self.has_verdict(number) or number in self.pending:
             number += 1
-        gap_end = (after // NUMBERS_AT_ONCE + 1) * NUMBERS_AT_ONCE
-        if after == 0 or number >= gap_end:
+        if after == 0 or number // NUMBERS_AT_ONCE > after // NUMBERS_AT_ONCE:
             return None
         self._own.append(number)
         return PendingItem(Item(stamp, 0, number))

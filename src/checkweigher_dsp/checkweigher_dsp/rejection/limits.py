@@ -21,16 +21,16 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
     if product.performance_test:  # passes without a mass also count for the test
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
-    decision = decide(estimate.mass, product.lower_limit, product.upper_limit)
+    low, high = product.lower_limit, product.upper_limit
     return Verdict(
         estimate.item_id,
         estimate.t3,
-        Decision.FAULT if reasons else decision,
+        Decision.FAULT if reasons else decide(estimate.mass, low, high),
         reasons,
         estimate.mass,
         estimate.std_dev,
-        product.lower_limit,
-        product.upper_limit,
+        low,
+        high,
         parameters.reject_time(estimate.t3, estimate.line_speed),
         estimate.t1,
         estimate_id=estimate.item_id,
@@ -55,8 +55,9 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 def refused(verdict: Verdict) -> Verdict:
     """Return a verdict as a FAULT without a mass, because its data may come from a stranger."""
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
-    nan = math.nan
-    return replace(verdict, decision=Decision.FAULT, reasons=reasons, mass=nan, std_dev=nan)
+    return replace(
+        verdict, decision=Decision.FAULT, reasons=reasons, mass=math.nan, std_dev=math.nan
+    )
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:

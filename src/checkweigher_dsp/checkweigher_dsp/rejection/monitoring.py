@@ -72,6 +72,10 @@ class RejectMonitor:
         self.zero_step = ''
         self._zero: tuple[float, int] | None = None  # of the last item, kg, and its t1
         self._in_a_row = self._failed_in_a_row = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Drop the edges and items, because the stamps of a new stream are unrelated to them."""
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
 
@@ -91,8 +95,9 @@ class RejectMonitor:
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self.stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
-        failed = Reason.STAGE_FAILED in verdict.reasons
-        self._failed_in_a_row = _counted_on(self._failed_in_a_row, failed)
+        self._failed_in_a_row = _counted_on(
+            self._failed_in_a_row, Reason.STAGE_FAILED in verdict.reasons
+        )
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
         # An item that a station removes does not reach the eye behind the rejector.
@@ -161,10 +166,6 @@ class RejectMonitor:
                 self.stop(StopReason.UNCONFIRMED_REJECT, item.item_id, item.reject_at)
         self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
         return near.count(False)
-
-    def restart(self) -> None:
-        """Drop the edges and items, because the stamps of a new stream are unrelated to them."""
-        self._expected, self._edges = [], []
 
     def reset(self, now: int) -> None:
         """Clear the request and the rejects in a row, unless a reason lasts; see `check`."""

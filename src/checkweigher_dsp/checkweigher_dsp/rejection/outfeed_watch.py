@@ -35,12 +35,16 @@ class OutfeedWatch:
 
     def __init__(self) -> None:
         self.open: list[OutfeedEdge] = []
+        self._explained: deque[int] = deque(maxlen=_MOST)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a new stream, without edges that the segmenter has processed."""
+        self._taken: tuple[float, float] = (math.inf, -math.inf)
+        self._clear_since = -math.inf
+        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
         # t1 and t3 of items that were judged before the segmenter completed them.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
-        self._explained: deque[int] = deque(maxlen=_MOST)
-        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
-        self._taken: tuple[float, float] = (math.inf, -math.inf)
-        self._clear_since: int | None = None
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
         """Add an edge of the eyes and its arrival; `after` is the largest number so far."""
@@ -50,8 +54,7 @@ class OutfeedWatch:
         if not edge.blocked:
             self._clear_since = edge.stamp
             return
-        clear = self._clear_since
-        if clear is not None and 0 <= edge.stamp - clear < FLICKER:
+        if 0 <= edge.stamp - self._clear_since < FLICKER:
             return
         if edge.stamp in self._explained or self._is_taken(edge.stamp):
             return
@@ -90,13 +93,6 @@ class OutfeedWatch:
             (item.t1 is not None and item.t1 == t1) or (item.t3 is not None and item.t3 == t3)
             for t1, t3 in self._judged
         )
-
-    def restart(self) -> None:
-        """Begin a new stream, without edges that the segmenter has processed."""
-        self._taken = math.inf, -math.inf
-        self._clear_since = None
-        self._stamps.clear()
-        self._judged.clear()
 
     def _is_taken(self, stamp: int) -> bool:
         first, last = self._taken

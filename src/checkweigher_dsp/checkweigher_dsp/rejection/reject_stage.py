@@ -70,7 +70,6 @@ class RejectStage:
         weigh_length: float | None = None,
         judged: Iterable[int] = (),
     ) -> None:
-        self._parameters = parameters
         self.weigh_length = weigh_length
         self.product = parameters.limits
         self.inspections = Inspections(parameters)
@@ -85,11 +84,11 @@ class RejectStage:
     @property
     def parameters(self) -> RejectParameters:
         """Places, times, and limits without a product; may be replaced between two items."""
-        return self._parameters
+        return self._deadlines.parameters
 
     @parameters.setter
     def parameters(self, parameters: RejectParameters) -> None:
-        self._parameters = self.inspections.parameters = self._deadlines.parameters = parameters
+        self.inspections.parameters = self._deadlines.parameters = parameters
         if not self.product.stamp:
             self.product = parameters.limits
 
@@ -217,8 +216,11 @@ class RejectStage:
 
     def judge_complete(self, now: int | None = None) -> list[Verdict]:
         """Return the verdicts on complete items, because their masses may have been missed."""
-        pending = list(self.items.pending.values())
-        return [self._give(each, now) for each in pending if each.item.complete]
+        return [
+            self._give(each, now)
+            for each in list(self.items.pending.values())
+            if each.item.complete
+        ]
 
     def stop(self, now: int | None = None) -> list[Verdict]:
         """Return the verdicts on all announced items, without waiting for their masses."""

@@ -103,6 +103,7 @@ def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verd
         return verdict
     for number, station in enumerate(stations, start=1):
         if station.takes(verdict):
-            at = station.reject_time(verdict.t3, speed)
-            return replace(verdict, station=number, station_at=at)
+            return replace(
+                verdict, station=number, station_at=station.reject_time(verdict.t3, speed)
+            )
     return verdict

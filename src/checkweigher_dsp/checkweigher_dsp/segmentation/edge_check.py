@@ -159,9 +159,8 @@ class EdgeCheck:
 
     def _is_mismatch(self, lag: float, doubt: float, rise_time: float) -> bool:
         furthest = _FURTHEST + _FURTHEST_SHARE * rise_time + doubt
-        if math.isnan(self.reference):
-            return abs(lag) > furthest
         limit = self._parameters.rise_lag_tolerance + _SHARE * rise_time + doubt
+        # The first comparison is false until a reference is known.
         return abs(lag - self.reference) > limit or abs(lag) > furthest
 
     def _sure_shift(self, lag: float, std_dev: float) -> float:

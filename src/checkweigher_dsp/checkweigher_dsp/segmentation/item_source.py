@@ -31,7 +31,6 @@ class ItemSource:
         zero: ZeroKeeper,
         item_count: int,
     ) -> None:
-        known = parameters.product_length > 0
         self._buffer = buffer
         self._zero = zero
         self._weigh_length = load_cell.weigh_length
@@ -44,7 +43,9 @@ class ItemSource:
             round(NANOSECONDS * parameters.debounce_time),
             parameters.max_transit(load_cell.weigh_length),
             item_count,
-            load_cell.weigh_length / parameters.product_length if known else 0.0,
+            load_cell.weigh_length / parameters.product_length
+            if parameters.product_length
+            else 0.0,
             self._is_unloaded,
         )
 
@@ -64,12 +65,8 @@ class ItemSource:
         tracker.eyes.origin = buffer.origin
         self.queue.admit_strays()  # the clock has not changed
         now = buffer.last_stamp
-        if now is None:
-            return []
         items = self._forget_after(now + self._sample_lateness) + self._reached()
-        if tracker.overdue_after is not None:
-            items += self._announce(tracker.expire(now - self._lateness))
-        return items
+        return items + self._announce(tracker.expire(now - self._lateness))
 
     def _forget_after(self, limit: int) -> list[TrackedItem]:
         """Drop edges after `limit`, ns, and return the items that are lost by it.
@@ -119,8 +116,9 @@ class ItemSource:
             transit = item.t3 - item.t1
         speed = self._weigh_length * NANOSECONDS / transit if transit else math.nan
         reasons = tuple(reason.value for reason in item.faults)
-        edges = item.t1, item.t2, item.t3
-        return Item(item.entered, 0, item.item_id, *edges, speed, complete, reasons)
+        return Item(
+            item.entered, 0, item.item_id, item.t1, item.t2, item.t3, speed, complete, reasons
+        )
 
     def _is_unloaded(self, since: int, stamp: int) -> bool:
         """Return whether the items that entered after `since` have left by `stamp`, both in ns."""

@@ -35,9 +35,8 @@ class MotionCheck:
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
         speed = self._weigh_length / seconds(item.t3 - item.t1)
-        if item.t2 is None:
-            return speed, math.nan
-        return speed, speed * seconds(item.t2 - item.t1)
+        length = math.nan if item.t2 is None else speed * seconds(item.t2 - item.t1)
+        return speed, length
 
     def check(self, item: TrackedItem) -> None:
         """Add the faults of an item. Items are checked once, in the order in which they left."""
@@ -63,10 +62,9 @@ class MotionCheck:
         known = [before for before in (usual, last) if before is not None]
         if usual is None or any(abs(speed - before) <= tolerance * before for before in known):
             self._usual = speed
-        elif speed < _STOPPED * usual:
-            item.fault(Reason.BELT_STOPPED)
         else:
-            item.fault(Reason.BELT_SPEED_CHANGED)
+            stopped = speed < _STOPPED * usual
+            item.fault(Reason.BELT_STOPPED if stopped else Reason.BELT_SPEED_CHANGED)
 
     def _check_length(self, item: TrackedItem, length: float) -> None:
         """Compare the length with `product_length`.
@@ -82,7 +80,6 @@ class MotionCheck:
         longest = math.hypot(expected, width) if self._limits.product_width else expected
         if shortest - tolerance <= length <= longest + tolerance:
             item.fault(Reason.PRODUCT_ASKEW)
-        elif length < expected:
-            item.fault(Reason.PRODUCT_TOO_SHORT)
         else:
-            item.fault(Reason.PRODUCT_TOO_LONG)
+            short = length < expected
+            item.fault(Reason.PRODUCT_TOO_SHORT if short else Reason.PRODUCT_TOO_LONG)

@@ -59,9 +59,9 @@ class SampleBuffer:
         return self.origin is None
 
     @property
-    def last_stamp(self) -> int | None:
-        """Time of the newest sample, ns; None if there is none."""
-        return None if self.empty else self.stamp_at(self.end - 1)
+    def last_stamp(self) -> int:
+        """Time of the newest sample, ns; there must be one."""
+        return self.stamp_at(self.end - 1)
 
     def stamp_at(self, index: int) -> int:
         """Return the time of a sample in ns."""

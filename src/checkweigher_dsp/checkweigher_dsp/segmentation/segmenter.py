@@ -158,7 +158,7 @@ class Segmenter:
         restarted = buffer.is_restart(block)
         if not restarted and abs(late) <= NANOSECONDS * self._parameters.clock_tolerance:
             return []
-        forward = block.stamp > buffer.stamp_at(buffer.end - 1)
+        forward = block.stamp > buffer.last_stamp
         later = self._source.queue.pop_of_new_clock(block.stamp, forward=forward)
         windows = self.give_up(Reason.SOURCE_RESTARTED if restarted else Reason.CLOCK_JUMP)
         self._source.queue.put_back(later)
@@ -193,8 +193,7 @@ class Segmenter:
             return None
         begin, left, parameters = buffer.start, tracker.empty_since, self._parameters
         if left is not None:
-            settled = left + round(NANOSECONDS * parameters.settle_time)
-            begin = max(begin, buffer.index_at(settled))
+            begin = max(begin, buffer.index_at(left + round(NANOSECONDS * parameters.settle_time)))
         return begin, buffer.end - round(parameters.edge_lateness * self.load_cell.sample_rate)
 
 
@@ -203,6 +202,7 @@ def _history(load_cell: LoadCell, parameters: SegmenterParameters) -> float:
     transit = parameters.max_transit(load_cell.weigh_length)
     # An item leaves in no more time than it takes from eye to eye.
     trail = min(round(NANOSECONDS * parameters.trail_time), transit)
-    lateness = round(NANOSECONDS * parameters.edge_lateness)
-    behind = transit + trail + max(2 * lateness, _LONGEST_PIECE)
+    behind = (
+        transit + trail + max(2 * round(NANOSECONDS * parameters.edge_lateness), _LONGEST_PIECE)
+    )
     return max(parameters.lead_time, parameters.zero_time) + seconds(behind)

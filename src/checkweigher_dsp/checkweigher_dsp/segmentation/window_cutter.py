@@ -139,8 +139,7 @@ class WindowCutter:
         """Return the reason why the samples of a place cannot be weighed, None if they can."""
         if place.end - place.begin < self._parameters.min_window:
             return Reason.WINDOW_TOO_SHORT
-        reason = self._check_samples(place.entry, place.end)
-        return reason or self._check_load(place.begin, place.end)
+        return self._check_samples(place.entry, place.end) or self._check_load(place)
 
     def _zero_before(self, item: TrackedItem, place: _Place) -> Zero:
         """Return the zero at t1, after an update by the empty belt before the item."""
@@ -242,9 +241,11 @@ class WindowCutter:
     def _check_start(self, item: TrackedItem) -> None:
         """Fault an item that was there before the samples began, because an edge may be missing."""
         origin, parameters = self._buffer.origin, self._parameters
-        margin = parameters.max_transit(self._load_cell.weigh_length)
-        if item.t1 is not None:
-            margin = round(NANOSECONDS * parameters.debounce_time)
+        margin = (
+            parameters.max_transit(self._load_cell.weigh_length)
+            if item.t1 is None
+            else round(NANOSECONDS * parameters.debounce_time)
+        )
         if origin is not None and item.entered <= origin + margin:
             item.fault(Reason.START_UP)
 
@@ -259,12 +260,11 @@ class WindowCutter:
             return Reason.SATURATION
         return None
 
-    def _check_load(self, begin: int, end: int) -> Reason | None:
+    def _check_load(self, place: _Place) -> Reason | None:
         """Compare the mean load above the zero of calibration with the capacity."""
-        cell = self._load_cell
-        reading = np.add.reduce(self._buffer.look_at(begin, end), dtype=np.int64) / (end - begin)
-        load = (float(reading) - cell.zero_counts) / cell.counts_per_kg
-        return Reason.OVERLOAD if abs(load) > cell.capacity else None
+        cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
+        load = float(np.add.reduce(counts, dtype=np.int64) / len(counts)) - cell.zero_counts
+        return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item enters, and whether it is settled."""

@@ -18,9 +18,8 @@ Span = tuple[int, int]  # first index and one past the last index of samples
 
 @dataclass(frozen=True, slots=True)
 class ZeroAnswer:
-    """Answer to a request to set the zero, with a text for the user."""
+    """Answer to a request to set the zero: a text for the user, and the change if it was set."""
 
-    done: bool
     text: str
     change: ZeroChange | None = None
 
@@ -84,7 +83,7 @@ class ZeroKeeper:
                 self.answer = self._set(end - count, end)
         late = buffer.end - self._requested > (_PATIENCE + self._limits.edge_lateness) * rate
         if self.answer is None and late:
-            self.answer = ZeroAnswer(False, f'{self._why_not} within {_PATIENCE:g} s: not zeroed')
+            self.answer = ZeroAnswer(f'{self._why_not} within {_PATIENCE:g} s: not zeroed')
         if self.answer is not None:
             self._requested = None
 
@@ -101,8 +100,10 @@ class ZeroKeeper:
         cell = self._load_cell
         mass = (reading - cell.zero_counts) / cell.counts_per_kg
         if not self._tracker.is_in_range(reading):
-            limit = f'beyond zero_range {self._limits.zero_range:g} kg'
-            return ZeroAnswer(False, f'the empty belt reads {mass:.6f} kg, {limit}: not zeroed')
-        mass_before = (before - cell.zero_counts) / cell.counts_per_kg
-        change = ZeroChange(stamp, mass, mass_before, self.zero.std_dev / abs(cell.counts_per_kg))
-        return ZeroAnswer(True, f'zeroed at {mass:.6f} kg from the zero of calibration', change)
+            return ZeroAnswer(
+                f'the empty belt reads {mass:.6f} kg, beyond zero_range '
+                f'{self._limits.zero_range:g} kg: not zeroed'
+            )
+        previous = (before - cell.zero_counts) / cell.counts_per_kg
+        change = ZeroChange(stamp, mass, previous, self.zero.std_dev / abs(cell.counts_per_kg))
+        return ZeroAnswer(f'zeroed at {mass:.6f} kg from the zero of calibration', change)

@@ -65,6 +65,7 @@ class _Motion:
         self.variance = self._initial_variance
         self._drift, self._drift_variance = 0.0, self._drifts
         self._covariance = 0.0  # of zero and drift
+        self.evidence = 0.0  # logarithm of the likelihood of the readings so far
 
     def set(self, value: float, variance: float) -> None:
         """Set the zero. The drift continues."""
@@ -90,17 +91,16 @@ class _Motion:
             self._covariance *= math.sqrt(self._initial_variance / self.variance)
             self.variance = self._initial_variance
 
-    def log_likelihood(self, reading: float, noise: float) -> float:
-        """Return the log-likelihood of a reading of variance `noise`, up to a constant."""
-        variance = self.variance + noise
-        return -0.5 * ((reading - self.value) ** 2 / variance + math.log(variance))
-
     def correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> float:
-        """Correct zero and drift by a reading. Returns the remaining variance of the zero.
+        """Correct zero and drift by a reading of variance `noise`.
+
+        Returns the remaining variance of the zero.
 
         The zero is held at the limits of the `allowed` range; its variance is then not reduced.
         """
         innovation, variance = reading - self.value, self.variance + noise
+        likelihood = -0.5 * (innovation**2 / variance + math.log(variance))  # up to a constant
+        self.evidence = _EVIDENCE_MEMORY * self.evidence + likelihood
         gain, drift_gain = self.variance / variance, self._covariance / variance
         corrected, left = self.value + gain * innovation, self.variance * (1 - gain)
         self.value = _within(corrected, allowed)
@@ -163,7 +163,6 @@ class ZeroTracker:
             _Motion(initial, self._initial_variance, random_walk**2, drifts)
             for drifts in sorted({0.0, drift**2})
         ]
-        self._begin()
         self._sample_rate = sample_rate
         self._stamp: float | None = None
         self._scatter = 0.0  # weighted sum of the variances of the segments
@@ -171,16 +170,10 @@ class ZeroTracker:
         self._doubted: float | None = None  # reading that is not confirmed yet, counts
         self._has_read = False
 
-    def _begin(self) -> None:
-        """Reset the uncertainty to that of the zero of calibration."""
-        for each in self._motions:
-            each.begin()
-        self._likelihoods = [0.0] * len(self._motions)  # logarithms
-
     @property
     def _shares(self) -> list[float]:
-        most = max(self._likelihoods)
-        shares = [math.exp(each - most) for each in self._likelihoods]
+        most = max(each.evidence for each in self._motions)
+        shares = [math.exp(each.evidence - most) for each in self._motions]
         return [each / sum(shares) for each in shares]
 
     @property
@@ -226,7 +219,8 @@ class ZeroTracker:
         self._doubted, self._has_read = None, True
         if (reading - self._value) ** 2 > _JUMP**2 * (self._variance + noise):
             # Dirt has settled on the belt, or was wiped off it.
-            self._begin()
+            for each in self._motions:
+                each.begin()
         self._correct(reading, noise, allowed)
 
     def _is_doubtful(self, reading: float, noise: float) -> bool:
@@ -237,12 +231,7 @@ class ZeroTracker:
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
 
     def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
-        likelihoods = [each.log_likelihood(reading, noise) for each in self._motions]
         left = [each.correct(reading, noise, allowed) for each in self._motions]
-        self._likelihoods = [
-            _EVIDENCE_MEMORY * before + now
-            for before, now in zip(self._likelihoods, likelihoods, strict=True)
-        ]
         held_back = any(each.value in allowed for each in self._motions)
         rest = reading - self._value
         self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)

@@ -137,13 +137,18 @@ def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, floa
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):
         ends.append((crossing.off_begin, crossing.off_end, 1.0, -1.0))
-    for number, (begin, end, load, change) in enumerate(ends):
+    untils = crossing.off_begin, math.inf
+    for (begin, end, load, change), until in zip(ends, untils, strict=False):
         rate, stair = change / (end - begin), (end - begin) / _STAIRS
-        for position in range(_STAIRS):
-            at_begin = load + change * position / _STAIRS
-            mean = load + change * (position + 0.5) / _STAIRS
-            segments.append((begin + position * stair, stair, at_begin, rate, mean))
-        rest = load + change
-        until = ends[number + 1][0] if number + 1 < len(ends) else math.inf
-        segments.append((end, until - end, rest, 0.0, rest))
+        segments += [
+            (
+                begin + position * stair,
+                stair,
+                load + change * position / _STAIRS,
+                rate,
+                load + change * (position + 0.5) / _STAIRS,
+            )
+            for position in range(_STAIRS)
+        ]
+        segments.append((end, until - end, load + change, 0.0, load + change))
     return segments

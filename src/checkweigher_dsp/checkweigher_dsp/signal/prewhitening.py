@@ -53,9 +53,8 @@ class Prewhitener:
 
     def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return filtered signals (..., n), in units of the standard deviation of the noise."""
-        count = signals.shape[-1]
         result = np.empty(signals.shape)
-        begin = min(self._order, count)
+        begin = min(self._order, signals.shape[-1])
         result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
         self.whiten_again(signals, result, begin)
         return result
@@ -97,8 +96,10 @@ def pooled_reflections(
     --------
     >>> segments = [np.array([1.0, 2.0, 3.0]), np.array([4.0, -1.0])]
     >>> reflections, std_dev = pooled_reflections(segments, 1)
-    >>> print(reflections.round(4))  # -2 (1 2 + 2 3 - 4 1) / (1 + 4 + 4 + 9 + 16 + 1)
+    >>> print(reflections.round(4))  # k = -2 (1 2 + 2 3 - 4 1) / (1 + 4 + 4 + 9 + 16 + 1)
     [-0.2286]
+    >>> print(round(std_dev, 4))  # sqrt((1 - k k) (1 + 4 + 9 + 16 + 1) / 5)
+    2.4241
     """
     kept = [np.asarray(segment, float) for segment in segments if len(segment) > order]
     if not kept:

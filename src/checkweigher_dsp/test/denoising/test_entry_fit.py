@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from synthetic_line import make_window
 
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
@@ -150,7 +151,7 @@ def test_too_few_samples_leave_the_times(count):
 
 
 @pytest.mark.parametrize('late', [LATE, (1e-3, 1e-3), (-1.2e-3, 0.0)])
-def test_a_pass_whose_edges_are_off_weighs_what_it_does(make_window, late):
+def test_a_pass_whose_edges_are_off_weighs_what_it_does(late):
     # The eyes say 0.3004 s and 0.1 s after that; the product enters when it does.
     t1, noise = 0.3004, 5e-5
     time = np.arange(480) / RATE

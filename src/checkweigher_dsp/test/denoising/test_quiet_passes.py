@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from synthetic_line import make_pass
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
@@ -31,7 +32,7 @@ BIAS_AFTER_TRAINING = {
 
 
 @pytest.fixture(scope='module')
-def windows(make_pass):
+def windows():
     denoiser = Denoiser(DenoiseParameters(natural_frequency=(38.0,), damping_ratio=(0.06,)))
     return [denoiser.denoise(make_pass(mass)) for mass in MASSES]
 
@@ -65,7 +66,7 @@ def test_gain_and_offset_for_all_masses_leave_no_more_than_stated(windows, estim
 
 
 @pytest.mark.parametrize('estimator', ESTIMATORS)
-def test_samples_after_t3_change_no_mass_that_is_not_exact_anyway(make_pass, estimator):
+def test_samples_after_t3_change_no_mass_that_is_not_exact_anyway(estimator):
     denoiser = Denoiser(DenoiseParameters())
     windows = [denoiser.denoise(make_pass(0.2, trail=trail)) for trail in (0.0, 0.05)]
 

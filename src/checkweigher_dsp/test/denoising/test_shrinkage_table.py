@@ -55,17 +55,6 @@ def test_one_speed_is_a_table():
         assert (table.at(speed, 1.0)[4].gain, table.at(speed, 1.0)[4].threshold) == (7.0, 3.0)
 
 
-@pytest.mark.parametrize('speeds', [(), (1.0, 1.0, 2.0), (2.0, 1.0, 3.0)])
-def test_speeds_that_do_not_ascend_are_refused(speeds):
-    with pytest.raises(ValueError, match='speeds must ascend'):
-        ShrinkageTable(speeds, SMALL.gains, SMALL.thresholds)
-
-
-def test_columns_of_different_length_are_refused():
-    with pytest.raises(ValueError, match='3 values for 2 speeds'):
-        ShrinkageTable((1.0, 2.0), SMALL.gains, SMALL.thresholds)
-
-
 def test_several_speeds_give_a_row_for_each_window():
     speeds = np.array([[0.5], [1.25], [3.5], [9.0]])
 

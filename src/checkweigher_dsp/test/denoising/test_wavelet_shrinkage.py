@@ -82,25 +82,3 @@ def test_universal_thresholds_agree_with_pywavelets(mode, each_level, measured):
         rtol=0,
         atol=ROUNDING * np.abs(stretch).max(),
     )
-
-
-def test_several_stretches_are_denoised_each_with_its_own_shrinkage():
-    stretches = np.random.default_rng(2).standard_normal((3, 256))
-    gains, thresholds = np.array([0.1, 0.5, 0.9]), np.array([0.3, 0.0, 1.2])
-
-    together = denoise_periodic(
-        stretches, [None] * 6 + [Shrinkage(gains[:, None], thresholds[:, None])]
-    )
-
-    for row, stretch, gain, threshold in zip(together, stretches, gains, thresholds, strict=True):
-        np.testing.assert_allclose(
-            row, denoise_periodic(stretch, [None] * 6 + [Shrinkage(gain, threshold)]),
-            atol=ROUNDING,
-        )  # fmt: skip
-
-
-def test_several_stretches_are_thresholded_each_by_its_own_noise():
-    stretches = np.random.default_rng(3).standard_normal((2, 256)) * [[1.0], [20.0]]
-    together = threshold_universally(stretches, hard=True)
-    for row, stretch in zip(together, stretches, strict=True):
-        np.testing.assert_allclose(row, threshold_universally(stretch, hard=True), atol=ROUNDING)

@@ -6,19 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_line import make_window
 
 from checkweigher_core.records import NANOSECONDS
-from checkweigher_dsp.denoising.window_batch import (
-    batches_of,
-    rise_time,
-    time_since_entry,
-)
+from checkweigher_dsp.denoising.window_batch import batches_of, rise_time, time_since_entry
 
 ROUNDING = 1e-12
 
 
 @pytest.fixture(name='window')
-def _window(make_window):
+def _window():
     """Window at 1 kHz: t1 at sample 200, t2 half a sample before sample 300, t3 at sample 400."""
     stamp = 5 * NANOSECONDS
     t1, t2, t3 = (stamp + time for time in (200_000_000, 299_500_000, 400_000_000))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_line import make_pass, make_window
 
 from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
@@ -15,7 +16,7 @@ NOISE, ZERO = 5e-5, 500.0  # kg, counts
 
 
 @pytest.fixture
-def window(make_pass):
+def window():
     """Return a pass in steps of 2 mg, with the noise of the electronics."""
     random = np.random.default_rng(3)
     noisy = make_pass(0.2, disturbance=lambda time: NOISE * random.standard_normal(len(time)))
@@ -78,7 +79,7 @@ def test_a_scale_without_inertia_shows_where_the_slope_of_the_load_changes(windo
     assert is_plausible(replace(window, counts=counts))
 
 
-def test_without_noise_or_empty_belt_nothing_follows_from_calm(window, make_pass, make_window):
+def test_without_noise_or_empty_belt_nothing_follows_from_calm(window):
     assert is_plausible(make_window([0.2] * 64))
     assert is_plausible(make_pass(0.2))
     assert is_plausible(replace(window, empty_begin=window.window_begin))

@@ -58,13 +58,9 @@ def test_products_without_a_reading_of_the_empty_belt_are_warned_of():
     assert 'spacing' in watch.finding(130.0).hint
     watch.add(131.0, zero_of(1e-6), item=True)
     assert watch.finding(131.0).level == Level.OK
-
-
-def test_an_idle_line_needs_no_reading_of_the_empty_belt():
-    watch = zero_watch()
-    for second in range(600):
+    for second in range(132, 732):  # an idle line needs none
         watch.add(second, zero_of(0.0), item=False)
-    assert watch.finding(600.0).level == Level.OK
+    assert watch.finding(732.0).level == Level.OK
 
 
 def shaking(amplitude, frequency=24.0, *, rate=960.0, samples=480):

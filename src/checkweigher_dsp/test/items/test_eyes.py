@@ -15,9 +15,7 @@ DEBOUNCE, MAX_TRANSIT = 5, 2000
     [(False, 4, True), (False, 5, False), (True, 9, True), (True, 10, False), (True, -1, False)],
 )
 def test_an_edge_too_soon_is_chatter_twice_as_long_if_one_was_lost(blocked_before, delay, flickers):
-    previous = EyeEdge(100, Eye.INFEED, blocked_before)
-
-    switch = Switch(100 + delay, previous, None, True)
+    switch = Switch(100 + delay, EyeEdge(100, Eye.INFEED, blocked_before), None, True)
 
     assert Eyes(DEBOUNCE, MAX_TRANSIT).flickers(switch) == flickers
 

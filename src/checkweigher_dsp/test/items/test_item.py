@@ -22,11 +22,6 @@ def test_an_item_is_gone_at_t4_or_when_it_must_be(stamps, given_up, departure):
     assert TrackedItem(1, **stamps, given_up=given_up).departure == departure
 
 
-def test_the_length_needs_both_edges_of_the_infeed_eye():
-    assert TrackedItem(1, t1=100, t2=130).length == 30
-    assert TrackedItem(1, t1=100).length == TrackedItem(1, t2=130).length == 0
-
-
 @pytest.mark.parametrize(
     ('item', 'first', 'last'),
     [

@@ -7,6 +7,7 @@ from dataclasses import replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from synthetic_line import make_line
 
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
@@ -57,7 +58,7 @@ def _flicker(edges, stamp):
     return sorted([*edges, *more], key=lambda edge: edge.stamp)
 
 
-def test_whole_items_have_their_four_edges(make_line):
+def test_whole_items_have_their_four_edges():
     line = make_line()
 
     items = _track(line.edges())
@@ -70,7 +71,7 @@ def test_whole_items_have_their_four_edges(make_line):
 
 @pytest.mark.parametrize('spacing', [0.21, 0.35, 0.6, 3.0])
 @pytest.mark.parametrize(('name', 'costs'), [('t1', {1}), ('t2', {1}), ('t3', {1}), ('t4', set())])
-def test_one_lost_edge_costs_one_item(make_line, spacing, name, costs):
+def test_one_lost_edge_costs_one_item(spacing, name, costs):
     line = make_line((0.1,) * 5, spacing=spacing)
 
     items = _track(line.edges(without=[(1, name)]))
@@ -82,7 +83,7 @@ def test_one_lost_edge_costs_one_item(make_line, spacing, name, costs):
 
 
 @pytest.mark.parametrize('name', NAMES[:3])
-def test_what_was_seen_of_a_faulty_item_is_its_own(make_line, name):
+def test_what_was_seen_of_a_faulty_item_is_its_own(name):
     line = make_line((0.1,) * 4)
     product = line.products[1]
 
@@ -94,7 +95,7 @@ def test_what_was_seen_of_a_faulty_item_is_its_own(make_line, name):
 
 
 @pytest.mark.parametrize(('clears', 'blocks', 'costs'), [('t2', 't1', {1, 2}), ('t4', 't3', {2})])
-def test_a_clearing_eye_belongs_to_no_item_that_is_gone(make_line, clears, blocks, costs):
+def test_a_clearing_eye_belongs_to_no_item_that_is_gone(clears, blocks, costs):
     line = make_line((0.1,) * 4)
 
     items = _track(line.edges(without=[(1, clears), (2, blocks)]))
@@ -105,11 +106,9 @@ def test_a_clearing_eye_belongs_to_no_item_that_is_gone(make_line, clears, block
 
 
 @pytest.mark.parametrize('name', ['t1', 't2'])
-def test_a_chattering_infeed_eye_is_a_fault_of_this_item_alone(make_line, name):
+def test_a_chattering_infeed_eye_is_a_fault_of_this_item_alone(name):
     line = make_line()
-    product = line.products[1]
-
-    items = _track(_flicker(line.edges(), getattr(product, name)))
+    items = _track(_flicker(line.edges(), getattr(line.products[1], name)))
 
     _assert_whole_but(items, line.products, {1})
     assert _reasons(items)[1] == [Reason.CHATTERING_EYE]
@@ -117,7 +116,7 @@ def test_a_chattering_infeed_eye_is_a_fault_of_this_item_alone(make_line, name):
 
 @pytest.mark.parametrize('spacing', [0.25, 0.6])
 @pytest.mark.parametrize('name', ['t3', 't4'])
-def test_a_chattering_outfeed_eye_makes_no_further_items(make_line, name, spacing):
+def test_a_chattering_outfeed_eye_makes_no_further_items(name, spacing):
     line = make_line(spacing=spacing)
     stamp = getattr(line.products[1], name)
 
@@ -128,7 +127,7 @@ def test_a_chattering_outfeed_eye_makes_no_further_items(make_line, name, spacin
     assert items[1].t4 == max(line.products[1].t4, stamp + 2 * MS)
 
 
-def test_two_on_the_belt_at_once_are_both_faults(make_line):
+def test_two_on_the_belt_at_once_are_both_faults():
     line = make_line((0.1,) * 4, spacing=(0.6, 0.15, 0.6))
 
     items = _track(line.edges())
@@ -139,7 +138,7 @@ def test_two_on_the_belt_at_once_are_both_faults(make_line):
 
 
 @pytest.mark.parametrize('lost', ['t1', 't2'])
-def test_two_on_the_belt_are_faults_also_where_the_eye_half_missed_the_second(make_line, lost):
+def test_two_on_the_belt_are_faults_also_where_the_eye_half_missed_the_second(lost):
     line = make_line((0.1,) * 3, length=0.05, spacing=(0.07, 0.6))
 
     items = _track(line.edges(without=[(1, lost)]))
@@ -148,7 +147,7 @@ def test_two_on_the_belt_are_faults_also_where_the_eye_half_missed_the_second(ma
     assert Reason.DISTANCE_FAULT in items[0].faults
 
 
-def test_a_product_longer_than_the_belt_is_one_fault(make_line):
+def test_a_product_longer_than_the_belt_is_one_fault():
     line = make_line((0.1,) * 3, length=0.25, spacing=1.0)
 
     items = _track(line.edges())
@@ -158,7 +157,7 @@ def test_a_product_longer_than_the_belt_is_one_fault(make_line):
 
 
 @pytest.mark.parametrize('lost', NAMES)
-def test_chatter_together_with_a_lost_edge_is_one_fault(make_line, lost):
+def test_chatter_together_with_a_lost_edge_is_one_fault(lost):
     line = make_line((0.1,) * 3)
     for flickering in set(NAMES) - {lost}:
         stamp = getattr(line.products[1], flickering)
@@ -171,7 +170,7 @@ def test_chatter_together_with_a_lost_edge_is_one_fault(make_line, lost):
 
 
 @pytest.mark.parametrize('spacing', [0.35, 0.6, 1.0, 2.5])
-def test_an_item_taken_off_costs_itself_and_at_most_the_next(make_line, spacing):
+def test_an_item_taken_off_costs_itself_and_at_most_the_next(spacing):
     line = make_line((0.1,) * 6, spacing=spacing)
 
     items = _track(line.edges(without=[(1, 't3'), (1, 't4')]))
@@ -184,7 +183,7 @@ def test_an_item_taken_off_costs_itself_and_at_most_the_next(make_line, spacing)
     assert bool(items[2].faults) == (spacing < 0.4)
 
 
-def test_an_item_taken_off_before_any_was_whole_is_forgotten_in_a_pause(make_line):
+def test_an_item_taken_off_before_any_was_whole_is_forgotten_in_a_pause():
     # How long an item takes is not known yet, so all that follow look like two on the belt.
     line = make_line((0.1,) * 5, spacing=(0.6, 0.6, 2.5, 0.6))
 
@@ -194,7 +193,7 @@ def test_an_item_taken_off_before_any_was_whole_is_forgotten_in_a_pause(make_lin
     _assert_whole_but(items, line.products, {0, 1, 2, 3})
 
 
-def test_the_state_of_the_eyes_at_start_up_is_no_item(make_line):
+def test_the_state_of_the_eyes_at_start_up_is_no_item():
     line = make_line()
     states = [EyeEdge(line.start, eye, False) for eye in Eye]
 
@@ -204,7 +203,7 @@ def test_the_state_of_the_eyes_at_start_up_is_no_item(make_line):
 
 @pytest.mark.parametrize('seen', [('t2', 't3', 't4'), ('t3', 't4'), ('t3',)])
 @pytest.mark.parametrize('states', [False, True])
-def test_an_item_on_the_belt_at_start_up_is_one_fault(make_line, seen, states):
+def test_an_item_on_the_belt_at_start_up_is_one_fault(seen, states):
     line = make_line()
     missing = [(0, name) for name in NAMES if name not in seen]
     initial = [EyeEdge(line.start, eye, False) for eye in Eye if states]
@@ -215,7 +214,7 @@ def test_an_item_on_the_belt_at_start_up_is_one_fault(make_line, seen, states):
     assert items[0].t3 == line.products[0].t3
 
 
-def test_an_item_at_the_outfeed_eye_at_start_up_is_none_of_ours(make_line):
+def test_an_item_at_the_outfeed_eye_at_start_up_is_none_of_ours():
     line = make_line()
 
     items = _track(line.edges(without=[(0, name) for name in ('t1', 't2', 't3')]))
@@ -224,7 +223,7 @@ def test_an_item_at_the_outfeed_eye_at_start_up_is_none_of_ours(make_line):
 
 
 @pytest.mark.parametrize(('seeing', 'spacing'), [(Eye.OUTFEED, 0.6), (Eye.INFEED, 3.0)])
-def test_with_a_dead_eye_each_item_is_one_fault(make_line, seeing, spacing):
+def test_with_a_dead_eye_each_item_is_one_fault(seeing, spacing):
     line = make_line(spacing=spacing)
 
     items = _track([edge for edge in line.edges() if edge.eye == seeing])
@@ -234,7 +233,7 @@ def test_with_a_dead_eye_each_item_is_one_fault(make_line, seeing, spacing):
         assert [item.t3 for item in items] == [product.t3 for product in line.products]
 
 
-def test_an_item_is_given_up_only_after_the_longest_transit(make_line):
+def test_an_item_is_given_up_only_after_the_longest_transit():
     first, second = make_line((0.1,)).edges()[:2]
     tracker = ItemTracker(DEBOUNCE, MAX_TRANSIT)
     tracker.add(first)
@@ -266,7 +265,7 @@ def _assert_never_wrongly_paired(line, edges):
     st.lists(st.booleans(), min_size=24, max_size=24),
     st.sampled_from([0.5, 1.0, 1.5]),
 )
-def test_a_wrong_pairing_is_never_reported_as_whole(make_line, gaps, lost, doubled, speed):
+def test_a_wrong_pairing_is_never_reported_as_whole(gaps, lost, doubled, speed):
     line = make_line((0.1,) * 6, spacing=gaps, speed=speed)
     edges = line.edges(without=lost)
 
@@ -282,7 +281,7 @@ def test_a_wrong_pairing_is_never_reported_as_whole(make_line, gaps, lost, doubl
     st.tuples(st.integers(1, 5), NAME),
     st.sampled_from([0.03, 0.05]),
 )
-def test_nor_with_many_on_the_belt_and_one_lost_edge(make_line, gaps, lost, length):
+def test_nor_with_many_on_the_belt_and_one_lost_edge(gaps, lost, length):
     line = make_line((0.1,) * 6, spacing=gaps, length=length)
 
     _assert_never_wrongly_paired(line, line.edges(without=[lost]))
@@ -344,9 +343,7 @@ def test_an_eye_that_clears_first_of_all_has_seen_an_item_but_for_its_state(stat
 def test_a_flicker_after_a_lost_edge_is_no_item():
     # The t2 at 1100 is lost, what flickers there is not.
     flicker = [(1102, 't1'), (1104, 't2'), (1106, 't1'), (1108, 't2')]
-    edges = _edges((1000, 't1'), *flicker, (1200, 't3'), (1300, 't4'))
-
-    items = _track(edges)
+    items = _track(_edges((1000, 't1'), *flicker, (1200, 't3'), (1300, 't4')))
 
     assert [(item.t1, item.t3) for item in items] == [(1000 * MS, 1200 * MS)]
     assert Reason.CHATTERING_EYE in items[0].faults

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from synthetic_line import make_line, make_pass, run_segmenter
 
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
@@ -46,9 +47,7 @@ class OddCheck(EdgeCheck):
         return True
 
 
-def test_the_segmenter_goes_on_after_an_item_on_which_it_failed(
-    make_line, run_segmenter, failed, failures
-):
+def test_the_segmenter_goes_on_after_an_item_on_which_it_failed(failed, failures):
     line = make_line((0.1,) * 4)
     segmenter = Segmenter(line.load_cell, SegmenterParameters(), 0, failures)
     segmenter.cutter.edge_check = OddCheck(SegmenterParameters())
@@ -60,9 +59,7 @@ def test_the_segmenter_goes_on_after_an_item_on_which_it_failed(
     assert windows[1].line_speed == windows[0].line_speed  # for the time of the rejector
 
 
-def test_a_window_on_which_a_stage_fails_costs_itself_alone(
-    make_pass, failed, failures, monkeypatch
-):
+def test_a_window_on_which_a_stage_fails_costs_itself_alone(failed, failures, monkeypatch):
     class Mean(ESTIMATORS['mean']):
         def estimate_all(self, windows):
             assert all(window.item_id != 2 for window in windows)
@@ -79,12 +76,14 @@ def test_a_window_on_which_a_stage_fails_costs_itself_alone(
     assert [number for number, _ in failed] == [4, 2]
 
 
-def check_random_times(make_line, run_segmenter, failures, count):
-    """Send `count` lines with edges and samples at random times through all stages."""
+@pytest.mark.parametrize('count', [100, pytest.param(12_500, marks=pytest.mark.soak)])
+def test_no_time_of_edges_and_samples_makes_a_stage_fail(failed, failures, count):
     denoiser = Denoiser(DenoiseParameters(), failures)
     times = st.integers(-300 * MS, 300 * MS)
 
-    @settings(max_examples=count, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=EXAMPLES or count, deadline=None, suppress_health_check=list(HealthCheck)
+    )
     @given(
         st.sampled_from(tuple(ESTIMATORS)), st.floats(0.15, 2.9), st.floats(0.006, 0.25),
         times, times | st.just(0),
@@ -116,10 +115,4 @@ def check_random_times(make_line, run_segmenter, failures, count):
 
     check()
 
-
-@pytest.mark.parametrize('count', [100, pytest.param(12_500, marks=pytest.mark.soak)])
-def test_no_time_of_edges_and_samples_makes_a_stage_fail(
-    make_line, run_segmenter, failed, failures, count
-):
-    check_random_times(make_line, run_segmenter, failures, EXAMPLES or count)
     assert failed == []

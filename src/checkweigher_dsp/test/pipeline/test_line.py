@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from synthetic_line import make_line
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import Decision
@@ -31,7 +32,7 @@ def _weigh(line, parameters=None, **events):
 
 @pytest.mark.parametrize('estimator', ESTIMATORS)
 @pytest.mark.parametrize('speed', [0.5, 0.75, 1.0, 1.25, 1.5])
-def test_a_line_without_noise_weighs_each_item(make_line, speed, estimator):
+def test_a_line_without_noise_weighs_each_item(speed, estimator):
     weighings = _weigh(make_line(MASSES, speed=speed), STIFF.with_estimator(estimator))
 
     assert [weighing.estimate.item_id for weighing in weighings] == [1, 2, 3, 4, 5]
@@ -43,7 +44,7 @@ def test_a_line_without_noise_weighs_each_item(make_line, speed, estimator):
 
 
 @pytest.mark.parametrize('estimator', ESTIMATORS)
-def test_noise_is_averaged_and_the_standard_deviation_covers_the_error(make_line, estimator):
+def test_noise_is_averaged_and_the_standard_deviation_covers_the_error(estimator):
     # That of ISWD-EKSI does if R is all that denoising removed and not a share of it.
     parameters = STIFF.with_values(
         {'identifier.estimator': estimator, 'identifier.iswd_eksi.measurement_noise': 1.0}
@@ -61,10 +62,8 @@ def test_noise_is_averaged_and_the_standard_deviation_covers_the_error(make_line
     assert all(abs(e) < 5 * estimate.std_dev for e, estimate in zip(errors, estimates, strict=True))
 
 
-def test_each_item_gets_one_verdict_and_a_fault_no_mass(make_line):
-    line = make_line(MASSES)
-
-    weighings = _weigh(line, without=[(1, 't2')], lost=(2200, 2250))
+def test_each_item_gets_one_verdict_and_a_fault_no_mass():
+    weighings = _weigh(make_line(MASSES), without=[(1, 't2')], lost=(2200, 2250))
 
     # The third enters at 2.2 s, that is sample 2112.
     assert [list(w.verdict.reasons) != [] for w in weighings] == [False, True, True, False, False]
@@ -78,7 +77,7 @@ def test_each_item_gets_one_verdict_and_a_fault_no_mass(make_line):
     )
 
 
-def test_limits_and_the_rejector_are_those_of_the_parameters(make_line):
+def test_limits_and_the_rejector_are_those_of_the_parameters():
     line = make_line(MASSES, speed=0.5)
     reject = RejectParameters(lower_limit=0.1, upper_limit=0.19, rejector_distance=0.25)
 
@@ -92,18 +91,9 @@ def test_limits_and_the_rejector_are_those_of_the_parameters(make_line):
     )
 
 
-@pytest.fixture
-def write(tmp_path):
-    def write_text(text):
-        path = tmp_path / 'line.yaml'
-        path.write_text(text, encoding='utf-8')
-        return path
-
-    return write_text
-
-
-def test_a_file_sets_what_it_names_and_leaves_the_rest(write):
-    path = write(
+def test_a_file_sets_what_it_names_and_leaves_the_rest(tmp_path):
+    path = tmp_path / 'line.yaml'
+    path.write_text(
         '/**/segmenter:\n  ros__parameters: {min_window: 20}\n'
         '/**/denoise:\n  ros__parameters: {stretch: 2048, gamma5: [0, 0, 0, 0, 0.5]}\n'
         'identifier:\n  ros__parameters: {iswd_eksi: {process_noise: 0.5}, tvlpf.gain: [1.5]}\n'
@@ -139,8 +129,11 @@ def test_a_file_sets_what_it_names_and_leaves_the_rest(write):
         ('rejekt:\n  ros__parameters: {lower_limit: 1.0}\n', 'line 3: rejekt: addresses none of'),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_line_naming_file_and_parameter(write, text, complaint):
-    path = write('segmenter:\n  ros__parameters: {lead_time: 0.1}\n' * ('segm' not in text) + text)
+def test_a_wrong_file_is_refused_in_one_line_naming_file_and_parameter(tmp_path, text, complaint):
+    path = tmp_path / 'line.yaml'
+    path.write_text(
+        'segmenter:\n  ros__parameters: {lead_time: 0.1}\n' * ('segm' not in text) + text
+    )
 
     with pytest.raises(ParameterError) as error:
         LineParameters.from_file(path)

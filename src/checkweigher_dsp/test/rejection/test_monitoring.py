@@ -43,8 +43,7 @@ def _play(verdicts, edges, parameters=WINDOW):
         monitor.add_verdict(verdict)
     for edge in edges:
         monitor.add_edge(edge)
-    strays = monitor.advance(FAR)
-    return monitor, strays
+    return monitor, monitor.advance(FAR)
 
 
 def _monitor(*played):

@@ -26,30 +26,21 @@ def judge(estimate, parameters):
 
 
 @pytest.mark.parametrize(
-    ('mass', 'decision'),
+    ('mass', 'decision', 'parameters'),
     [
-        (0.15, Decision.ACCEPT),
-        (0.1, Decision.ACCEPT),
-        (0.2, Decision.ACCEPT),
-        (math.nextafter(0.1, 0), Decision.UNDER),
-        (math.nextafter(0.2, 1), Decision.OVER),
-        (-0.5, Decision.UNDER),
-        (math.nan, Decision.FAULT),
+        (0.15, Decision.ACCEPT, LIMITS),
+        (0.1, Decision.ACCEPT, LIMITS),
+        (0.2, Decision.ACCEPT, LIMITS),
+        (math.nextafter(0.1, 0), Decision.UNDER, LIMITS),
+        (math.nextafter(0.2, 1), Decision.OVER, LIMITS),
+        (-0.5, Decision.UNDER, LIMITS),
+        (math.nan, Decision.FAULT, LIMITS),
+        *[(mass, Decision.ACCEPT, RejectParameters()) for mass in (1e-6, 0.15, 1e3)],
+        (0.0, Decision.ACCEPT, RejectParameters(lower_limit=0.0, upper_limit=0.0)),
     ],
 )
-def test_both_limits_belong_to_what_is_accepted(mass, decision):
-    assert judge(_estimate(mass), LIMITS).decision is decision
-
-
-@pytest.mark.parametrize(
-    ('mass', 'parameters'),
-    [
-        *[(mass, RejectParameters()) for mass in (1e-6, 0.15, 1e3)],
-        (0.0, RejectParameters(lower_limit=0.0, upper_limit=0.0)),
-    ],
-)
-def test_without_limits_and_at_equal_ones_what_was_weighed_is_accepted(mass, parameters):
-    assert judge(_estimate(mass), parameters).decision is Decision.ACCEPT
+def test_both_limits_belong_to_what_is_accepted(mass, decision, parameters):
+    assert judge(_estimate(mass), parameters).decision is decision
 
 
 def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():

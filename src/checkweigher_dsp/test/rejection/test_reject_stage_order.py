@@ -182,9 +182,7 @@ def test_an_item_that_was_given_up_is_a_fault_after_a_while():
 def test_an_item_that_leaves_without_the_segmenter_is_a_fault_in_time():
     stage, item = RejectStage(PARAMETERS, BELT), Passage(1)
 
-    verdicts = _play(stage, [*item.eyes(), (item.t2, item.entered)])
-
-    ((when, verdict),) = verdicts
+    ((when, verdict),) = _play(stage, [*item.eyes(), (item.t2, item.entered)])
     assert (verdict.item_id, verdict.t1, verdict.t3) == (1, item.t1, item.t3)
     assert (verdict.decision, verdict.reasons) == (Decision.FAULT, ('NoEstimate',))
     assert verdict.reject_at == item.t3 + REJECT_TIME
@@ -350,9 +348,7 @@ def test_every_item_has_exactly_one_verdict_in_any_order_of_arrival(data):
         timed += [(when + late, what) for when, what in item.announced()[: 1 + alive]]
         for delay in data.draw(st.lists(st.integers(-300, 700), max_size=2)):
             timed.append((item.t3 + delay * MILLISECOND, item.estimate))
-    stage = RejectStage(PARAMETERS, BELT)
-
-    verdicts = [verdict for _, verdict in _play(stage, timed)]
+    verdicts = [verdict for _, verdict in _play(RejectStage(PARAMETERS, BELT), timed)]
 
     assert sorted(v.t3 for v in verdicts) == [Passage(n).t3 for n in range(1, count + 1)]
     assert len({v.item_id for v in verdicts}) == count

@@ -7,7 +7,6 @@ import math
 
 import pytest
 
-from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
@@ -93,22 +92,3 @@ def test_a_verdict_that_is_too_late_for_its_station_is_late():
     (verdict,) = stage.take(light, T3 + 401 * MS)  # due at the station at 400 ms, else at 500 ms
 
     assert (verdict.decision, verdict.station, verdict.late) == (Decision.UNDER, 2, True)
-
-
-@pytest.mark.parametrize(
-    ('stations', 'text'),
-    [
-        ('UNDER; OVER', 'station_distances: 1 values, but stations has 2'),
-        ('HEAVY', "'HEAVY' is no decision"),
-        ('ACCEPT', "'ACCEPT' is no decision"),
-        ('0.2..0.1', 'is no range of masses'),
-    ],
-)
-def test_stations_that_make_no_sense_are_refused(stations: str, text: str):
-    with pytest.raises(ParameterError, match=text):
-        RejectParameters(stations=stations, station_distances=(1.0,), station_delays=(0.0,))
-
-
-def test_a_station_that_takes_nothing_is_refused():
-    with pytest.raises(ParameterError, match=r'stations\[1\]: has to say what'):
-        RejectParameters(stations='UNDER; ', station_distances=(1, 2), station_delays=(0, 0))

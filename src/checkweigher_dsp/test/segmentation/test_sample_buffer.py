@@ -91,14 +91,9 @@ def test_time_and_index_of_a_block():
     buffer.append(SampleBlock(5_000_000, 100, np.zeros(10, np.int32)))
 
     # A sample each millisecond from 5 ms on.
-    assert buffer.stamp_at(100) == 5_000_000
-    assert buffer.stamp_at(107) == 12_000_000
-    assert buffer.index_at(5_000_000) == 100
-    assert buffer.index_at(5_100_000) == 101
-    assert buffer.index_at(6_000_000) == 101
-    assert buffer.index_at(4_500_000) == 100
-    assert buffer.index_at(3_000_000) == 98
-    assert buffer.index_at(25_000_000) == 120  # yet to come
+    assert (buffer.stamp_at(100), buffer.stamp_at(107)) == (5_000_000, 12_000_000)
+    indices = {3.0: 98, 4.5: 100, 5.0: 100, 5.1: 101, 6.0: 101, 25.0: 120}  # the last yet to come
+    assert {ms: buffer.index_at(round(1e6 * ms)) for ms in indices} == indices
 
 
 def test_each_block_ties_the_index_to_the_clock_again():

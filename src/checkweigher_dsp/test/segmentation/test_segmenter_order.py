@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from synthetic_line import cut, make_line, reasons_of, run_segmenter
 
 from checkweigher_core.records import NANOSECONDS, EyeEdge
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-DEFAULT = SegmenterParameters()
 LATENESS = 0.3
 BELATED = SegmenterParameters(edge_lateness=LATENESS, min_belt_speed=0.25, lead_time=0.2)
 LOST_EDGES = st.sets(
@@ -26,10 +26,6 @@ LOST_SAMPLES = st.just((0, 0)) | st.integers(1, 2500).flatmap(
 
 def _item_id(window):
     return window.item_id
-
-
-def _reasons(windows):
-    return [list(window.reasons) for window in windows]
 
 
 def _same(windows, expected):
@@ -56,7 +52,7 @@ def _interleave(blocks, edges, edges_first, line, lateness=LATENESS):
 
 @settings(max_examples=100)
 @given(st.data())
-def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmenter, data):
+def test_neither_blocks_nor_interleaving_change_a_window(data):
     line = make_line(
         (0.1, 0.2, 0.3, 0.15),
         speed=data.draw(st.sampled_from([0.5, 1.0, 1.37])),
@@ -85,63 +81,62 @@ def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmente
 
 
 @pytest.mark.parametrize('order', ['samples first', 'edges first'])
-def test_one_whole_stream_may_come_before_the_other(make_line, run_segmenter, load_cell, order):
+def test_one_whole_stream_may_come_before_the_other(order):
     # All samples first: the first edge is then late by less than edge_lateness.
     line = make_line()
     parameters = SegmenterParameters(edge_lateness=5.0)
-    expected = run_segmenter(Segmenter(load_cell, parameters), line.events())
+    expected = cut(line, parameters)
     samples, edges = line.blocks(size=10**6), line.edges()
 
-    windows = run_segmenter(
-        Segmenter(load_cell, parameters),
-        samples + edges if order == 'samples first' else edges + samples,
+    windows = cut(
+        line, parameters, samples + edges if order == 'samples first' else edges + samples
     )
 
-    assert _reasons(expected) == [[], [], []]
+    assert reasons_of(expected) == [[], [], []]
     _same(windows, expected)
 
 
-def test_all_edges_may_be_as_late_as_allowed_through_a_long_run(make_line, run_segmenter):
+def test_all_edges_may_be_as_late_as_allowed_through_a_long_run():
     # The samples from zero_time before t1 on must still be there, wherever the ring stands.
     line = make_line((0.1,) * 20, spacing=0.53)
     line.counts[::7] += 3
     parameters = SegmenterParameters(
         edge_lateness=0.5, lead_time=0.15, zero_time=0.05, min_belt_speed=0.99
     )
-    expected = run_segmenter(Segmenter(line.load_cell, parameters), line.events(size=1))
+    expected = cut(line, parameters, size=1)
 
     blocks = line.blocks(size=8)
     events = _interleave(blocks, line.edges(), lambda _: False, line, lateness=0.5)
-    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
+    windows = cut(line, parameters, events)
 
-    assert _reasons(expected) == [[]] * 20
+    assert reasons_of(expected) == [[]] * 20
     _same(windows, expected)
 
 
-def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, run_segmenter):
+def test_an_edge_after_t3_changes_no_window_however_early_it_comes():
     # The infeed eye flickers again after the product has begun to leave.
     line = make_line((0.1,), length=0.17)
     parameters = SegmenterParameters(debounce_time=0.05)
     t2 = line.products[0].edges['t2']
     flicker = replace(t2, stamp=t2.stamp + 40_000_000, blocked=True)
     edges = sorted([*line.edges(), flicker], key=lambda edge: edge.stamp)
-    expected = run_segmenter(Segmenter(line.load_cell, parameters), [*line.blocks(10**6), *edges])
+    expected = cut(line, parameters, [*line.blocks(10**6), *edges])
 
-    windows = run_segmenter(Segmenter(line.load_cell, parameters), [*edges, *line.blocks()])
+    windows = cut(line, parameters, [*edges, *line.blocks()])
 
-    assert _reasons(expected) == [[]]
+    assert reasons_of(expected) == [[]]
     _same(windows, expected)
 
 
-def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing(load_cell, run_segmenter):
+def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing():
     at_once = [
         EyeEdge(5, eye, blocked)
         for eye, blocked in ((0, False), (0, True), (0, False), (1, True), (1, False))
     ]
     unseen = EyeEdge(NANOSECONDS, 1, True)
 
-    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [*at_once, unseen])
+    windows = cut(make_line(), events=[*at_once, unseen])
 
-    assert [window.item_id for window in windows] == [1, 2]
+    assert len(windows) == 2
     assert all(window.reasons for window in windows)
     assert np.isnan(windows[1].line_speed)

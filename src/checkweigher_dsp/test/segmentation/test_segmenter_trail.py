@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_line import MILLI, cut, make_line
 
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -13,20 +14,13 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 
 @pytest.fixture(scope='module')
-def line(make_line, load_cell):
+def line():
     """A sample each millisecond; t1 = 1.0 s, t2 = 1.1 s, t3 = 1.2 s, t4 = 1.3 s."""
-    return make_line((0.2,), load_cell=replace(load_cell, sample_rate=1000.0))
+    return make_line((0.2,), load_cell=MILLI)
 
 
 def _trailing(trail_time, **values):
     return SegmenterParameters(trail_time=trail_time, **values)
-
-
-def _cut(run_segmenter, line, parameters, events=None):
-    events = line.events() if events is None else events
-    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
-    assert [window.item_id for window in windows] == list(range(1, len(windows) + 1))
-    return windows
 
 
 @pytest.mark.parametrize(
@@ -34,18 +28,18 @@ def _cut(run_segmenter, line, parameters, events=None):
     # No later than t4, when the item has left.
     [(0.0, 0), (0.001, 1), (0.05, 50), (0.1, 100), (0.101, 100), (5.0, 100)],
 )
-def test_a_window_holds_what_was_waited_for_after_t3(run_segmenter, line, trail_time, count):
-    (window,) = _cut(run_segmenter, line, _trailing(trail_time))
+def test_a_window_holds_what_was_waited_for_after_t3(line, trail_time, count):
+    (window,) = cut(line, _trailing(trail_time))
 
     assert len(window.counts) - window.window_end == count
     assert window.first_index + window.window_end == 1200
     np.testing.assert_array_equal(window.counts, line.counts[500 : 1200 + count])
 
 
-def test_but_for_what_follows_t3_a_window_is_as_it_was(run_segmenter, line):
-    (short,) = _cut(run_segmenter, line, _trailing(0.0))
+def test_but_for_what_follows_t3_a_window_is_as_it_was(line):
+    (short,) = cut(line, _trailing(0.0))
 
-    (long,) = _cut(run_segmenter, line, _trailing(0.05))
+    (long,) = cut(line, _trailing(0.05))
 
     assert replace(long, counts=long.counts[: long.window_end]) == short
 
@@ -63,14 +57,12 @@ def test_a_window_comes_when_its_trail_is_complete_and_not_before(line):
 @pytest.mark.parametrize(('index', 'count'), [(1200, 0), (1249, 0), (1250, 50)])
 @pytest.mark.parametrize('spoilt', ['lost', 'min_counts', 'max_counts'])
 def test_a_trail_with_lost_or_saturated_samples_is_left_out_and_the_item_weighed(
-    run_segmenter, line, index, count, spoilt
+    line, index, count, spoilt
 ):
     counts, lost = line.counts.copy(), (index, index + 10)
     if spoilt != 'lost':
         counts[index], lost = getattr(line.load_cell, spoilt), (0, 0)
-    events = replace(line, counts=counts).events(lost=lost)
-
-    (window,) = _cut(run_segmenter, line, _trailing(0.05), events)
+    (window,) = cut(line, _trailing(0.05), replace(line, counts=counts).events(lost=lost))
 
     assert window.reasons == ()
     np.testing.assert_array_equal(window.counts, counts[500 : 1200 + count])
@@ -79,24 +71,20 @@ def test_a_trail_with_lost_or_saturated_samples_is_left_out_and_the_item_weighed
 @pytest.mark.parametrize(
     ('end', 'reasons'), [(1199, ('StreamEnded',)), (1200, ()), (1201, ()), (1249, ())]
 )
-def test_the_end_of_the_stream_after_t3_cuts_the_trail_short(run_segmenter, line, end, reasons):
+def test_the_end_of_the_stream_after_t3_cuts_the_trail_short(line, end, reasons):
     (block,) = line.blocks(cuts=[end])[:1]
 
-    (window,) = _cut(run_segmenter, line, _trailing(0.05), [block, *line.edges()[:3]])
+    (window,) = cut(line, _trailing(0.05), [block, *line.edges()[:3]])
 
     assert window.reasons == reasons
     np.testing.assert_array_equal(window.counts, [] if reasons else line.counts[500:end])
 
 
-def test_a_restart_of_the_source_cuts_the_trail_short_and_the_item_is_weighed(
-    run_segmenter, line, make_line
-):
+def test_a_restart_of_the_source_cuts_the_trail_short_and_the_item_is_weighed(line):
     (block,) = line.blocks(cuts=[1220])[:1]
     after = make_line((0.1,), start=line.start + 20 * NANOSECONDS, load_cell=line.load_cell)
 
-    windows = _cut(
-        run_segmenter, line, _trailing(0.05), [block, *line.edges()[:3], *after.events()]
-    )
+    windows = cut(line, _trailing(0.05), [block, *line.edges()[:3], *after.events()])
 
     assert [window.reasons for window in windows] == [(), ()]
     np.testing.assert_array_equal(windows[0].counts, line.counts[500:1220])
@@ -104,9 +92,7 @@ def test_a_restart_of_the_source_cuts_the_trail_short_and_the_item_is_weighed(
 
 @pytest.mark.parametrize('entry', [2.05, 2.11, 2.2, 2.5, 2.95])
 @pytest.mark.parametrize('trail_time', [0.0, 1.0, 1.8])
-def test_what_goes_with_a_window_is_kept_while_its_trail_is_waited_for(
-    run_segmenter, make_line, line, entry, trail_time
-):
+def test_what_goes_with_a_window_is_kept_while_its_trail_is_waited_for(line, entry, trail_time):
     # 2 s from eye to eye, then nearly as long until the item has left; a memory for no more than
     # that, and blocks of 1 s.
     short = {'lead_time': 0.01, 'zero_time': 0.0, 'min_belt_speed': 0.099, 'edge_lateness': 0.0}
@@ -114,8 +100,8 @@ def test_what_goes_with_a_window_is_kept_while_its_trail_is_waited_for(
     belt = {'speed': 0.1, 'load_cell': line.load_cell}
     slow = make_line((0.2, 0.1), length=0.19, spacing=0.4, first_entry=entry, **belt)
 
-    fine = _cut(run_segmenter, slow, parameters, slow.events(size=20))
-    coarse = _cut(run_segmenter, slow, parameters, [*slow.edges(), *slow.blocks(size=1000)])
+    fine = cut(slow, parameters, slow.events(size=20))
+    coarse = cut(slow, parameters, [*slow.edges(), *slow.blocks(size=1000)])
 
     assert [window.reasons for window in fine] == [(), ()]
     assert coarse == fine

@@ -7,6 +7,7 @@ import time
 from node_process import Process, process  # noqa: F401
 import pytest
 from std_srvs.srv import Trigger
+from synthetic_line import make_line
 
 from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, ZERO, ZERO_SETTING
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
@@ -26,7 +27,7 @@ def test_without_a_load_cell_the_service_says_so(process):  # noqa: F811
     assert answer.result().message == 'no load_cell/info has come: not zeroed'
 
 
-def test_the_service_answers_when_the_belt_was_zeroed(process, make_line):  # noqa: F811
+def test_the_service_answers_when_the_belt_was_zeroed(process):  # noqa: F811
     line, settings = make_line((0.1,), first_entry=8.0), []
     driver = process.node()
     info, samples = driver.output(LOAD_CELL_INFO), driver.output(LOAD_CELL_SAMPLES)

@@ -38,9 +38,7 @@ def test_the_filter_is_the_inverse_cholesky_factor_of_the_covariance(count):
     matrix = _matrix(Prewhitener(_reflections(MODEL), 3.0), count)
 
     np.testing.assert_allclose(matrix @ known @ matrix.T, np.eye(count), atol=EXACT)
-    np.testing.assert_allclose(
-        matrix, np.linalg.inv(np.linalg.cholesky(known)), atol=EXACT
-    )  # fmt: skip
+    np.testing.assert_allclose(matrix, np.linalg.inv(np.linalg.cholesky(known)), atol=EXACT)
 
 
 def test_many_signals_at_once_are_whitened_as_each_alone():
@@ -57,13 +55,6 @@ def test_one_segment_is_fitted_as_by_burg():
     _, expected = burg(segment, 6)
     np.testing.assert_allclose(reflections, expected, rtol=EXACT)
     assert std_dev**2 == pytest.approx(np.mean(segment**2) * np.prod(1 - expected**2), rel=EXACT)
-
-
-def test_a_pooled_reflection_by_hand():
-    # Order 1: -2 (1*2 + 2*3 + 4*(-1)) / (1+4 + 4+9 + 16+1) = -8/35; power 31/5 times 1 - k^2.
-    reflections, std_dev = pooled_reflections([np.array([1.0, 2.0, 3.0]), np.array([4.0, -1.0])], 1)
-    assert reflections == pytest.approx([-8 / 35], rel=EXACT)
-    assert std_dev**2 == pytest.approx(31 / 5 * (1 - (8 / 35) ** 2), rel=EXACT)
 
 
 def test_a_known_model_is_recovered_from_many_short_segments():

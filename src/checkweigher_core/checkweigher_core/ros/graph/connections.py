@@ -40,7 +40,6 @@ class Connections:
         self._refused.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []
-        started = now - self._began > _PATIENCE
         ends: list[Input | Output] = [*self._node.inputs, *self._node.outputs]
         for end in ends:
             count, partner = end.count(), _partner(end)
@@ -48,7 +47,7 @@ class Connections:
             if partner:
                 values[f'{end.port.name} {other}s'] = count
             found += self._clashes(end, needed=bool(partner) and count == 0)
-            if started and partner and count == 0:
+            if partner and count == 0 and now - self._began > _PATIENCE:
                 level = Level.ERROR if isinstance(end, Input) else Level.WARN
                 hint = f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
                 found.append(Concern(level, f'no {other} of {end.topic_name}', hint))
@@ -64,16 +63,18 @@ class Connections:
         is_input = isinstance(end, Input)
         for other in self._others(end):
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
-            if not (why := misfit(*pair)):
-                continue
-            who = full_name(other)
-            does = 'publishes' if is_input else 'subscribes to'
-            text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
-            if text not in self._told:
-                self._told.add(text)
-                self._node.get_logger().warning(text)
-            level = Level.ERROR if needed else Level.WARN
-            yield Concern(level, text, f'change the QoS of {who} to that of docs/topics.md')
+            if why := misfit(*pair):
+                who = full_name(other)
+                does = 'publishes' if is_input else 'subscribes to'
+                text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
+                if text not in self._told:
+                    self._told.add(text)
+                    self._node.get_logger().warning(text)
+                yield Concern(
+                    Level.ERROR if needed else Level.WARN,
+                    text,
+                    f'change the QoS of {who} to that of docs/topics.md',
+                )
 
     def _others(self, end: Input | Output) -> list[Any]:
         """Return the endpoints at the other end, none if DDS has connected all of them."""

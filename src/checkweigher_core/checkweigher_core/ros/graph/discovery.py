@@ -59,8 +59,7 @@ def _written(text: str) -> Path:
 
 def profiles(environment: Mapping[str, str]) -> str:
     """Return the profiles as XML, with the ports to contact if there is no multicast."""
-    text = _PACKAGED.read_text(encoding='utf-8')
-    return text.replace(_PLACE, _initial_peers(peers(environment)))
+    return _PACKAGED.read_text(encoding='utf-8').replace(_PLACE, _initial_peers(peers(environment)))
 
 
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
@@ -70,8 +69,7 @@ def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
     named = environment.get('ROS_STATIC_PEERS', '').split(';')
     addresses = dict.fromkeys(['127.0.0.1', *filter(_is_ipv4, named)])
     domain = environment.get('ROS_DOMAIN_ID', '')
-    number = int(domain) if domain.isdecimal() else 0
-    first = _PORT_BASE + _DOMAIN_GAIN * number + _UNICAST
+    first = _PORT_BASE + _DOMAIN_GAIN * int(domain if domain.isdecimal() else 0) + _UNICAST
     ports = range(first, first + _PARTICIPANT_GAIN * PARTICIPANTS, _PARTICIPANT_GAIN)
     return [(address, port) for address in addresses for port in ports]
 

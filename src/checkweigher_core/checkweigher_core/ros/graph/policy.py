@@ -63,9 +63,10 @@ class Rights:
 
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node, by its name, in the namespace `lane`."""
-    viewed = _VIEWED.get(node, ())
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
-    subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
+    subscribe = {
+        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(node, ())
+    }
     reply = {each.name for each in services.SERVICES if each.server == node} | _of(
         [node], services.NODE_SERVICES
     )

@@ -51,11 +51,6 @@ def listed_output(process, node: PortNode) -> Output:
     return output
 
 
-def unmatched(output: Output) -> None:
-    """Have a publisher say that it has matched no one, as before DDS has told it."""
-    output.publisher = SimpleNamespace(get_subscription_count=lambda: 0)
-
-
 def test_a_subscriber_elsewhere_that_asks_for_what_stages_ask_for_fits(process, here, elsewhere):
     subscribe(elsewhere)
     output = listed_output(process, here)
@@ -81,37 +76,31 @@ def test_a_publisher_elsewhere_fits_unless_it_is_best_effort(process, here, else
     assert bool(why) == bool(found)
 
 
-def test_not_all_are_matched_while_one_that_fits_is_not_counted(process, here, elsewhere):
+def test_one_that_fits_and_is_not_counted_yet_is_waited_for_and_no_clash(process, here, elsewhere):
     subscribe(elsewhere)
     output = listed_output(process, here)
     process.wait_for(lambda: has_matched_all(here, output))
 
-    unmatched(output)
+    # Its publisher says that it has matched no one, as before DDS has told it.
+    output.publisher = SimpleNamespace(get_subscription_count=lambda: 0)
 
     assert not has_matched_all(here, output)
-
-
-def test_one_that_is_about_to_be_matched_is_no_clash(process, here, elsewhere):
-    subscribe(elsewhere)
-    output = listed_output(process, here)
-
-    unmatched(output)
-
     assert 'QoS' not in Connections(here, 0.0).finding(0.0).text
 
 
-def test_one_that_asks_for_more_is_not_waited_for_and_is_named(process, here, elsewhere):
-    subscribe(elsewhere, qos=QoSProfile(depth=1, deadline=Duration(seconds=1)))
+@pytest.mark.parametrize(
+    ('kind', 'qos', 'why'),
+    [
+        (PORT.type, QoSProfile(depth=1, deadline=Duration(seconds=1)), 'deadline'),
+        (ports.PHOTO_EYES.type, PORT.stage_qos, ''),
+    ],
+)
+def test_one_that_asks_for_more_or_another_type_is_not_waited_for_and_a_qos_is_named(
+    process, here, elsewhere, kind, qos, why
+):
+    subscribe(elsewhere, kind, qos)
     output = listed_output(process, here)
 
     assert has_matched_all(here, output)
     assert output.publisher.get_subscription_count() == 0
-    assert 'deadline' in Connections(here, 0.0).finding(0.0).text
-
-
-def test_one_of_another_type_is_not_waited_for(process, here, elsewhere):
-    subscribe(elsewhere, ports.PHOTO_EYES.type)
-    output = listed_output(process, here)
-
-    assert has_matched_all(here, output)
-    assert output.publisher.get_subscription_count() == 0
+    assert why in Connections(here, 0.0).finding(0.0).text

@@ -46,8 +46,11 @@ class AeksiParameters(AdaptiveParameters):
 
     def noise(self, speed: float) -> Noise:
         """Return the variances of the filter at a belt speed in m/s."""
-        names = 'measurement_noise', 'process_noise', 'coefficient_variance'
-        return Noise(*(self.at(name, speed) for name in names))
+        return Noise(
+            self.at('measurement_noise', speed),
+            self.at('process_noise', speed),
+            self.at('coefficient_variance', speed),
+        )
 
 
 class Aeksi(Aid):

@@ -167,10 +167,9 @@ class GaussMarkov(Estimator):
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)
-        if abs(window.sample_rate / known.sample_rate - 1) > _RATE_TOLERANCE:
-            return LoadEstimate(math.nan)
         used = pass_signal(window, known)
-        if len(used.time) == 0 or used.time[0] > used.crossing.on_end:
+        other_rate = abs(window.sample_rate / known.sample_rate - 1) > _RATE_TOLERANCE
+        if other_rate or len(used.time) == 0 or used.time[0] > used.crossing.on_end:
             return LoadEstimate(math.nan)
         whitener = self._whitener(round(window.belt_speed / _SPEED_STEP))
         zero_std_dev = max(window.zero_std_dev / abs(window.counts_per_kg), _LEAST_NOISE)
@@ -198,8 +197,9 @@ class GaussMarkov(Estimator):
 
     def _whitener_at(self, speed_step: int) -> Prewhitener:
         known, speed = self.parameters, speed_step * _SPEED_STEP
-        std_dev = max(known.at('noise', speed), _LEAST_NOISE)
-        return Prewhitener(known.row_at('reflection', speed), std_dev)
+        return Prewhitener(
+            known.row_at('reflection', speed), max(known.at('noise', speed), _LEAST_NOISE)
+        )
 
 
 def least_squares(

@@ -104,8 +104,7 @@ class IswdEksi(Estimator):
         rises = [known.at('rise_noise', window.belt_speed) for window in windows]
         found = identify_passes(passes, np.array(removed), known.noise, np.array(rises))
         columns = (found.gain, found.variance, found.a1, found.a2, found.b1)
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        loads = [LoadEstimate(*row) for row in rows]
+        loads = list(map(LoadEstimate, *(column.tolist() for column in columns)))
         if known.calibrated or not known.doubt:
             return loads
         return [doubt(*each) for each in zip(windows, loads, strict=True)]

@@ -96,12 +96,12 @@ def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[
     approximation, *details = pywt.swt(padded, _WAVELET, _LEVELS, trim_approx=True, norm=False)
     shrunk = []
     for detail, shrinkage in zip(details, reversed(TABLE_1.at(speed, unit)), strict=True):
-        if shrinkage is None:
-            shrunk.append(np.zeros(length))
-            continue
-        size = np.abs(detail)
-        soft = np.sign(detail) * shrinkage.gain * (size - shrinkage.threshold)
-        shrunk.append(np.where(size >= shrinkage.threshold, soft, 0.0))
+        kept = np.zeros(length)
+        if shrinkage is not None:
+            size = np.abs(detail)
+            soft = np.sign(detail) * shrinkage.gain * (size - shrinkage.threshold)
+            kept = np.where(size >= shrinkage.threshold, soft, 0.0)
+        shrunk.append(kept)
     denoised: NDArray[np.float64] = pywt.iswt([approximation, *shrunk], _WAVELET, norm=False)
     return denoised[begin : begin + len(samples)]
 

@@ -140,9 +140,9 @@ def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
     """Return the state after an item for which the estimator found `load`."""
-    kind = _kind_of(known, window)
-    if kind is None:
-        kind = ItemKind(window.belt_speed, window.product_length, rise_parts_of(window))
+    kind = _kind_of(known, window) or ItemKind(
+        window.belt_speed, window.product_length, rise_parts_of(window)
+    )
     passage = passage_of(window, load, kind.rise) if kind.rise else None
     if passage is None:
         return known
@@ -183,6 +183,5 @@ def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) 
     taught = fit(passages, kind.rise)
     if items == parameters.most:
         passages = ()
-    same = taught is not None and kind.fit is not None and taught.lead == kind.fit.lead
-    recent = kind.recent if same else ()
+    recent = kind.recent if taught and kind.fit and taught.lead == kind.fit.lead else ()
     return replace(kind, items=items, passages=passages, fit=taught, recent=recent)

@@ -178,8 +178,7 @@ class _Items:
         self._counts = (sizes - 1) / sizes
         self.curve = np.asarray(means @ parts / (means @ means))
         self.deviations = loads - means
-        numbers = range(clusters.max() + 1)
-        centres = np.array([parts[clusters == each].mean(axis=0) for each in numbers])
+        centres = np.array([parts[clusters == n].mean(axis=0) for n in range(clusters.max() + 1)])
         self.within = parts - centres[clusters]
         beside = self.within - np.outer(self.deviations, self.curve)
         self._variance = max(float(np.mean(np.square(beside))), _LEAST_VARIANCE)

@@ -110,8 +110,7 @@ def test_without_a_prefilter_it_is_the_least_squares_of_numpy(seed, count):
     st.sampled_from(SETTINGS),
 )
 def test_another_gain_scales_the_mass_and_nothing_else(seed, gain, settings):
-    rng = np.random.default_rng(seed)
-    samples = _ringing(38.0, 0.06, 77) + 2e-4 * rng.standard_normal(77)
+    samples = _ringing(38.0, 0.06, 77) + 2e-4 * np.random.default_rng(seed).standard_normal(77)
 
     first = _identify(samples, settings)
     scaled = _identify(gain * samples, settings)

@@ -39,20 +39,6 @@ def test_windows_agree_with_filterpy(seed, count, share, noise, rise):
     assert (found.gain[0], found.variance[0]) == pytest.approx(expected, rel=ROUNDING)
 
 
-@pytest.mark.parametrize('gain', [-3.0, 1e-6, 1e6])
-def test_the_unit_of_a_window_does_not_matter(gain):
-    samples = 0.2 + 0.01 * np.random.default_rng(7).standard_normal(64)
-
-    def found(factor):
-        one = [(factor * samples, np.ones(64))]
-        return identify_passes(one, np.array([factor**2 * 1e-4]), NOISE, 10.0)
-
-    plain, scaled = found(1.0), found(gain)
-
-    assert scaled.gain == pytest.approx(gain * plain.gain, rel=1e-9)
-    assert scaled.variance == pytest.approx(gain**2 * plain.variance, rel=1e-9)
-
-
 @pytest.mark.parametrize('samples', [np.zeros(20), np.full(20, math.nan), np.full(20, math.inf)])
 def test_a_window_without_a_level_has_no_gain(samples):
     assert math.isnan(identify_passes([(samples, np.ones(20))], np.zeros(1), NOISE, 10.0).gain[0])

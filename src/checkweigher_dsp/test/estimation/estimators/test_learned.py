@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_line import make_pass
 
-from checkweigher_core.parameters import ParameterError
 from checkweigher_dsp.estimation.estimators.learned import (
     Layout,
     Learned,
@@ -26,20 +26,20 @@ def ramp(time):
     return 0.01 * time
 
 
-def quiet(make_pass, **values):
+def quiet(**values):
     return make_pass(1e-9, disturbance=ramp, **values)
 
 
-def test_each_part_has_the_mean_of_its_time(make_pass):
-    features = pass_features(quiet(make_pass), LAYOUT)
+def test_each_part_has_the_mean_of_its_time():
+    features = pass_features(quiet(), LAYOUT)
     centres = PART * (np.arange(-4, 16) + 0.5)
     # But for the last part, whose last sample lies up to one interval before t3.
     assert features[:-1] == pytest.approx(ramp(centres)[:-1], abs=ROUNDING)
     assert features[-1] == pytest.approx(ramp(centres[-1]), abs=0.01 / 960)
 
 
-def test_a_longer_product_has_the_same_parts_at_the_same_places_of_itself(make_pass):
-    window = quiet(make_pass)
+def test_a_longer_product_has_the_same_parts_at_the_same_places_of_itself():
+    window = quiet()
     longer = replace(window, t2=window.t1 + 150_000_000)
     begin = window.window_begin + 48  # 50 ms at 960 Hz
     features = pass_features(replace(longer, window_begin=begin), Layout(0, 8, 8))
@@ -48,32 +48,28 @@ def test_a_longer_product_has_the_same_parts_at_the_same_places_of_itself(make_p
     assert features[:-1] == pytest.approx(ramp(centres)[:-1], abs=0.01 / 960)
 
 
-def test_an_eye_that_jitters_moves_no_part(make_pass):
-    window = quiet(make_pass)
+def test_an_eye_that_jitters_moves_no_part():
+    window = quiet()
     assert pass_features(replace(window, t2=window.t2 + 1_000_000), LAYOUT) == pytest.approx(
         pass_features(window, LAYOUT), abs=0.01 / 960
     )
 
 
 @pytest.mark.parametrize('layout', [Layout(40, 8, 8), Layout(0, 100, 0)])
-def test_there_are_no_features_where_there_is_no_signal_or_no_part(make_pass, layout):
+def test_there_are_no_features_where_there_is_no_signal_or_no_part(layout):
     # 40 parts are 0.5 s; the signal begins 0.45 s before t1. Without t1 nothing is known.
-    window = quiet(make_pass)
+    window = quiet()
     if layout.lead:
         assert np.all(np.isnan(pass_features(window, layout)))
     assert np.all(np.isnan(pass_features(replace(window, t1=None), layout)))
 
 
-@pytest.fixture
-def known():
-    """Return weights that tell which of them are used: 1 kg a part of the lead."""
-    return LearnedParameters(
+def test_close_behind_another_item_the_window_alone_is_used():
+    # Weights that tell which of them are used: 1 kg a part of the lead.
+    known = LearnedParameters(
         parts=8, rise_parts=8, lead_parts=4, gap=0.5, speeds=(1.0,),
         weights=(1.0,) * 4 + (0.0,) * 16, weights_alone=(0.125,) * 8,
     )  # fmt: skip
-
-
-def test_close_behind_another_item_the_window_alone_is_used(make_pass, known):
     empty = make_pass(0.2, disturbance=lambda time: np.where(time < 0, 0.001, 0.0))
     assert Learned(known).estimate(empty).mass == pytest.approx(0.004, rel=0.02)
     # 0.45 s of signal, and the item before left 0.09 s before t1: less than half of 0.2 s.
@@ -81,7 +77,7 @@ def test_close_behind_another_item_the_window_alone_is_used(make_pass, known):
     assert Learned(known).estimate(close).mass == pytest.approx(0.2, rel=0.01)
 
 
-def test_between_two_speeds_the_weights_are_between(make_pass):
+def test_between_two_speeds_the_weights_are_between():
     known = LearnedParameters(
         parts=1, speeds=(0.5, 2.0), weights=(1.0, 4.0), weights_alone=(1.0, 4.0), gain=(1.0, 1.0),
         offset=(0.0, 0.0), std_dev=(0.0, 0.0), relative_std_dev=(0.0, 0.0),
@@ -93,8 +89,3 @@ def test_between_two_speeds_the_weights_are_between(make_pass):
     )
     # 1 m/s is a third of the way.
     assert mass == pytest.approx(2.0 * alone.mass)
-
-
-def test_weights_that_do_not_fit_the_parts_are_refused():
-    with pytest.raises(ParameterError, match=r'learned.weights: 1 values for 1 speeds'):
-        LearnedParameters(parts=8, rise_parts=8, weights_alone=(1.0,) * 8)

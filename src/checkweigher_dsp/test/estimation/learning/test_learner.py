@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from synthetic_line import make_pass
 
 from checkweigher_core.health.findings import Level
 from checkweigher_core.settings_files import plain, settings_of
@@ -19,39 +20,43 @@ PARAMETERS = IdentifierParameters(estimator='mean', learn=True)
 MASSES = (0.1, 0.15, 0.2)
 
 
-@pytest.fixture(scope='module')
-def items(make_pass):
-    """Return a function that makes windows of items on a belt with a line of 13 Hz.
+def items(count, seed=1, line=0.0, bump=0.0, first=0, **fields):
+    """Return windows of items on a belt with a line of 13 Hz.
 
     Each item swings at 21 Hz after it has come on, by another part of its mass. A `line` is
     a frequency that comes on top, a `bump` the part of the mass that the load has more half way in.
     """
+    random = np.random.default_rng(seed)
+    windows = []
+    for number in range(count):
+        mass = MASSES[(first + number) % len(MASSES)]
+        phases, swing = random.uniform(0, 2 * np.pi, 3), random.standard_normal()
 
-    def make(count, seed=1, line=0.0, bump=0.0, first=0, **fields):
-        random = np.random.default_rng(seed)
-        windows = []
-        for number in range(count):
-            mass = MASSES[(first + number) % len(MASSES)]
-            phases, swing = random.uniform(0, 2 * np.pi, 3), random.standard_normal()
+        def disturbance(time, mass=mass, phases=phases, swing=swing):
+            turns = 2 * np.pi * time
+            after = np.maximum(time - 0.05, 0)
+            entry = np.where(time > 0.05, np.exp(-after / 0.06) * np.sin(21 * turns), 0)
+            way = np.clip(time / 0.1, 0, 1)
+            return (
+                3e-4 * np.cos(13 * turns + phases[0])
+                + 6e-3 * mass * swing * entry
+                + (1e-3 * np.cos(line * turns + phases[1]) if line else 0.0)
+                + bump * mass * way * (1 - way)
+                + 3e-4 * random.standard_normal(len(time))
+            )
 
-            def disturbance(time, mass=mass, phases=phases, swing=swing):
-                turns = 2 * np.pi * time
-                after = np.maximum(time - 0.05, 0)
-                entry = np.where(time > 0.05, np.exp(-after / 0.06) * np.sin(21 * turns), 0)
-                way = np.clip(time / 0.1, 0, 1)
-                return (
-                    3e-4 * np.cos(13 * turns + phases[0])
-                    + 6e-3 * mass * swing * entry
-                    + (1e-3 * np.cos(line * turns + phases[1]) if line else 0.0)
-                    + bump * mass * way * (1 - way)
-                    + 3e-4 * random.standard_normal(len(time))
-                )
+        window = make_pass(mass, disturbance=disturbance, **fields)
+        windows.append(replace(window, item_id=first + number + 1))
+    return windows
 
-            window = make_pass(mass, disturbance=disturbance, **fields)
-            windows.append(replace(window, item_id=first + number + 1))
-        return windows
 
-    return make
+def taught(*batches, **parameters):
+    """Return an identifier that has learned from batches of windows, and their last estimates."""
+    identifier = Identifier(replace(PARAMETERS, **parameters))
+    for windows in batches:
+        estimates = identifier.estimate_all(windows)
+    identifier.learn()
+    return identifier, estimates
 
 
 def masses(estimates):
@@ -65,11 +70,10 @@ def scatter(estimates):
     return float(np.sqrt(np.mean([np.var(found[kind == each], ddof=1) for each in set(kind)])))
 
 
-def test_after_thirty_items_the_masses_scatter_less_and_say_so(items):
+def test_after_thirty_items_the_masses_scatter_less_and_say_so():
     windows = items(90)
     plain = Identifier(replace(PARAMETERS, learn=False)).estimate_all(windows)
-    identifier = Identifier(PARAMETERS)
-    learned = identifier.estimate_all(windows)
+    identifier, learned = taught(windows)
 
     assert [each.mass for each in learned[:30]] == [each.mass for each in plain[:30]]
     assert scatter(learned[30:]) < 0.5 * scatter(plain[30:])
@@ -84,7 +88,7 @@ def test_after_thirty_items_the_masses_scatter_less_and_say_so(items):
     assert 'plateau' in finding.values['1.000 m/s, 100 mm']
 
 
-def test_with_gain_and_offset_from_references_the_stated_deviation_is_that_of_the_masses(items):
+def test_with_gain_and_offset_from_references_the_stated_deviation_is_that_of_the_masses():
     known = MeanParameters(calibrated=True, gain=(1.0,), std_dev=(5e-3,))
     identifier = Identifier(replace(PARAMETERS, mean=known))
     learned = identifier.estimate_all(items(200))[50:]
@@ -92,7 +96,7 @@ def test_with_gain_and_offset_from_references_the_stated_deviation_is_that_of_th
     assert np.sqrt(np.mean(stated**2)) == pytest.approx(scatter(learned), rel=0.25)
 
 
-def test_the_masses_depend_on_the_order_of_the_items_alone(items):
+def test_the_masses_depend_on_the_order_of_the_items_alone():
     windows = items(70)
     at_once = Identifier(PARAMETERS).estimate_all(windows)
     one_by_one = Identifier(PARAMETERS)
@@ -104,11 +108,9 @@ def test_the_masses_depend_on_the_order_of_the_items_alone(items):
 
 
 @pytest.mark.parametrize('when', [17, 45])
-def test_a_line_that_was_started_again_goes_on_with_the_same_bits(items, when):
+def test_a_line_that_was_started_again_goes_on_with_the_same_bits(when):
     windows = items(70)
-    before = Identifier(PARAMETERS)
-    before.estimate_all(windows[:when])
-    before.learn()
+    before, _ = taught(windows[:when])
 
     after = Identifier(
         PARAMETERS, settings_of(LearnedKinds, json.loads(json.dumps(plain(before.learned))))
@@ -118,10 +120,8 @@ def test_a_line_that_was_started_again_goes_on_with_the_same_bits(items, when):
     assert masses(after.estimate_all(rest)) == masses(before.estimate_all(rest))
 
 
-def test_what_rests_on_another_estimator_or_calibration_is_worth_nothing(items):
-    identifier = Identifier(PARAMETERS)
-    identifier.estimate_all(items(40))
-    identifier.learn()
+def test_what_rests_on_another_estimator_or_calibration_is_worth_nothing():
+    identifier, _ = taught(items(40))
     for other in (
         replace(PARAMETERS, estimator='hann'),
         replace(PARAMETERS, mean=MeanParameters(gain=(1.01,))),
@@ -130,35 +130,28 @@ def test_what_rests_on_another_estimator_or_calibration_is_worth_nothing(items):
     assert Identifier(PARAMETERS, identifier.learned).learned.kinds
 
 
-def test_what_was_forgotten_does_not_weigh(items):
+def test_what_was_forgotten_does_not_weigh():
     windows = items(60)
     plain = Identifier(replace(PARAMETERS, learn=False)).estimate_all(windows)
-    identifier = Identifier(PARAMETERS)
-    identifier.estimate_all(windows[:50])
+    identifier, _ = taught(windows[:50])
     identifier.forget()
     assert masses(identifier.estimate_all(windows[50:])) == masses(plain[50:])
 
 
-def test_memory_is_bounded_in_items_and_in_kinds(items):
+def test_memory_is_bounded_in_items_and_in_kinds():
     known = LearningParameters(fewest=20, most=20, kinds=2)
-    identifier = Identifier(replace(PARAMETERS, learning=known))
-    for length in (0.06, 0.08, 0.1):
-        identifier.estimate_all(items(25, product_length=length))
-    identifier.learn()
-    lengths = [kind.length for kind in identifier.learned.kinds]
-    assert lengths == [0.08, 0.1]
+    lengths = (0.06, 0.08, 0.1)
+    identifier, _ = taught(*(items(25, product_length=each) for each in lengths), learning=known)
+    assert [kind.length for kind in identifier.learned.kinds] == [0.08, 0.1]
     assert all(not kind.passages and len(kind.recent) <= 20 for kind in identifier.learned.kinds)
 
 
 @pytest.mark.parametrize('relearn', [False, True])
-def test_a_vibration_that_is_new_is_told_with_its_frequency(items, relearn):
+def test_a_vibration_that_is_new_is_told_with_its_frequency(relearn):
     learning = LearningParameters(relearn=relearn)
-    identifier = Identifier(replace(PARAMETERS, learning=learning))
-    identifier.estimate_all(items(130))
     changed = items(100, seed=2, line=33.0, first=130)
     plain = Identifier(replace(PARAMETERS, learn=False)).estimate_all(changed)
-    estimates = identifier.estimate_all(changed)
-    identifier.learn()
+    identifier, estimates = taught(items(130), changed, learning=learning)
 
     (kind,) = identifier.learned.kinds
     if relearn:
@@ -176,17 +169,13 @@ def test_a_vibration_that_is_new_is_told_with_its_frequency(items, relearn):
     assert 'forget_learned' in finding.message
 
 
-def test_a_load_that_comes_on_differently_is_told_with_its_place(items):
-    identifier = Identifier(PARAMETERS)
-    identifier.estimate_all(items(130))
-    identifier.estimate_all(items(30, seed=2, bump=0.3, first=130))
-    identifier.learn()
+def test_a_load_that_comes_on_differently_is_told_with_its_place():
+    identifier, _ = taught(items(130), items(30, seed=2, bump=0.3, first=130))
     (kind,) = identifier.learned.kinds
     # Half way from t1 to t2, which is a quarter of the way to t3.
     assert kind.change.place == pytest.approx(0.25, abs=0.1)
 
 
-def test_a_machine_that_stays_the_same_has_not_changed(items):
-    identifier = Identifier(PARAMETERS)
-    identifier.estimate_all(items(250))
+def test_a_machine_that_stays_the_same_has_not_changed():
+    identifier, _ = taught(items(250))
     assert identifier.learned.kinds[0].change is None

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Synthetic lines and windows whose truth is known by construction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 
 START = 1_700_000_000 * NANOSECONDS
@@ -16,6 +17,7 @@ CELL = LoadCell(
     sample_rate=960.0, counts_per_kg=1e6, zero_counts=5000.0, min_counts=-(2**23),
     max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
 )  # fmt: skip
+MILLI = replace(CELL, sample_rate=1000.0)  # a sample each millisecond
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,14 @@ class SyntheticLine:
             if not lost[0] <= begin < lost[1]
         ]
 
-    def events(self, without=(), **blocks):
-        """Blocks and edges in the order of their last stamp."""
+    def events(self, without=(), edges=None, **blocks):
+        """Blocks and edges in the order of their last stamp; `edges` in place of its own."""
         timed = [
             (self.stamp_at(block.first_index + len(block.counts)), block)
             for block in self.blocks(**blocks)
         ]
-        timed += [(edge.stamp, edge) for edge in self.edges(without)]
+        edges = self.edges(without) if edges is None else edges
+        timed += [(edge.stamp, edge) for edge in edges]
         return [event for _, event in sorted(timed, key=lambda pair: pair[0])]
 
 
@@ -107,12 +110,27 @@ def make_line(
     return SyntheticLine(load_cell, tuple(products), counts, start)
 
 
+def feed(segmenter, events):
+    """Feed events to a segmenter and return the windows."""
+    return [window for event in events for window in segmenter.take(event)]
+
+
 def run_segmenter(segmenter, events):
     """Feed events to a segmenter and return the windows, those of the end included."""
-    windows = []
-    for event in events:
-        windows += segmenter.take(event)
-    return windows + segmenter.finish()
+    return feed(segmenter, events) + segmenter.finish()
+
+
+def cut(line, parameters=SegmenterParameters(), events=None, **of_line):
+    """Return the windows of a line, which come in the order of their items."""
+    events = line.events(**of_line) if events is None else events
+    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
+    assert [window.item_id for window in windows] == list(range(1, len(windows) + 1))
+    return windows
+
+
+def reasons_of(windows):
+    """Return the reasons of each window."""
+    return [list(window.reasons) for window in windows]
 
 
 def make_window(force, lead=0, counts_per_kg=1e6, zero=5000.0, **fields):
@@ -157,28 +175,3 @@ def make_pass(
         'window_begin': int(np.sum(time < 0.1)), 'window_end': int(np.sum(time < 0.2)),
     }  # fmt: skip
     return make_window(force, counts_per_kg=1e9, zero=0.0, **{**values, **fields})
-
-
-@pytest.fixture(scope='session')
-def load_cell():
-    return CELL
-
-
-@pytest.fixture(scope='session', name='make_line')
-def _make_line():
-    return make_line
-
-
-@pytest.fixture(scope='session', name='make_window')
-def _make_window():
-    return make_window
-
-
-@pytest.fixture(scope='session', name='make_pass')
-def _make_pass():
-    return make_pass
-
-
-@pytest.fixture(scope='session', name='run_segmenter')
-def _run_segmenter():
-    return run_segmenter
