@@ -33,6 +33,7 @@ SUFFIX = '.jsonl'
 _LONGEST = 200  # characters of the name of a batch in a file name
 _RETRY = 1.0  # s
 _LONGEST_LINE = 2**16  # bytes
+_LARGEST = 2**63  # of whole numbers; no message holds more
 _NEWER = ('station', 'station_at')  # fields of verdicts that the first version did not write
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
@@ -153,7 +154,8 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     elif hint is float and type(value) is int:
         return float(value)
     elif isinstance(value, hint) and isinstance(value, bool) == (hint is bool):
-        return value
+        if not isinstance(value, int) or abs(value) < _LARGEST:
+            return value
     raise RecordError(f'{name}: {value!r} cannot be used')
 
 

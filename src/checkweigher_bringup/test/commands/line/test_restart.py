@@ -13,6 +13,7 @@ from typing import Any
 
 from checkweigher_msgs.srv import NewBatch, SelectProduct
 from graph import call, heard, wait_for
+from processes import pids_of
 import pytest
 from running import PATIENCE
 from std_srvs.srv import Trigger
@@ -72,7 +73,12 @@ class Operator:
         """Kill the line, and compare product, batch and limits after its start."""
         self.check_verdicts()
         before = self.known
-        os.kill(self._line.pid('line'), signal.SIGKILL)
+        killed = self._line.pid('line')
+        os.kill(killed, signal.SIGKILL)
+        wait_for(lambda: pids_of(self._line.command.pid, 'line') not in ([], [killed]))
+        with suppress(queue.Empty):  # what the killed line has said
+            while True:
+                self._products.get_nowait()
         self.await_product(lambda new: new.product)
         assert (self.known.product, self.known.batch) == (before.product, before.batch)
         assert limits_of(self.known) == limits_of(before)
