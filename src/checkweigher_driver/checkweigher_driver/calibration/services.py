@@ -64,13 +64,12 @@ class CalibrationServices:
         self._waiting: Future | None = None  # answer to a call that waits for a reading
         # A separate group, so that samples go on while a call waits for them.
         group = self._group = ReentrantCallbackGroup()
-        node.create_service(Trigger, ports.CALIBRATE_ZERO, self._on_zero, callback_group=group)
-        node.create_service(
-            CalibrateSpan, ports.CALIBRATE_SPAN, self._on_span, callback_group=group
-        )
-        node.create_service(
-            FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish, callback_group=group
-        )
+        for kind, name, callback in (
+            (Trigger, ports.CALIBRATE_ZERO, self._on_zero),
+            (CalibrateSpan, ports.CALIBRATE_SPAN, self._on_span),
+            (FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish),
+        ):
+            node.create_service(kind, name, callback, callback_group=group)
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:

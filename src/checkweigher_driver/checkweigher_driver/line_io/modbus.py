@@ -123,8 +123,7 @@ class ModbusEyes(EdgeSource):
                 self.trouble = ''
                 yield from self._polling.add(poll, _to_stamp())
                 rest = begin / NANOSECONDS + self._parameters.poll_period - time.monotonic()
-                if rest > 0:
-                    self._closing.wait(rest)
+                self._closing.wait(max(rest, 0.0))
         finally:
             self._link.close()
 
@@ -132,9 +131,11 @@ class ModbusEyes(EdgeSource):
         wanted, begin = self._parameters, time.monotonic_ns()
         bits = self._link.read_inputs(wanted.inputs, (wanted.infeed, wanted.outfeed))
         end = time.monotonic_ns()
-        infeed = bits[wanted.infeed] != wanted.infeed_inverted
-        outfeed = bits[wanted.outfeed] != wanted.outfeed_inverted
-        return Poll(begin, end, (infeed, outfeed))
+        blocked = (
+            bits[wanted.infeed] != wanted.infeed_inverted,
+            bits[wanted.outfeed] != wanted.outfeed_inverted,
+        )
+        return Poll(begin, end, blocked)
 
     def close(self) -> None:
         """End `events` after the present request."""
@@ -177,9 +178,11 @@ class ModbusOutputParameters(_DeviceParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         used = {self.reject: 'the rejector'}
-        others = [('stop', self.stop, 'the stop request'), ('permit', self.permit, 'the permit')]
-        others += [('stations', coil, 'another station') for coil in self.station_coils]
-        for name, coil, what in others:
+        for name, coil, what in (
+            ('stop', self.stop, 'the stop request'),
+            ('permit', self.permit, 'the permit'),
+            *(('stations', coil, 'another station') for coil in self.station_coils),
+        ):
             if coil in used:
                 raise ParameterError(f'modbus_outputs.{name}: coil {coil} is {used[coil]} as well')
             if coil >= 0:
@@ -213,8 +216,8 @@ class ModbusOutputs(OutputPort):
 
     def switch(self, levels: Levels) -> None:
         """Write the coils that change."""
-        wanted = self._coils(levels)
-        self._write({a: value for a, value in wanted.items() if self._written.get(a) != value})
+        coils = self._coils(levels).items()
+        self._write({address: on for address, on in coils if self._written.get(address) != on})
 
     def refresh(self, levels: Levels) -> bool | None:
         """Write all coils and the watchdog, and read the belt."""

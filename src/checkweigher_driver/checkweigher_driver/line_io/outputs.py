@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import threading
 import time
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, Item, Permission, StopRequest, Verdict
 from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
 from checkweigher_driver.line_io.rejector.missed_products import Latch, LatchEvent
@@ -220,18 +220,17 @@ class MachineOutputs:
         """Return the aspect Outputs of the diagnostics."""
         if not self.is_open:
             return conclude('Outputs', 'not open' if self.exist else 'none', [])
-        found = []
-        if trouble := self.trouble:
-            hint = 'look for the product; then call reset_stop_request'
-            if not self.ready:
-                hint = 'check power, cable and address of the outputs; then call reset_stop_request'
-            found.append(Concern(Level.ERROR, trouble, hint))
+        port, missed = self._port_trouble, self._control.missed.text
+        check = 'check power, cable and address of the outputs; then call reset_stop_request'
+        concerns = (
+            error_if(bool(port), port, check),
+            error_if(bool(missed), missed, 'look for the product; then call reset_stop_request'),
+        )
         values: dict[str, float | str] = {
-            name.replace(' ', '_'): value for name, value in self.figures().items()
+            **{name.replace(' ', '_'): value for name, value in self.figures().items()},
+            'belt_runs': {None: 'unknown', True: 'yes', False: 'no'}[self._control.motion.measured],
         }
-        belt_runs = self._control.motion.measured
-        values['belt_runs'] = {None: 'unknown', True: 'yes', False: 'no'}[belt_runs]
-        return conclude('Outputs', 'switched as told', found, values)
+        return conclude('Outputs', 'switched as told', concerns, values)
 
     def activate(self) -> None:
         """Leave the safe state."""

@@ -91,8 +91,8 @@ class FrameDecoder:
 
     With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
     and a disturbed byte inside a frame cannot be detected. `trailer` is 'crlf' if CR LF follows,
-    'none' if not, or 'auto' to find out. Raises ValueError for `trailer` 'none' without a
-    checksum, because the bounds of frames could not be found.
+    'none' if not, or 'auto' to find out. Without a checksum, `trailer` must not be 'none', because
+    the bounds of frames could not be found.
 
     After a bad frame the search continues from its second byte, up to the first place at which five
     frames in a row are good.
@@ -103,10 +103,6 @@ class FrameDecoder:
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:
-        if trailer not in TRAILERS:
-            raise ValueError(f'trailer: {trailer!r} is not one of {", ".join(TRAILERS)}')
-        if not checksum and trailer == 'none':
-            raise ValueError('neither a checksum nor CR LF: frames could not be told apart')
         self._checksum = checksum
         unknown = 0 if checksum else _WITH_TRAILER
         self.frame_bytes = {'none': _WITHOUT, 'crlf': _WITH_TRAILER, 'auto': unknown}[trailer]
