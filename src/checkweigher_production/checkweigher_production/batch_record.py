@@ -148,7 +148,7 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     if hint is Decision and value in Decision.__members__:
         return Decision[value]
     if hint == tuple[str, ...]:
-        if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        if isinstance(value, list) and set(map(type, value)) <= {str}:
             return tuple(value)
     elif hint is float and type(value) is int:
         return float(value)
@@ -269,10 +269,9 @@ class RecordWriter:
 
 def line_of(kind: str, values: object) -> bytes:
     """Return the line of a record or of a mapping of values."""
-    own: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
-    own = {n: v.name if isinstance(v, Decision) else v for n, v in own.items()}
-    values = {'kind': kind, **own}
-    return _compact({**values, 'crc32': _checksum(values)}) + b'\n'
+    given: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
+    line = {'kind': kind} | {n: v.name if isinstance(v, Decision) else v for n, v in given.items()}
+    return _compact({**line, 'crc32': _checksum(line)}) + b'\n'
 
 
 def _checksum(values: Mapping[str, Any]) -> int:

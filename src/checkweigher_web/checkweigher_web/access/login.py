@@ -99,9 +99,9 @@ class _Forms:
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )
-            said = f'Too many failed attempts: try again in {wait + 1:.0f} s.'
-            answer = self._form(said, 429)
-            answer.headers['Retry-After'] = f'{wait + 1:.0f}'
+            seconds = f'{wait + 1:.0f}'
+            answer = self._form(f'Too many failed attempts: try again in {seconds} s.', 429)
+            answer.headers['Retry-After'] = seconds
             return answer
         user = self._access.users.find(name) or NOBODY
         if not await asyncio.to_thread(user.has_password, password):

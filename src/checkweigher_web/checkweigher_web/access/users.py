@@ -83,8 +83,10 @@ def check_name(name: str) -> str:
 def hash_password(name: str, password: str) -> str:
     """Return the hash of a new password, or raise UsersError if it is too easy to guess."""
     if not SHORTEST <= len(password) <= LONGEST:
-        rule = f'must have {SHORTEST} to {LONGEST} characters'
-        raise UsersError(f'the password of {name} has {len(password)}: it {rule}')
+        raise UsersError(
+            f'the password of {name} has {len(password)}: it must have {SHORTEST} to {LONGEST} '
+            'characters'
+        )
     if password.casefold() == name.casefold():
         raise UsersError(f'the password of {name} is the name: choose another one')
     return _HASHER.hash(unicodedata.normalize('NFC', password))

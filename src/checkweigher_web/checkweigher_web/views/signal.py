@@ -108,8 +108,9 @@ def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
         series.append(level)
     if math.isfinite(item.reference):
         known = np.full(2, GRAMS * item.reference)
-        whole = time[[0, -1]]
-        series.append(charts.line('reference', whole, known, REFERENCE, width=1, dash='dashed'))
+        series.append(
+            charts.line('reference', time[[0, -1]], known, REFERENCE, width=1, dash='dashed')
+        )
     marks = {'t1': window.t1, 't2': window.t2, 't3': window.t3, 't4': item.t4}
     places = {name: (stamp - origin) / 1e6 for name, stamp in marks.items() if stamp is not None}
     series[0]['markLine'] = charts.mark_lines(places)

@@ -96,8 +96,9 @@ async def _product(desk: Desk, services: LaneServices) -> None:
     now = desk.lane.statistics.product if desk.lane.statistics else ''
 
     def choice() -> ui.select:
-        select = ui.select(list(known), label='Product', value=now if now in known else None)
-        return select.props('outlined dense')
+        return ui.select(list(known), label='Product', value=now if now in known else None).props(
+            'outlined dense'
+        )
 
     def plan(choice: ui.select) -> tuple[str, Action]:
         name = choice.value
@@ -142,8 +143,9 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     now = actions.limits(services)
 
     def plan(lower: ui.input, upper: ui.input) -> tuple[str, Action]:
-        ends = number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
-        wanted = MassLimits(*ends)
+        wanted = MassLimits(
+            number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
+        )
         return f'set limits to {wanted}', partial(actions.set_limits, services, wanted)
 
     def limit(label: str, value: float) -> ui.input:
