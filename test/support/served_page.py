@@ -31,13 +31,18 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
         process.wait()
 
 
+def write_parameters(path: Path, values: Mapping[str, Mapping[str, object]]) -> None:
+    """Write parameters by node to a file."""
+    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
+    path.write_text(yaml.safe_dump(sections))
+
+
 @contextmanager
 def line_of(
     params: Path, values: Mapping[str, Mapping[str, object]], *options: str
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a line with parameters by node, written to a file, and give its process."""
-    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
-    params.write_text(yaml.safe_dump(sections))
+    write_parameters(params, values)
     words = 'run', '--params', params, *options
     line = start_command(*words, stdout=subprocess.DEVNULL, stderr=None)
     try:

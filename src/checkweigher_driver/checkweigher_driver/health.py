@@ -38,9 +38,8 @@ class DriverWatch:
 
     def add(self, now: float, event: Event) -> None:
         """Process an event that is sent."""
+        assert self._samples is not None  # from `begin` to `stop`, as events are sent
         self._waits_for = ''
-        if self._samples is None:
-            return
         if isinstance(event, SampleBlock):
             self._samples.add(now, event)
         elif isinstance(event, EyeEdge):
@@ -73,9 +72,9 @@ class DriverWatch:
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
         if self._state != 'running' or self._waits_for:  # no samples are due then
-            text = 'none now, see Source'
             samples, eyes = (
-                conclude(finding.aspect, text, (), finding.values) for finding in (samples, eyes)
+                conclude(finding.aspect, 'none now, see Source', (), finding.values)
+                for finding in (samples, eyes)
             )
         return [source, samples, self._samples.clock.finding(offset_of_clocks), eyes]
 

@@ -257,8 +257,9 @@ class RecordWriter:
 
     def _finish(self) -> None:
         if self._file is not None:
-            path = str(self._path.resolve())
-            self.ended.put(BatchResult(0, self._batch, path, self._hash.hexdigest()))
+            self.ended.put(
+                BatchResult(0, self._batch, str(self._path.resolve()), self._hash.hexdigest())
+            )
             self._release()
 
     def _release(self) -> None:

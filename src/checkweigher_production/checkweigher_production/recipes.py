@@ -138,14 +138,20 @@ class Product(Settings):
             # The record of a batch has the mass instead of TU2.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
-                why = 'items from TU2 to TU1 are what it is about, so lower_limit must be TU2'
-                raise SettingsError(f'{why}, not {given}', 'tu1_quota')
+                raise SettingsError(
+                    'items from TU2 to TU1 are what it is about, so lower_limit must be TU2, not '
+                    f'{given}',
+                    'tu1_quota',
+                )
             return self.tu2
         if not isinstance(given, str):
             return given
         if math.isnan(self.tu1):
-            why = f'76/211/EEC has no {given} for a nominal weight of {self.nominal:g} kg'
-            raise SettingsError(f'{why}, only for {SMALLEST:g}..{LARGEST:g} kg', 'lower_limit')
+            raise SettingsError(
+                f'76/211/EEC has no {given} for a nominal weight of {self.nominal:g} kg, only for '
+                f'{SMALLEST:g}..{LARGEST:g} kg',
+                'lower_limit',
+            )
         return self.tu1 if given == 'TU1' else self.tu2
 
     def limits(self) -> dict[str, object]:

@@ -119,8 +119,9 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
     """
     with _listen(site.checked()) as (listener, access, app):
         if report is not None:
-            headers = {'Content-Security-Policy': REPORT_POLICY}
-            answer = HTMLResponse(report.read_bytes(), headers=headers)
+            answer = HTMLResponse(
+                report.read_bytes(), 200, {'Content-Security-Policy': REPORT_POLICY}
+            )
             app.add_api_route(_REPORT, lambda: answer, methods=['GET'])
 
         @ui.page('/', title='Checkweigher')

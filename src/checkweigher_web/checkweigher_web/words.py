@@ -48,6 +48,5 @@ def number(value: float, digits: int, unit: str = '') -> str:
 
 def hint(reason: str) -> str:
     """Return what to check for a reason."""
-    if reason not in Reason.__members__.values():
-        return 'a reason that this version does not know'
-    return Reason(reason).hint
+    unknown = 'a reason that this version does not know'
+    return Reason(reason).hint if reason in Reason.__members__.values() else unknown

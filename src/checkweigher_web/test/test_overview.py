@@ -13,8 +13,7 @@ import pytest
 from running import ROOT, start_command
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
-from served_page import line_of, served
-import yaml
+from served_page import line_of, served, write_parameters
 
 pytestmark = needs_browser
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
@@ -41,8 +40,7 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """Run both lanes and the page, and give the port."""
     folder = tmp_path_factory.mktemp('line')
     for lane, nodes in VALUES.items():
-        sections = {f'/**/{node}': {'ros__parameters': values} for node, values in nodes.items()}
-        (folder / f'{lane}.yaml').write_text(yaml.safe_dump(sections))
+        write_parameters(folder / f'{lane}.yaml', nodes)
     (folder / 'line.yaml').write_text(LINE)
     words = ('run', '--host', 'hall', '--line', folder / 'line.yaml')
     line = start_command(*words, stdout=None, stderr=None)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in a real browser, Debian's Chromium, on a line that runs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 import re
 
@@ -16,9 +16,9 @@ from browsers import (
     text_of,
     until,
 )
+from node_process import spinning
 from persons import Line, Person, add_users
 import pytest
-import rclpy
 from rclpy.node import Node
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
@@ -94,26 +94,16 @@ def test_everything_can_be_seen_and_has_a_name_at_any_width(browser: Chrome, por
         assert mass <= panel
 
 
-@pytest.fixture
-def nodes() -> Iterator[Callable[[], list[str]]]:
-    """Return what gives the names of the nodes in the graph."""
-    rclpy.init()
-    watcher = Node('watcher')
-    yield watcher.get_node_names
-    watcher.destroy_node()
-    rclpy.try_shutdown()
-
-
-def test_signals_are_taken_only_while_somebody_looks(
-    browser: Chrome, port: int, nodes: Callable[[], list[str]]
-):
-    browser.get('about:blank')  # whichever test came before
-    until(browser, lambda: 'page_results' in nodes())
-    until(browser, lambda: 'page_signals' not in nodes())
-    browser.get(f'http://127.0.0.1:{port}/')
-    until(browser, lambda: 'page_signals' in nodes())
-    browser.get('about:blank')
-    until(browser, lambda: 'page_signals' not in nodes())
+def test_signals_are_taken_only_while_somebody_looks(browser: Chrome, port: int):
+    with spinning():
+        nodes = Node('watcher').get_node_names
+        browser.get('about:blank')  # whichever test came before
+        until(browser, lambda: 'page_results' in nodes())
+        until(browser, lambda: 'page_signals' not in nodes())
+        browser.get(f'http://127.0.0.1:{port}/')
+        until(browser, lambda: 'page_signals' in nodes())
+        browser.get('about:blank')
+        until(browser, lambda: 'page_signals' not in nodes())
 
 
 @pytest.fixture

@@ -202,7 +202,8 @@ def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
         for name in ('counts_per_kg', 'zero_counts'):
             value = values.get(name)
             if isinstance(value, bool) or not isinstance(value, int | float):
-                error = ParameterError(f'driver.{source}.{name}: {value!r} is not a number')
-                raise in_section(error, sections)
+                raise in_section(
+                    ParameterError(f'driver.{source}.{name}: {value!r} is not a number'), sections
+                )
             found.append(float(value))
     return found[0], found[1]

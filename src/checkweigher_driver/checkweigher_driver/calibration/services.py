@@ -74,8 +74,7 @@ class CalibrationServices:
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
         """Return the load cell with the calibration that `read` finds."""
-        if (found := self.read()) is None:
-            return load_cell
+        found = self.read() or (load_cell.counts_per_kg, load_cell.zero_counts)
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:

@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-import threading
 import time
 from typing import ClassVar
 
@@ -101,7 +100,7 @@ class GpioEyes(EdgeSource):
         }
         self._request = _request(wanted.chip, settings, 'gpio')
         self._order = EdgeOrder({wanted.infeed: Eye.INFEED, wanted.outfeed: Eye.OUTFEED})
-        self._closing = threading.Event()
+        super().__init__(parameters)
         self._edges = 0
 
     def figures(self) -> dict[str, float]:
@@ -121,10 +120,6 @@ class GpioEyes(EdgeSource):
                 for event in events:
                     self._edges += 1
                     yield from self._order.take(event)
-
-    def close(self) -> None:
-        """End `events` within some tenths of a second."""
-        self._closing.set()
 
 
 @dataclass(frozen=True)

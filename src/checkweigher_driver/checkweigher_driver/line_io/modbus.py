@@ -5,7 +5,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-import threading
 import time
 from typing import ClassVar
 
@@ -101,7 +100,7 @@ class ModbusEyes(EdgeSource):
             longest_gap=round(parameters.longest_gap * NANOSECONDS),
             delay=round(parameters.delay * NANOSECONDS),
         )
-        self._closing = threading.Event()
+        super().__init__(parameters)
 
     def figures(self) -> dict[str, float]:
         """Return the figures of the polls."""
@@ -136,10 +135,6 @@ class ModbusEyes(EdgeSource):
             bits[wanted.outfeed] != wanted.outfeed_inverted,
         )
         return Poll(begin, end, blocked)
-
-    def close(self) -> None:
-        """End `events` after the present request."""
-        self._closing.set()
 
 
 def _to_stamp() -> int:
@@ -201,8 +196,9 @@ class ModbusOutputs(OutputPort):
 
     def __init__(self, parameters: ModbusOutputParameters) -> None:
         self._parameters = parameters
-        unit = f'{parameters.host}-{parameters.port}-{parameters.device_id}'
-        self.name = f'modbus-{unit}-{parameters.reject}'
+        self.name = (
+            f'modbus-{parameters.host}-{parameters.port}-{parameters.device_id}-{parameters.reject}'
+        )
         self.permits = parameters.permit >= 0
         self.stations = len(parameters.stations)
         self._link = parameters.link()
@@ -298,10 +294,8 @@ class ModbusInputs(InputPort):
         begin = time.time_ns()
         bits = self._link.read_inputs(self._parameters.inputs, self._wiring.values())
         stamp = (begin + time.time_ns()) // 2 - round(self._parameters.delay * NANOSECONDS)
-        levels = {
-            name: bits[address] != self._parameters.is_inverted(name)
-            for name, address in self._wiring.items()
-        }
+        inverted = self._parameters.is_inverted
+        levels = {name: bits[at] != inverted(name) for name, at in self._wiring.items()}
         return [Reading(stamp, levels)]
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_driver.serial.decoder import Decoded
+from checkweigher_driver.serial.decoder import Decoded, Decoder
 
 TRAILERS = ('auto', 'crlf', 'none')
 
@@ -86,7 +86,7 @@ class _Places:
         return run, change
 
 
-class FrameDecoder:
+class FrameDecoder(Decoder):
     """Readings from frames; the division of the stream into reads does not change them.
 
     With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
@@ -110,8 +110,6 @@ class FrameDecoder:
         self._synchronised = False
         self._since_frame = 0  # bytes skipped since the last frame
         self._begun = False  # whether there was a frame
-        self.skipped_bytes = 0
-        self.bad_frames = 0
 
     @property
     def waiting(self) -> int:

@@ -75,9 +75,8 @@ class ValueReader:
             yield Read(values, at, len(data))
 
     def _check_rate(self, found: float) -> None:
-        self.trouble = ''
-        if abs(found / self._rate - 1) >= _RATE_TOLERANCE:
-            self.trouble = f'the device sends {found:.0f} values a second'
+        is_off = abs(found / self._rate - 1) >= _RATE_TOLERANCE
+        self.trouble = f'the device sends {found:.0f} values a second' if is_off else ''
 
     def _silence(self, bytes_came: int) -> str:
         during = f'for {self._timeout:g} s'

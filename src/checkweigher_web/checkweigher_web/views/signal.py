@@ -144,8 +144,7 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
         # For an eye that is blocked from the start: whether its blocking edge is known.
-        begun = 't1' if eye == Eye.INFEED else 't3'
-        was_seen = begun in scene.times or begun in missing
+        was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()))
     return figure

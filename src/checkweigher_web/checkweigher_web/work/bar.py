@@ -106,8 +106,15 @@ async def _product(desk: Desk, services: LaneServices) -> None:
             raise ActionRefusedError('choose a product')
         return f'select product {name}', partial(actions.select_product, services, name)
 
-    text = 'All parameters of the product are set. Change it while the belt is empty.'
-    ask(desk, Role.OPERATOR, 'Product', text, 'Select', plan, choice)
+    ask(
+        desk,
+        Role.OPERATOR,
+        'Product',
+        'All parameters of the product are set. Change it while the belt is empty.',
+        'Select',
+        plan,
+        choice,
+    )
 
 
 async def _batch(desk: Desk, services: LaneServices) -> None:
@@ -115,8 +122,15 @@ async def _batch(desk: Desk, services: LaneServices) -> None:
         name = str(batch.value or '').strip()
         return f'begin batch {name}', partial(actions.new_batch, services, name)
 
-    text = 'The counts of this batch end, and those of the new one begin at 0.'
-    ask(desk, Role.OPERATOR, 'New batch', text, 'Begin', plan, partial(field, 'Batch'))
+    ask(
+        desk,
+        Role.OPERATOR,
+        'New batch',
+        'The counts of this batch end, and those of the new one begin at 0.',
+        'Begin',
+        plan,
+        partial(field, 'Batch'),
+    )
 
 
 _Act = Callable[[LaneServices], Awaitable[str]]
@@ -151,12 +165,17 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     def limit(label: str, value: float) -> ui.input:
         return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
 
-    text = (
+    ask(
+        desk,
+        Role.TECHNICIAN,
+        'Limits',
         'Limits of the gross mass; empty for none. The next selection of a product sets those of '
-        'its recipe.'
+        'its recipe.',
+        'Set',
+        plan,
+        partial(limit, 'Lower limit', now.lower),
+        partial(limit, 'Upper limit', now.upper),
     )
-    fields = partial(limit, 'Lower limit', now.lower), partial(limit, 'Upper limit', now.upper)
-    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
 
 
 # Label, least role and function of each dialog. Add an action as a row.
