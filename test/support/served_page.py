@@ -21,7 +21,6 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     environment.pop('PYTEST_CURRENT_TEST', None)  # with it NiceGUI compresses nothing
     process = start_command('page', '--port', 0, *options, stdout=None, env=environment)
     try:
-        assert process.stderr is not None
         line = process.stderr.readline()
         found = re.fullmatch(r'page: https?://127\.0\.0\.1:(\d+)/.*\n', line)
         assert found, line

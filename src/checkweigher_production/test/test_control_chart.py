@@ -14,7 +14,6 @@ def chart_of(means: list[float]) -> list[str]:
     """Return the marks of subgroups with these means, each from -1 to 1 around it."""
     spread = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     found = control_chart(np.concatenate([mean + spread for mean in means]).tolist())
-    assert found is not None
     return list(found.marks)
 
 
@@ -24,7 +23,6 @@ def test_limits_are_those_of_the_standard():
     found = control_chart(masses.tolist())
     groups = masses.reshape(-1, SUBGROUP)
     spread = np.std(groups, axis=1, ddof=1).mean()
-    assert found is not None
     assert found.centre == pytest.approx(masses.mean())
     assert found.upper - found.centre == pytest.approx(A3 * spread, rel=1e-3)
     assert found.centre - found.lower == pytest.approx(A3 * spread, rel=1e-3)

@@ -39,7 +39,6 @@ LINE = {
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the users, and one for the items that are kept."""
     folder = tmp_path_factory.mktemp('line')
     (folder / 'kept').mkdir()
     add_users(folder / 'users')
@@ -48,7 +47,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def port(folder: Path) -> Iterator[int]:
-    """Run an endless line and the page, and give the port."""
     options = '--users', str(folder / 'users'), '--keep', str(folder / 'kept')
     with line_of(folder / 'line.yaml', LINE), served(*options) as (_, found):
         yield found
@@ -108,7 +106,6 @@ def test_signals_are_taken_only_while_somebody_looks(browser: Chrome, port: int)
 
 @pytest.fixture
 def anna(browser: Chrome, port: int, folder: Path) -> Person:
-    """Return an operator who has logged in."""
     person = Person(browser, Line(port, folder))
     person.log_in('anna')
     return person

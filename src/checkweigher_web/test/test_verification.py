@@ -20,15 +20,12 @@ class Inspector(Person):
     """Somebody who verifies a machine."""
 
     def sees(self, *words: str) -> None:
-        """Wait until the dialog says how it is."""
         self.until(lambda: all(word in self.text('.dialog .state') for word in words))
 
     def reads(self, words: str) -> None:
-        """Wait until the dialog says what the plan is."""
         self.until(lambda: words in self.text('.dialog .found'))
 
     def makes(self, step: str) -> None:
-        """Make the step, which is asked for."""
         self.sees(f'{step}: do this')
         self.press('Make')
 

@@ -192,7 +192,6 @@ def test_windows_and_masses_of_a_bag_hold_to_one_sample_at_200_ppm_and_5_ms():
     assert sum(len(block.counts) for block in blocks) == len(counts)
 
     def weighed(blocks):
-        """Return windows and masses."""
         events = sorted([*blocks, *edges], key=lambda event: event.stamp)
         line = WeighingLine(recording.load_cell, LineParameters())
         found = list(line.weigh_all(events))

@@ -43,7 +43,6 @@ def marks_of(
     """Return the marks of the first item with a reason, which the figure numbers, too."""
     lane = lane_of(recording, parameters)
     item = broken_item(lane, reason)
-    assert item.stretch is not None
     marks = fault_marks(Scene(item, item.stretch, recording.load_cell))
     raw = signal_chart(item, recording.load_cell)[0]['series'][0]
     names = [begin['name'] for begin, _ in raw['markArea']['data']]
@@ -215,7 +214,6 @@ def test_an_edge_that_came_late_is_marked(line: Recording):
     for record in (line.load_cell, *line.blocks, edges['t1'], edges['t3'], late, fault):
         lane.take(record)
     item = lane.with_signals(lane.items()[0])
-    assert item.stretch is not None
     (mark,) = fault_marks(Scene(item, item.stretch, line.load_cell))
     assert mark.begin == late.stamp
     assert mark.text.startswith('infeed eye')
@@ -236,7 +234,6 @@ def test_any_reason_on_any_stretch_gives_marks_within_it_or_none(line: Recording
     for t1, t3 in ((None, edges_of(line, 2)['t3'].stamp), (edges_of(line, 2)['t1'].stamp, None)):
         lane.take(Verdict(50, t3, Decision.FAULT, (reason.value,), t1=t1))
         item = lane.with_signals(lane.items()[0])
-        assert item.stretch is not None
         for mark in fault_marks(Scene(item, item.stretch, line.load_cell)):
             assert item.stretch.time[0] <= mark.begin <= mark.end <= item.stretch.time[-1]
         assert signal_chart(item, line.load_cell)[0]['series']

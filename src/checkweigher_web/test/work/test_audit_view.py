@@ -34,7 +34,6 @@ def log(tmp_path: Path) -> Path:
 
 
 def said(log: Path) -> str:
-    """Return the conclusion of the command."""
     return str(run_command('audit', log).stdout.splitlines()[-1])
 
 
