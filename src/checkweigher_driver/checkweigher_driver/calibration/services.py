@@ -111,10 +111,10 @@ class CalibrationServices:
             found = session.add(event, time.monotonic())
         except CalibrationError as error:
             self._refuse(str(error))
-            return
-        if found is not None:
-            reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-            self._answer((True, f'{reading}; {len(session.points)} read by now', found))
+        else:
+            if found is not None:
+                reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
+                self._answer((True, f'{reading}; {len(session.points)} read by now', found))
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
         """Return session and file of a driver that can be calibrated."""

@@ -205,21 +205,19 @@ def test_a_closed_source_ends_and_lets_go(journey):
         assert journey.after == b''
 
 
-def test_the_device_says_who_it_is(device):
-    source = make('aed', device().link, address=21)
+@pytest.mark.parametrize(
+    ('options', 'values'),
+    [
+        ((), {'address': 21}),
+        (('--reset-time', 0.3), {'reset': True}),  # it is waited for
+        (('--late', 0.6), {}),  # a reply after it was given up is not taken for the next one
+    ],
+)
+def test_the_device_says_who_it_is(device, options, values):
+    source = make('aed', device(*options).link, **values)
     source.close()
     assert (source.load_cell.model, source.load_cell.serial_number) == ('HBM FIT/5', '0123456')
     assert source.load_cell.sample_rate == RATE
-
-
-def test_a_device_that_is_restarted_is_waited_for(device):
-    make('aed', device('--reset-time', 0.3).link, reset=True).close()
-
-
-def test_a_reply_that_comes_after_it_was_given_up_is_not_taken_for_the_next_one(device):
-    source = make('aed', device('--late', 0.6).link)
-    source.close()
-    assert source.load_cell.serial_number == '0123456'
 
 
 @pytest.mark.parametrize(

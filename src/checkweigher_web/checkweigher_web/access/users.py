@@ -67,8 +67,7 @@ class User(Settings):
 def default_users() -> Path:
     """Return the default path of the users file, in the user's configuration folder."""
     given = Path(os.environ.get('XDG_CONFIG_HOME', ''))
-    base = given if given.is_absolute() else Path.home() / '.config'
-    return base / 'checkweigher/users'
+    return (given if given.is_absolute() else Path.home() / '.config') / 'checkweigher/users'
 
 
 def check_name(name: str) -> str:

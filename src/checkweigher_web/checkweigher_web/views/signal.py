@@ -101,8 +101,10 @@ def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
     mass, margin = GRAMS * item.verdict.mass, 2 * GRAMS * item.verdict.std_dev
     if math.isfinite(mass):
         level = charts.line('mass', ends, np.full(2, mass), LEVEL, width=3)
-        corners = zip((mass - margin, mass + margin), ends, strict=True)
-        band = [{'yAxis': y, 'xAxis': x} for y, x in corners]
+        band = [
+            {'yAxis': mass - margin, 'xAxis': ends[0]},
+            {'yAxis': mass + margin, 'xAxis': ends[1]},
+        ]
         shade = {'color': LEVEL, 'opacity': 0.15}
         level['markArea'] = {'silent': True, 'data': [band], 'itemStyle': shade}
         series.append(level)
