@@ -209,5 +209,5 @@ class FrameDecoder(Decoder):
             np.r_[before, np.zeros(len(run) - 1)] for run, before in zip(at, lost, strict=True)
         ]
         rows = np.concatenate([np.zeros(0), *at]).astype(np.intp)
-        counts, overflow = places.counts[rows], places.overflow[rows]
-        return Decoded(counts, overflow, np.concatenate([np.zeros(0), *missing]).astype(np.int64))
+        lost_before = np.concatenate([np.zeros(0), *missing]).astype(np.int64)
+        return Decoded(places.counts[rows], places.overflow[rows], lost_before)

@@ -64,11 +64,6 @@ def with_edges(line: Recording, *edges: EyeEdge) -> Recording:
     return replace(line, edges=tuple(sorted((*line.edges, *edges), key=lambda e: e.stamp)))
 
 
-def during(line: Recording, begin: str, end: str) -> Callable[[int], bool]:
-    edges = edges_of(line, BROKEN)
-    return lambda stamp: edges[begin].stamp <= stamp < edges[end].stamp
-
-
 LOST = [('t1', Eye.INFEED, 0), ('t2', Eye.INFEED, LENGTH), ('t3', Eye.OUTFEED, TRANSIT)]
 
 
@@ -161,14 +156,16 @@ def test_a_rise_at_another_time_is_measured_and_drawn_beside_that_of_the_eyes(li
 
 
 def test_speed_length_load_and_zero_are_said_in_numbers(line: Recording):
-    inside, cell = during(line, 't1', 't4'), line.load_cell
+    cell, edges = line.load_cell, edges_of(line, BROKEN)
     upside_down = replace(cell, counts_per_kg=-cell.counts_per_kg)
 
     def shifted(mass: float, where: Callable[[int], bool]) -> Recording:
         extra = round(mass * cell.counts_per_kg)
         return changed(line, lambda stamp, counts: counts + extra * where(stamp))
 
-    edges = edges_of(line, BROKEN)
+    def inside(stamp: int) -> bool:
+        return edges['t1'].stamp <= stamp < edges['t4'].stamp
+
     slow = [replace(edges[name], stamp=edges[name].stamp + 150 * MS) for name in ('t3', 't4')]
     slowed = with_edges(without_edges(line, edges['t3'], edges['t4']), *slow)
     short = LineParameters().with_values({'segmenter.product_length': 0.15})

@@ -74,17 +74,6 @@ def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recordi
     assert not list(tmp_path.iterdir())
 
 
-def begun_again(lane: Lane, recording: Recording, hours: int) -> list[SampleBlock]:
-    """Have the source of a lane send the first blocks of a recording, some hours before."""
-    blocks = [
-        replace(each, stamp=each.stamp - hours * 3600 * NANOSECONDS)
-        for each in recording.blocks[:3]
-    ]
-    for block in blocks:
-        lane.take(block)
-    return blocks
-
-
 @pytest.mark.parametrize('open_page', [True, False])
 def test_of_a_source_that_begins_again_nothing_from_before_is_held(
     recording: Recording, tmp_path: Path, open_page: bool
@@ -97,7 +86,10 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
         lane.forget_signals()
         lane.take(recording.load_cell)
     for hours in (1, 2):
-        blocks = begun_again(lane, recording, hours)
+        earlier = hours * 3600 * NANOSECONDS
+        blocks = [replace(each, stamp=each.stamp - earlier) for each in recording.blocks[:3]]
+        for block in blocks:
+            lane.take(block)
         held = lane.recording()
         assert (held.blocks, held.edges, held.references) == (tuple(blocks), (), ())
         with pytest.raises(ActionRefusedError, match='weighed another way'):
