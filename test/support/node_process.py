@@ -3,6 +3,7 @@
 """Nodes that are connected and served, as those of one process are."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 import itertools
 
 import pytest
@@ -17,11 +18,23 @@ from checkweigher_core.ros.spinner import Spinner
 _NUMBERS = itertools.count(1)
 
 
+@contextmanager
+def spinning() -> Iterator[Spinner]:
+    """Run ROS and a spinner of nodes during a block."""
+    rclpy.init()
+    spinner = Spinner()
+    try:
+        yield spinner
+    finally:
+        spinner.stop()
+        rclpy.try_shutdown()
+
+
 class Process:
     """A process of nodes."""
 
-    def __init__(self) -> None:
-        self.spinner = Spinner()
+    def __init__(self, spinner: Spinner) -> None:
+        self.spinner = spinner
 
     def node(self, kind: type[Node] = PortNode) -> Node:
         """Return one more node, not served yet."""
@@ -32,8 +45,5 @@ class Process:
 
 @pytest.fixture
 def process() -> Iterator[Process]:
-    rclpy.init()
-    process = Process()
-    yield process
-    process.spinner.stop()
-    rclpy.try_shutdown()
+    with spinning() as spinner:
+        yield Process(spinner)

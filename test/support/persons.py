@@ -74,36 +74,21 @@ def add_users(path: Path) -> None:
 
 
 @contextmanager
-def running_line(folder: Path, *, audit: bool = True, **driver: object) -> Iterator[Line]:
-    """Run a line with a simulated driver, with an audit log or without, and its page."""
-    add_users(folder / 'users')
-    recipes = {'crisps': {'nominal': 0.15}, SCRIPT: {'nominal': 0.2, 'reason': True}}
-    (folder / 'recipes.yaml').write_text(yaml.safe_dump({'products': recipes}))
-    values = {
-        'driver': {
-            'source': 'simulator', 'simulator.count': 0,
-            'calibration.file': str(folder / 'cell.yaml'), 'calibration.duration': 0.5, **driver,
-        },
-        'product': {
-            'recipes': str(folder / 'recipes.yaml'),
-            'audit_log': str(folder / 'audit.log') if audit else '',
-        },
-    }  # fmt: skip
-    users = '--users', str(folder / 'users')
-    with line_of(folder / 'line.yaml', values), served(*users) as (_, port):
-        yield Line(port, folder)
-
-
-@contextmanager
 def new_line(
-    folder: Path, values: Mapping[str, Mapping[str, object]], *options: str
+    folder: Path,
+    values: Mapping[str, Mapping[str, object]],
+    *options: str,
+    products: Mapping[str, object] | None = None,
 ) -> Iterator[Line]:
     """Run a simulated line of a new machine as a user would, with its page.
 
-    `values` are parameters by node, `options` those of the page.
+    `values` are parameters by node, `options` those of the page, `products` are the recipes.
     """
     users, machine = folder / 'users', folder / 'machine'
     add_users(users)
+    machine.mkdir()
+    if products is not None:
+        (machine / 'recipes.yaml').write_text(yaml.safe_dump({'products': products}))
     page = '--users', str(users), '--keep', str(folder), *options
     with (
         line_of(folder / 'params.yaml', values, '--folder', str(machine)),

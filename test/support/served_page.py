@@ -21,7 +21,6 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     environment.pop('PYTEST_CURRENT_TEST', None)  # with it NiceGUI compresses nothing
     process = start_command('page', '--port', 0, *options, stdout=None, env=environment)
     try:
-        assert process.stderr is not None
         line = process.stderr.readline()
         found = re.fullmatch(r'page: https?://127\.0\.0\.1:(\d+)/.*\n', line)
         assert found, line
@@ -31,13 +30,18 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
         process.wait()
 
 
+def write_parameters(path: Path, values: Mapping[str, Mapping[str, object]]) -> None:
+    """Write parameters by node to a file."""
+    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
+    path.write_text(yaml.safe_dump(sections))
+
+
 @contextmanager
 def line_of(
     params: Path, values: Mapping[str, Mapping[str, object]], *options: str
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a line with parameters by node, written to a file, and give its process."""
-    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
-    params.write_text(yaml.safe_dump(sections))
+    write_parameters(params, values)
     words = 'run', '--params', params, *options
     line = start_command(*words, stdout=subprocess.DEVNULL, stderr=None)
     try:

@@ -3,6 +3,7 @@
 """The driver node, which sends the events of a source of samples and photo-eye edges."""
 
 from collections.abc import Sequence
+from functools import partial
 import time
 from typing import Any
 
@@ -82,8 +83,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._outputs.exist:
             self.subscribe(ports.PERMISSION, self._outputs.take)
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
-        source = self.parameters.source
-        self._calibration = CalibrationServices(self, calibration, source, self._restart_stream)
+        self._calibration = CalibrationServices(
+            self, calibration, self.parameters.source, self._restart_stream
+        )
         self._look_timer = self.create_timer(
             _LOOK_PERIOD, self._look_after_machine, autostart=False
         )
@@ -117,8 +119,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Apply the operator's settings, which rclpy has checked by their descriptors."""
         assert self._operation is not None
         prefix = f'{self._operation.node}.'
-        own = [change for change in changes if change.name.startswith(prefix)]
-        values = {change.name.removeprefix(prefix): change.value for change in own}
+        values = {
+            change.name.removeprefix(prefix): change.value
+            for change in changes
+            if change.name.startswith(prefix)
+        }
         self._operation = self._operation.from_mapping(self._operation.as_mapping() | values)
         if self._source is not None:
             self._source.operate(self._operation)
@@ -179,8 +184,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
         self._outputs.take(request)
-        not_ready = request is not None and request.reason is StopReason.NOT_READY
-        self.stream.reject_ready = not not_ready
+        self.stream.reject_ready = request is None or request.reason is not StopReason.NOT_READY
 
     def _note(self, event: Event) -> None:
         self._watch.add(time.monotonic(), event)
@@ -221,19 +225,15 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         source, trouble, figures = self._source, '', {}
         if source is not None and self.state == 'active':
             trouble, figures = source.trouble, source.figures()
-        offset = time.time() - time.monotonic()
         return [
-            *self._watch.findings(now, offset, trouble, figures),
+            *self._watch.findings(now, time.time() - time.monotonic(), trouble, figures),
             self._host_clock.finding(now),
             self._outputs.finding(),
             self._inputs.finding(),
         ]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(DriverNode, arguments)
-
+main = partial(run, DriverNode)
 
 if __name__ == '__main__':
     main()

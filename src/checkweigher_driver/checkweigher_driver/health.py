@@ -4,7 +4,7 @@
 
 from collections.abc import Mapping
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.health.stream import EyeWatch, SampleWatch
 from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
@@ -38,9 +38,8 @@ class DriverWatch:
 
     def add(self, now: float, event: Event) -> None:
         """Process an event that is sent."""
+        assert self._samples is not None  # from `begin` to `stop`, as events are sent
         self._waits_for = ''
-        if self._samples is None:
-            return
         if isinstance(event, SampleBlock):
             self._samples.add(now, event)
         elif isinstance(event, EyeEdge):
@@ -73,31 +72,39 @@ class DriverWatch:
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
         if self._state != 'running' or self._waits_for:  # no samples are due then
-            text = 'none now, see Source'
             samples, eyes = (
-                conclude(finding.aspect, text, (), finding.values) for finding in (samples, eyes)
+                conclude(finding.aspect, 'none now, see Source', (), finding.values)
+                for finding in (samples, eyes)
             )
         return [source, samples, self._samples.clock.finding(offset_of_clocks), eyes]
 
     def _source(self, trouble: str, figures: Mapping[str, float]) -> Finding:
-        found: list[Concern] = []
-        if self._state == 'failed':
-            text = f'{self._name} failed: {self._failure}'
-            hint = 'check its cable, power and parameters, then start the driver again'
-            found = [Concern(Level.ERROR, text, hint)]
-        elif self._state == 'inactive':
-            hint = 'activate it: Start on the page, or ros2 lifecycle set'
-            found = [Concern(Level.WARN, 'the driver is inactive', hint)]
-        elif trouble:
-            hint = 'check cable and power; when it is over, call reset_stop_request'
-            found = [Concern(Level.ERROR, trouble, hint)]
-        elif self._waits_for:
-            text = f'{self._name} is held back, waiting for {self._waits_for}'
-            found = [Concern(Level.WARN, text, 'check that the other nodes run')]
+        concerns = (
+            error_if(
+                self._state == 'failed',
+                f'{self._name} failed: {self._failure}',
+                'check its cable, power and parameters, then start the driver again',
+            ),
+            error_if(
+                bool(trouble),
+                trouble,
+                'check cable and power; when it is over, call reset_stop_request',
+            ),
+            warn_if(
+                self._state == 'inactive',
+                'the driver is inactive',
+                'activate it: Start on the page, or ros2 lifecycle set',
+            ),
+            warn_if(
+                bool(self._waits_for),
+                f'{self._name} is held back, waiting for {self._waits_for}',
+                'check that the other nodes run',
+            ),
+        )
         values: dict[str, float | str] = {
             'source': self._name,
             'state': self._state,
             'error': self._failure or trouble,
             **{name.replace(' ', '_'): value for name, value in figures.items()},
         }
-        return conclude('Source', f'{self._name}, {self._state}', found, values)
+        return conclude('Source', f'{self._name}, {self._state}', concerns, values)

@@ -145,8 +145,7 @@ class SourceStream:
                     self.report(StreamState.FINISHED)
                 else:
                     self.failure = failure
-                    text = f'source {self._parameters.source}: {failure}'
-                    self._node.get_logger().error(text)
+                    self._node.get_logger().error(f'source {self._parameters.source}: {failure}')
                     self.report(StreamState.FAILED, failure)
             self._running = False
             self._changed.notify_all()
@@ -155,7 +154,7 @@ class SourceStream:
         self._load_cell.send(source.load_cell, stamp=source.start_stamp)
         self.report(StreamState.RUNNING)
         lossless = source.paced and self._parameters.lossless
-        if not self._line_is_there(source):
+        if not self._line_is_there(lossless=lossless):
             return
         rate = source.load_cell.sample_rate
         self._flows = True
@@ -216,7 +215,7 @@ class SourceStream:
             lambda: flow.may_send(event, rate), 'segmenter and verdicts to catch up', ask=ask
         )
 
-    def _line_is_there(self, source: Source) -> bool:
+    def _line_is_there(self, *, lossless: bool) -> bool:
         """Wait for the downstream nodes; return whether to go on.
 
         If nothing may be lost, a recording waits without a limit for a segmenter and for the
@@ -225,8 +224,7 @@ class SourceStream:
         """
         wanted = self._parameters.listeners
         what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'
-        held = source.paced and self._parameters.lossless
-        if held and not self._wait_for(lambda: self.has_listeners(wanted), what):
+        if lossless and not self._wait_for(lambda: self.has_listeners(wanted), what):
             return False
         ready = self._wait_for(lambda: not self._missing(), '', patience=_PATIENCE)
         if ready and (missing := self._missing()):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A small recording and a PLC."""
+"""A PLC, and what is written to the disk."""
 
 from collections.abc import Iterator
 import os
@@ -8,14 +8,6 @@ from pathlib import Path
 
 from modbus_machine import Plc
 import pytest
-
-from checkweigher_core.recording import Recording
-from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
-
-
-@pytest.fixture(scope='session')
-def recording() -> Recording:
-    return simulate(SimulationParameters(count=2, lead_in=0.2, run_out=0.1))
 
 
 @pytest.fixture

@@ -54,9 +54,7 @@ def test_the_simulator_delivers_its_line():
     source.close()
 
     assert begin == events[0].stamp
-    assert [canonical_order(event) for event in events] == [
-        canonical_order(event) for event in simulate(parameters)
-    ]
+    assert [*map(canonical_order, events)] == [*map(canonical_order, simulate(parameters))]
 
 
 def test_each_stream_of_a_simulator_begins_now_and_none_before_the_end_of_another():
@@ -76,9 +74,7 @@ def test_the_bag_delivers_what_was_recorded(tmp_path):
 
     assert source.load_cell == recording.load_cell
     assert source.start_stamp == recording.blocks[0].stamp
-    assert [canonical_order(event) for event in source] == [
-        canonical_order(event) for event in recording
-    ]
+    assert [*map(canonical_order, source)] == [*map(canonical_order, recording)]
 
 
 def test_a_bag_that_is_not_named_or_not_there_is_refused(tmp_path):

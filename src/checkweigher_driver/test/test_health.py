@@ -56,23 +56,16 @@ def test_a_source_that_is_held_back_or_has_ended_owes_no_samples(running):
 
 
 @pytest.mark.parametrize(
-    ('change', 'level', 'text'),
+    ('change', 'trouble', 'level', 'text', 'hint'),
     [
-        (lambda watch: watch.end('gone'), Level.ERROR, 'simulator failed: gone'),
-        (lambda watch: watch.stop(), Level.WARN, 'the driver is inactive'),
+        (lambda watch: watch.end('gone'), '', Level.ERROR, 'simulator failed: gone', 'cable'),
+        (lambda watch: watch.stop(), '', Level.WARN, 'the driver is inactive', 'activate it'),
+        (lambda _: None, 'port is gone', Level.ERROR, 'port is gone', 'reset_stop_request'),
     ],
 )
-def test_a_source_that_failed_or_was_stopped_says_so(running, change, level, text):
+def test_a_source_that_is_not_well_says_so(running, change, trouble, level, text, hint):
     watch, now = running
     change(watch)
-    source = findings(watch, now + 60.0)[0]
-    assert (source.level, source.text) == (level, text)
-    assert source.hint
-
-
-def test_trouble_of_a_source_is_an_error_with_its_figures(running):
-    watch, now = running
-    source = findings(watch, now, 'the port is gone', samples_lost=7)[0]
-    assert (source.level, source.text) == (Level.ERROR, 'the port is gone')
-    assert 'reset_stop_request' in source.hint
-    assert source.values['samples_lost'] == 7
+    source = findings(watch, now + 60.0, trouble, samples_lost=7)[0]
+    assert (source.level, source.text, source.values['samples_lost']) == (level, text, 7)
+    assert hint in source.hint

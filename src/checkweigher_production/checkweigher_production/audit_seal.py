@@ -25,9 +25,6 @@ from checkweigher_core.input_files import read_input
 from checkweigher_core.state_files import replace_file
 from checkweigher_production.audit_log import FIRST_PREVIOUS, AuditError, Entry, Verification
 
-_MAKE_KEY = 'openssl genpkey -algorithm ed25519 -out KEY'
-_MAKE_PUBLIC = 'openssl pkey -in KEY -pubout -out PUBLIC'
-
 
 @dataclass(frozen=True, slots=True)
 class Seal:
@@ -62,13 +59,13 @@ def private_key(path: Path) -> Ed25519PrivateKey:
     data = _read(path)
     if path.stat().st_mode & 0o077:
         raise AuditError(f'{path}: others may read this key; chmod 600 it, or make a new one')
-    what = f'private key without password; make one: {_MAKE_KEY}'
+    what = 'private key without password; make one: openssl genpkey -algorithm ed25519 -out KEY'
     return _key(path, Ed25519PrivateKey, partial(load_pem_private_key, data, None), what)
 
 
 def public_key(path: Path) -> Ed25519PublicKey:
     """Read the public key from a PEM file; `AuditError` if it cannot be read or is not a key."""
-    what = f'public key; make it of the private one: {_MAKE_PUBLIC}'
+    what = 'public key; make it of the private one: openssl pkey -in KEY -pubout -out PUBLIC'
     return _key(path, Ed25519PublicKey, partial(load_pem_public_key, _read(path)), what)
 
 

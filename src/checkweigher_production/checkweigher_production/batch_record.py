@@ -259,8 +259,9 @@ class RecordWriter:
 
     def _finish(self) -> None:
         if self._file is not None:
-            path = str(self._path.resolve())
-            self.ended.put(BatchResult(0, self._batch, path, self._hash.hexdigest()))
+            self.ended.put(
+                BatchResult(0, self._batch, str(self._path.resolve()), self._hash.hexdigest())
+            )
             self._release()
 
     def _release(self) -> None:
@@ -271,10 +272,9 @@ class RecordWriter:
 
 def line_of(kind: str, values: object) -> bytes:
     """Return the line of a record or of a mapping of values."""
-    own: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
-    own = {n: v.name if isinstance(v, Decision) else v for n, v in own.items()}
-    values = {'kind': kind, **own}
-    return _compact({**values, 'crc32': _checksum(values)}) + b'\n'
+    given: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
+    line = {'kind': kind} | {n: v.name if isinstance(v, Decision) else v for n, v in given.items()}
+    return _compact({**line, 'crc32': _checksum(line)}) + b'\n'
 
 
 def _checksum(values: Mapping[str, Any]) -> int:

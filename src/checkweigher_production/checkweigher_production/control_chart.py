@@ -8,6 +8,7 @@ The rules of ISO 7870-2:2013, 8.2, are quoted from memory and not checked agains
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,16 +64,16 @@ def control_chart(masses: Sequence[float]) -> ControlChart | None:
 def _marks(
     means: NDArray[np.float64], centre: float, lower: float, upper: float
 ) -> tuple[str, ...]:
-    sides, steps = np.sign(means - centre), np.sign(np.diff(means, prepend=means[0]))
-    marks = []
-    for end, mean in enumerate(means, 1):
-        side, step = sides[max(end - _RUN, 0) : end], steps[max(end - _RUN + 1, 0) : end]
-        if not lower <= mean <= upper:
-            marks.append('beyond the limits')
-        elif end >= _RUN and abs(side.sum()) == _RUN:
-            marks.append(f'{_RUN} on one side')
-        elif end >= _RUN and abs(step.sum()) == _RUN - 1:
-            marks.append(f'{_RUN} rising' if step[-1] > 0 else f'{_RUN} falling')
-        else:
-            marks.append('')
-    return tuple(marks)
+    side = _sums_of_last(_RUN, np.sign(means - centre))
+    step = _sums_of_last(_RUN - 1, np.sign(np.diff(means, prepend=means[0])))
+    rules = {
+        'beyond the limits': (means < lower) | (means > upper),
+        f'{_RUN} on one side': abs(side) == _RUN,
+        f'{_RUN} rising': step == _RUN - 1,
+        f'{_RUN} falling': step == 1 - _RUN,
+    }
+    return tuple(np.select([*rules.values()], [*rules], '').tolist())
+
+
+def _sums_of_last(count: int, signs: NDArray[np.float64]) -> NDArray[Any]:
+    return np.convolve(signs, np.ones(count))[: len(signs)]

@@ -9,7 +9,7 @@ test passes.
 """
 
 from dataclasses import asdict, dataclass, fields, replace
-from datetime import datetime, timedelta, tzinfo
+from datetime import datetime, time, timedelta, tzinfo
 import math
 import re
 from typing import Any, ClassVar
@@ -69,21 +69,19 @@ class PerformancePlan(Parameters):
         """
         if last is None:
             return began
-        times = [began] if self.every_batch and not in_batch else []
-        if self.every_hours:
-            times.append(last + round(self.every_hours * _HOUR))
-        if self.shifts:
-            times.append(self._next_shift(last, zone))
-        return min(times, default=None)
+        times = (
+            began if self.every_batch and not in_batch else None,
+            last + round(self.every_hours * _HOUR) if self.every_hours else None,
+            self._next_shift(last, zone) if self.shifts else None,
+        )
+        return min((each for each in times if each is not None), default=None)
 
     def _next_shift(self, after: int, zone: tzinfo) -> int:
         moment = datetime.fromtimestamp(after / NANOSECONDS, zone)
-        starts = []
-        for text in self.shifts.split():
-            hour, minute = map(int, text.split(':'))
-            start = moment.replace(hour=hour, minute=minute, second=0, microsecond=0)
-            starts.append(start if start > moment else start + timedelta(days=1))
-        return round(min(starts).timestamp()) * NANOSECONDS
+        times = map(time.fromisoformat, self.shifts.split())
+        starts = (datetime.combine(moment, each, zone) for each in times)
+        coming = (start if start > moment else start + timedelta(days=1) for start in starts)
+        return round(min(coming).timestamp()) * NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -141,8 +139,7 @@ class PerformanceTests:
         return self.plan
 
     def begin(self, who: str, now: int) -> None:
-        """Begin a test; raises `ValueError` as `plan_to_begin`."""
-        self.plan_to_begin()
+        """Begin a test, which `plan_to_begin` has allowed."""
         self.state = replace(
             self.state, stamp=now, state=PerformanceState.RUNNING, who=who, errors=(), text=''
         )

@@ -113,13 +113,17 @@ class Product(Settings):
             ('upper_limit', 'below', self.upper_limit < self.nominal),
         ):
             if beyond:
-                text = f'{getattr(self, name)} is {side} nominal, {self.nominal:g} kg'
-                raise SettingsError(text, name)
+                raise SettingsError(
+                    f'{getattr(self, name)} is {side} nominal, {self.nominal:g} kg', name
+                )
         for name in ('length', 'speed'):
             smallest, largest = getattr(self, name)
             if not smallest < largest:
-                text = f'from {smallest:g} to {largest:g} nothing would be weighed'
-                raise SettingsError(f'{text}; give the smallest, then the largest', name)
+                raise SettingsError(
+                    f'from {smallest:g} to {largest:g} nothing would be weighed; give the '
+                    'smallest, then the largest',
+                    name,
+                )
         if self.filler is not None:
             _check_filler(self.filler, self.nominal)
         if self.test is not None:
@@ -134,14 +138,20 @@ class Product(Settings):
             # The record of a batch has the mass instead of TU2.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
-                why = 'items from TU2 to TU1 are what it is about, so lower_limit must be TU2'
-                raise SettingsError(f'{why}, not {given}', 'tu1_quota')
+                raise SettingsError(
+                    'items from TU2 to TU1 are what it is about, so lower_limit must be TU2, not '
+                    f'{given}',
+                    'tu1_quota',
+                )
             return self.tu2
         if not isinstance(given, str):
             return given
         if math.isnan(self.tu1):
-            why = f'76/211/EEC has no {given} for a nominal weight of {self.nominal:g} kg'
-            raise SettingsError(f'{why}, only for {SMALLEST:g}..{LARGEST:g} kg', 'lower_limit')
+            raise SettingsError(
+                f'76/211/EEC has no {given} for a nominal weight of {self.nominal:g} kg, only for '
+                f'{SMALLEST:g}..{LARGEST:g} kg',
+                'lower_limit',
+            )
         return self.tu1 if given == 'TU1' else self.tu2
 
     def limits(self) -> dict[str, object]:
@@ -190,21 +200,29 @@ def product_of(values: Mapping[str, Any]) -> Product:
 # These bounds detect masses that were given in g instead of kg. No product comes near them.
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
-        text = f'{filler.target:g} kg is more than half off nominal, {nominal:g} kg'
-        raise SettingsError(text, 'filler', 'target')
+        raise SettingsError(
+            f'{filler.target:g} kg is more than half off nominal, {nominal:g} kg',
+            'filler',
+            'target',
+        )
     for name in ('dead_band', 'max_step', 'max_correction'):
         if nominal < (value := getattr(filler, name)) < math.inf:
-            text = f'{value:g} kg is above nominal, {nominal:g} kg'
-            raise SettingsError(text, 'filler', name)
+            raise SettingsError(f'{value:g} kg is above nominal, {nominal:g} kg', 'filler', name)
 
 
 def _check_test(test: PerformancePlan, gross: float) -> None:
     if not _is_near(test.mass, gross):
-        text = f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg'
-        raise SettingsError(text, 'test', 'mass')
+        raise SettingsError(
+            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg',
+            'test',
+            'mass',
+        )
     if test.limit >= test.mass * _LARGEST_ERROR:
-        text = f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg'
-        raise SettingsError(text, 'test', 'limit')
+        raise SettingsError(
+            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg',
+            'test',
+            'limit',
+        )
 
 
 def _is_near(mass: float, nominal: float) -> bool:

@@ -123,7 +123,6 @@ def reference_test(
     mean = float(drawn.mean())
     std_dev = float(drawn.std(ddof=1)) if count > 1 else math.nan
     limit = nominal - k * std_dev if k else nominal
-    contents = samples[-1].defective <= samples[-1].accept
     tu2_decides = whole or plan is SamplingPlan.SINGLE
     return ReferenceTest(
         plan=plan,
@@ -133,7 +132,8 @@ def reference_test(
         samples=samples,
         below_tu2=below_tu2,
         tu2_decides=tu2_decides,
-        contents_passed=contents and not (tu2_decides and below_tu2),
+        contents_passed=samples[-1].defective <= samples[-1].accept
+        and not (tu2_decides and below_tu2),
         mean_count=count,
         mean=mean,
         std_dev=std_dev,

@@ -39,8 +39,12 @@ class Selection(Settings):
         """Return a selection; without a product or its limits, no product is selected."""
         if product is None or limits is None:
             return cls(batch=batch, before=before)
-        products = {product.name: product}
-        return cls(batch=batch, before=before, products=products, limits=limits_of(limits))
+        return cls(
+            batch=batch,
+            before=before,
+            products={product.name: product},
+            limits=limits_of(limits),
+        )
 
     @classmethod
     def prepared(cls, content: Any) -> Any:

@@ -14,7 +14,6 @@ def chart_of(means: list[float]) -> list[str]:
     """Return the marks of subgroups with these means, each from -1 to 1 around it."""
     spread = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     found = control_chart(np.concatenate([mean + spread for mean in means]).tolist())
-    assert found is not None
     return list(found.marks)
 
 
@@ -24,28 +23,25 @@ def test_limits_are_those_of_the_standard():
     found = control_chart(masses.tolist())
     groups = masses.reshape(-1, SUBGROUP)
     spread = np.std(groups, axis=1, ddof=1).mean()
-    assert found is not None
     assert found.centre == pytest.approx(masses.mean())
     assert found.upper - found.centre == pytest.approx(A3 * spread, rel=1e-3)
     assert found.centre - found.lower == pytest.approx(A3 * spread, rel=1e-3)
     assert found.spread_upper == pytest.approx(B4 * spread, rel=1e-3)
 
 
-def test_a_mean_beyond_the_limits_is_marked():
-    assert chart_of([0.0] * 9 + [3.0])[-1] == 'beyond the limits'
-
-
-def test_seven_on_one_side_are_marked():
-    marks = chart_of([-0.2] * 4 + [0.2, -0.2] + [0.2] * 7)
-    assert marks[-1] == '7 on one side'
-    assert not any(marks[:-1])
-
-
-@pytest.mark.parametrize(('sign', 'word'), [(1, 'rising'), (-1, 'falling')])
-def test_seven_in_one_direction_are_marked(sign: int, word: str):
-    marks = chart_of([sign * 0.1 * step for step in (0, -3, -2, -1, 0, 1, 2, 3)])
-    assert marks[-1] == f'7 {word}'
-    assert not any(marks[:-1])
+@pytest.mark.parametrize(
+    ('means', 'mark'),
+    [
+        ([0.0] * 5 + [3.0], 'beyond the limits'),
+        ([-0.2] * 4 + [0.2, -0.2] + [0.2] * 7, '7 on one side'),
+        ([0, -0.3, -0.2, -0.1, 0, 0.1, 0.2, 0.3], '7 rising'),
+        ([0, 0.3, 0.2, 0.1, 0, -0.1, -0.2, -0.3], '7 falling'),
+    ],
+)
+def test_the_mean_that_breaks_a_rule_is_marked(means: list[float], mark: str):
+    *before, last = chart_of(means)
+    assert last == mark
+    assert not any(before)
 
 
 def test_items_that_fill_no_second_subgroup_make_no_chart():

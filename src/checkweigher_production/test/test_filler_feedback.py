@@ -35,7 +35,6 @@ def test_the_steps_are_those_of_an_integral_controller_with_its_limits():
     for number, contents in enumerate([0.147, math.nan, 0.148, 0.1], 1):
         first = controller.add(item(number, contents)) or first
     # The median 147 g is 3 g below the target; half of that, and the fault is no part of it.
-    assert first is not None
     assert (first.item_id, first.items, first.stamp) == (4, 3, 4 * 10**9)
     assert first.product == 'crisps'
     assert (first.target, first.median) == pytest.approx((0.15, 0.147), abs=1e-12)

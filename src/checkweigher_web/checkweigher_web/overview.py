@@ -76,8 +76,7 @@ def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]]) -> LaneVi
     link = name or '(no namespace)', f'/lane/{name}'
     worst = row.worst.replace('; ', ' \u2192 ', 1) or 'all is well'
     texts = host, product, number(throughput, 1), *map(str, row.counts), worst
-    shown = (text or '\u2013' for text in texts)
-    return LaneView(name, row.level, (row.level.name, link, *shown))
+    return LaneView(name, row.level, (row.level.name, link, *(text or '\u2013' for text in texts)))
 
 
 def show_overview(lanes: Overview) -> None:

@@ -61,8 +61,8 @@ class PlaybackPage:
         self._slider.props['max'] = max(count, 1)
         self._slider.update()
         length = (shift.end - shift.begin) / NANOSECONDS
-        known = f'{counted(count, "item")}, {counted(len(shift.faults), "fault")}'
-        text = f'{known} in {length / 60:.1f} min'
+        faults = counted(len(shift.faults), 'fault')
+        text = f'{counted(count, "item")}, {faults} in {length / 60:.1f} min'
         self._progress.set_text(text if whole else f'weighing: {shift.progress:.0%}, {text}')
         self._show_place()
         if whole:
@@ -85,5 +85,4 @@ class PlaybackPage:
         self._slider.update()
         place, items = self._playback.place, self._shift.items
         if place < len(items):
-            time = when(items[place].verdict)
-            self._where.set_text(f'item {place + 1} of {len(items)}, {time}')
+            self._where.set_text(f'item {place + 1} of {len(items)}, {when(items[place].verdict)}')

@@ -119,8 +119,9 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
     """
     with _listen(site.checked()) as (listener, access, app):
         if report is not None:
-            headers = {'Content-Security-Policy': REPORT_POLICY}
-            answer = HTMLResponse(report.read_bytes(), headers=headers)
+            answer = HTMLResponse(
+                report.read_bytes(), 200, {'Content-Security-Policy': REPORT_POLICY}
+            )
             app.add_api_route(_REPORT, lambda: answer, methods=['GET'])
 
         @ui.page('/', title='Checkweigher')
@@ -171,17 +172,17 @@ def _add_pages(
     async def overview() -> None:
         if (only := lanes.only()) is not None:
             show(only)
-            return
-        header(access, '')
-        show_overview(lanes)
+        else:
+            header(access, '')
+            show_overview(lanes)
 
     @ui.page('/lane/{name:path}', title='Checkweigher')
     async def lane(name: str) -> None:
         if name in watch.lanes:
             show(name)
-            return
-        header(access, name, lambda: True)
-        wait_for_lane(name, lambda: name in watch.lanes)
+        else:
+            header(access, name, lambda: True)
+            wait_for_lane(name, lambda: name in watch.lanes)
 
     def show(name: str) -> None:
         client = ui.context.client

@@ -5,10 +5,10 @@
 from pathlib import Path
 
 from browsers import errors_of, needs_browser, open_browser, shortcomings
-from persons import SCRIPT, Person, new_line, running_line
+from persons import SCRIPT, Line, Person, add_users, new_line
 from running import run_command
 from sealing import make_keys
-import yaml
+from served_page import line_of, served
 
 from checkweigher_production.audit_log import read_log
 from checkweigher_production.audit_seal import add_seal, private_key, seals_path
@@ -18,7 +18,6 @@ VALUES = {'driver': {'simulator.masses': [0.2]}}
 
 
 def rows_of(person: Person) -> list[list[str]]:
-    """Return the entries that are shown."""
     return person.browser.execute_script(
         'return [...document.querySelectorAll(".audit tbody tr")]'
         '.map(row => [...row.children].map(cell => cell.textContent))'
@@ -28,14 +27,12 @@ def rows_of(person: Person) -> list[list[str]]:
 @needs_browser
 def test_a_change_is_seen_in_the_log_and_so_is_a_byte_that_was_changed(tmp_path: Path):
     key, public = make_keys(tmp_path / 'keys')
-    machine = tmp_path / 'machine'
-    machine.mkdir()
-    (machine / 'recipes.yaml').write_text(yaml.safe_dump({'products': {SCRIPT: {'nominal': 0.2}}}))
-    log = machine / 'audit.log'
+    trust, products = ('--trust', str(public)), {SCRIPT: {'nominal': 0.2}}
     with (
-        new_line(tmp_path, VALUES, '--trust', str(public)) as line,
+        new_line(tmp_path, VALUES, *trust, products=products) as line,
         open_browser(tmp_path / 'browser') as browser,
     ):
+        log = line.folder / 'audit.log'
         anna = Person(browser, line)
         anna.log_in('anna')
         anna.until(lambda: 'FAULT' in anna.text('.decision'))  # there is no product yet
@@ -76,12 +73,23 @@ def test_a_change_is_seen_in_the_log_and_so_is_a_byte_that_was_changed(tmp_path:
 
 
 @needs_browser
-def test_a_line_without_a_log_says_which_option_makes_one(tmp_path: Path):
-    with running_line(tmp_path, audit=False) as line, open_browser(tmp_path) as browser:
-        person = Person(browser, line)
+def test_a_line_without_a_folder_says_what_it_lacks(tmp_path: Path):
+    users = tmp_path / 'users'
+    add_users(users)
+    with (
+        line_of(tmp_path / 'line.yaml', {'driver': {'simulator.count': 0}}),
+        served('--users', str(users)) as (_, port),
+        open_browser(tmp_path / 'browser') as browser,
+    ):
+        person = Person(browser, Line(port, tmp_path))
         person.log_in('vera')
-        assert 'Audit log' not in person.buttons('.work')
-        person.log_out()
-        person.log_in('anna')
-        person.open('Audit log')
-        assert 'run the line with --folder' in person.result('✗')
+        assert not person.buttons('.work')
+        for name, dialog, lacks in (
+            ('anna', 'Audit log', 'run the line with --folder'),
+            ('ben', 'Dynamic setting', 'dynamic_setting does not run'),
+        ):
+            person.log_out()
+            person.log_in(name)
+            person.open(dialog)
+            assert lacks in person.result('✗')
+            person.close()

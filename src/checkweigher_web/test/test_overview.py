@@ -1,11 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The overview of all lanes in a real browser, on two lanes of one host that run."""
+"""The overview of all lanes in a real browser, and lanes and servers that fall silent."""
 
 from collections.abc import Iterator
 from operator import itemgetter
+import os
 from pathlib import Path
 import re
+import signal
 import socket
 
 from browsers import check_all_widths, errors_of, needs_browser, shortcomings, text_of, until
@@ -13,8 +15,7 @@ import pytest
 from running import ROOT, start_command
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
-from served_page import line_of, served
-import yaml
+from served_page import child_of, line_of, served, write_parameters
 
 pytestmark = needs_browser
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
@@ -38,11 +39,9 @@ COUNTS = slice(ACCEPTED, ACCEPTED + 3)
 
 @pytest.fixture(scope='module')
 def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """Run both lanes and the page, and give the port."""
     folder = tmp_path_factory.mktemp('line')
     for lane, nodes in VALUES.items():
-        sections = {f'/**/{node}': {'ros__parameters': values} for node, values in nodes.items()}
-        (folder / f'{lane}.yaml').write_text(yaml.safe_dump(sections))
+        write_parameters(folder / f'{lane}.yaml', nodes)
     (folder / 'line.yaml').write_text(LINE)
     words = ('run', '--host', 'hall', '--line', folder / 'line.yaml')
     line = start_command(*words, stdout=None, stderr=None)
@@ -55,7 +54,6 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 
 def lanes_of(browser: Chrome) -> list[list[str]]:
-    """Return the texts of the rows, the lane of each as the second."""
     return browser.execute_script(
         'return [...document.querySelectorAll(".lanes tbody tr")]'
         '.map(r => [...r.children].map(c => c.innerText))'
@@ -122,3 +120,21 @@ def test_a_page_waits_for_its_lane_and_tells_when_that_is_silent(browser: Chrome
         silent = r'silent for \d+ s, last item at \d\d:\d\d:\d\d'
         until(browser, lambda: re.search(silent, text_of(browser, '.item')))
         until(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.decision.NONE'))
+
+
+def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path):
+    def note() -> str:
+        return text_of(browser, 'body.stale .late')
+
+    with line_of(tmp_path / 'line.yaml', VALUES['good']) as line, served() as (page, port):
+        browser.get(f'http://127.0.0.1:{port}/lane/')  # others may linger in the domain
+        until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
+        until(browser, lambda: not note())
+        silent = child_of(line.pid)
+        for process, ending in ((silent, signal.SIGKILL), (page.pid, signal.SIGSTOP)):
+            os.kill(process, signal.SIGSTOP)
+            until(browser, lambda: re.match(r'No news since \d\d:\d\d:\d\d, for ', note()))
+            assert shortcomings(browser) == []
+            os.kill(process, ending)
+            if process == silent:  # it is started again
+                until(browser, lambda: not note())

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in a real browser, Debian's Chromium, on a line that runs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 import re
 
@@ -16,9 +16,9 @@ from browsers import (
     text_of,
     until,
 )
+from node_process import spinning
 from persons import Line, Person, add_users
 import pytest
-import rclpy
 from rclpy.node import Node
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
@@ -39,7 +39,6 @@ LINE = {
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the users, and one for the items that are kept."""
     folder = tmp_path_factory.mktemp('line')
     (folder / 'kept').mkdir()
     add_users(folder / 'users')
@@ -48,7 +47,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def port(folder: Path) -> Iterator[int]:
-    """Run an endless line and the page, and give the port."""
     options = '--users', str(folder / 'users'), '--keep', str(folder / 'kept')
     with line_of(folder / 'line.yaml', LINE), served(*options) as (_, found):
         yield found
@@ -94,31 +92,20 @@ def test_everything_can_be_seen_and_has_a_name_at_any_width(browser: Chrome, por
         assert mass <= panel
 
 
-@pytest.fixture
-def nodes() -> Iterator[Callable[[], list[str]]]:
-    """Return what gives the names of the nodes in the graph."""
-    rclpy.init()
-    watcher = Node('watcher')
-    yield watcher.get_node_names
-    watcher.destroy_node()
-    rclpy.try_shutdown()
-
-
-def test_signals_are_taken_only_while_somebody_looks(
-    browser: Chrome, port: int, nodes: Callable[[], list[str]]
-):
-    browser.get('about:blank')  # whichever test came before
-    until(browser, lambda: 'page_results' in nodes())
-    until(browser, lambda: 'page_signals' not in nodes())
-    browser.get(f'http://127.0.0.1:{port}/')
-    until(browser, lambda: 'page_signals' in nodes())
-    browser.get('about:blank')
-    until(browser, lambda: 'page_signals' not in nodes())
+def test_signals_are_taken_only_while_somebody_looks(browser: Chrome, port: int):
+    with spinning():
+        nodes = Node('watcher').get_node_names
+        browser.get('about:blank')  # whichever test came before
+        until(browser, lambda: 'page_results' in nodes())
+        until(browser, lambda: 'page_signals' not in nodes())
+        browser.get(f'http://127.0.0.1:{port}/')
+        until(browser, lambda: 'page_signals' in nodes())
+        browser.get('about:blank')
+        until(browser, lambda: 'page_signals' not in nodes())
 
 
 @pytest.fixture
 def anna(browser: Chrome, port: int, folder: Path) -> Person:
-    """Return an operator who has logged in."""
     person = Person(browser, Line(port, folder))
     person.log_in('anna')
     return person

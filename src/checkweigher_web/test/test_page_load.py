@@ -12,9 +12,9 @@ import threading
 import time
 
 from browsers import needs_browser, open_browser, text_of, until
+from node_process import spinning
 import pytest
-import rclpy
-from running import BAGS, PATIENCE
+from running import BAGS, PATIENCE, wait_for
 from served_page import child_of, get, get_text, line_of, served
 from viewers import viewers
 
@@ -30,23 +30,10 @@ PAUSE = 0.2  # s between two requests of a flood
 MEASURED = 20.0  # s
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
-@contextmanager
-def listening() -> Iterator[Spinner]:
-    """Have ROS in this process."""
-    rclpy.init()
-    spinner = Spinner()
-    try:
-        yield spinner
-    finally:
-        spinner.stop()
-        rclpy.try_shutdown()
+def take_verdicts(spinner: Spinner, take: Callable[[Verdict], object]) -> None:
+    node = PortNode('judged')
+    node.subscribe(ports.VERDICT, take)
+    spinner.add(node)
 
 
 @contextmanager
@@ -79,17 +66,16 @@ def flooded(port: int) -> Iterator[None]:
 def test_a_page_that_is_flooded_and_then_killed_costs_the_line_nothing(
     rows: Callable[..., list[dict[str, str]]], bag: str, count: int
 ):
-    with served(*LANE) as (process, port), listening() as spinner:
+    with served(*LANE) as (process, port), spinning() as spinner:
         wait_for(lambda: '"board"' in get_text(port))
-        node, judged = PortNode('judged'), set[int]()
+        judged = set[int]()
 
         def judge(verdict: Verdict) -> None:
             judged.add(verdict.item_id)
             if len(judged) == AMID:
                 process.kill()
 
-        node.subscribe(ports.VERDICT, judge)
-        spinner.add(node)
+        take_verdicts(spinner, judge)
         with viewers(port, count), flooded(port):
             assert process.poll() is None
             replayed = rows('replay', BAGS / bag, '--rate', 4)
@@ -133,10 +119,8 @@ class Clock:
 def judged_line(folder: Path, clock: Clock) -> Iterator[int]:
     """Run an endless line whose verdicts `clock` takes, and give its process."""
     values = {'driver': {'simulator': {'count': 0, 'seed': 3}}}
-    with line_of(folder / 'line.yaml', values) as line, listening() as spinner:
-        node = PortNode('judged')
-        node.subscribe(ports.VERDICT, clock.judge)
-        spinner.add(node)
+    with line_of(folder / 'line.yaml', values) as line, spinning() as spinner:
+        take_verdicts(spinner, clock.judge)
         wait_for(lambda: clock.judged)
         yield child_of(line.pid)
 

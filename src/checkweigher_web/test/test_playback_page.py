@@ -23,7 +23,6 @@ pytestmark = needs_browser
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a shift with two faults."""
     sound = simulated(count=ITEMS, seed=6)
     broken = saturated_at(sound, edges_of(sound, 3)['t2'].stamp + 50_000_000)
     broken = without_edges(broken, edges_of(sound, 7)['t3'])
@@ -47,7 +46,6 @@ def port(bag: Path, report: Path) -> Iterator[int]:
 
 @pytest.fixture(scope='module')
 def opened(port: int, browser: Chrome) -> Chrome:
-    """Open the page once for all tests."""
     browser.get(f'http://127.0.0.1:{port}/')
     until(browser, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(browser, '.in-a-row'))
     return browser

@@ -8,7 +8,6 @@ from browsers import errors_of, needs_browser, open_browser
 from persons import Person, new_line
 from selenium.webdriver.common.by import By
 from served_page import get, get_text
-import yaml
 
 from checkweigher_production.audit_log import read_log
 
@@ -22,10 +21,10 @@ VALUES = {'driver': {'simulator.masses': [0.152]}}
 
 @needs_browser
 def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_path: Path):
-    machine = tmp_path / 'machine'
-    machine.mkdir()
-    (machine / 'recipes.yaml').write_text(yaml.safe_dump({'products': {'crisps': RECIPE}}))
-    with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
+    with (
+        new_line(tmp_path, VALUES, products={'crisps': RECIPE}) as line,
+        open_browser(tmp_path / 'browser') as browser,
+    ):
         anna = Person(browser, line)
         anna.log_in('anna')
         anna.until(lambda: 'FAULT' in anna.text('.decision'))  # there is no product yet
@@ -36,7 +35,7 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         anna.until(lambda: 'filler correction, g -' in ' '.join(anna.text('.production').split()))
         for batch in (BATCH, 'L2'):
             anna.does('New batch', '✓', 'Begin', Batch=batch)
-        report = machine / 'batches' / '.L 1%2F2.html'
+        report = line.folder / 'batches' / '.L 1%2F2.html'
         anna.until(report.exists)
 
         def listed() -> bool:
@@ -55,5 +54,5 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         assert get(line.port, address.replace('.html', '.json')).status == 200
         assert get(line.port, address.replace('.L%201%252F2', 'none')).status == 404
         assert errors_of(browser) == []
-        log = machine / 'audit.log'
+        log = line.folder / 'audit.log'
         anna.until(lambda: any(each.kind == 'report' for each in read_log(log).entries))

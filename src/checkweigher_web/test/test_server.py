@@ -109,7 +109,6 @@ def test_the_executable_of_the_launch_file_ends_in_order_by_ctrl_c():
         'server.Site = partial(server.Site, port=0); server.main()'
     )
     with subprocess.Popen([sys.executable, '-c', code], stderr=subprocess.PIPE, text=True) as page:
-        assert page.stderr is not None
         assert page.stderr.readline().startswith('page: http://127.0.0.1:')
         page.send_signal(signal.SIGINT)
         _, errors = page.communicate(timeout=PATIENCE)

@@ -19,16 +19,10 @@ REASON = 'Reason (needed to skip a step)'
 class Inspector(Person):
     """Somebody who verifies a machine."""
 
-    def sees(self, *words: str) -> None:
-        """Wait until the dialog says how it is."""
-        self.until(lambda: all(word in self.text('.dialog .state') for word in words))
-
-    def reads(self, words: str) -> None:
-        """Wait until the dialog says what the plan is."""
-        self.until(lambda: words in self.text('.dialog .found'))
+    def sees(self, *words: str, where: str = '.state') -> None:
+        self.until(lambda: all(word in self.text(f'.dialog {where}') for word in words))
 
     def makes(self, step: str) -> None:
-        """Make the step, which is asked for."""
         self.sees(f'{step}: do this')
         self.press('Make')
 
@@ -40,12 +34,12 @@ def take_plan(ben: Inspector, path: Path) -> None:
     wrong = path.with_name('wrong.yaml')
     wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
     upload.send_keys(str(wrong))
-    ben.reads("class: class 'none' is none of")
+    ben.sees("class: class 'none' is none of", where='.found')
     ben.press('Begin')
     assert 'the plan: line' in ben.result('✗')
     path.write_text(SHORT_PLAN)
     upload.send_keys(str(path))
-    ben.reads('9 steps')
+    ben.sees('9 steps', where='.found')
 
 
 @needs_browser

@@ -95,7 +95,6 @@ class BeltLine:
         self.start()
 
     def start(self) -> None:
-        """Start the line by the command run."""
         with self.log.open('a', encoding='utf-8') as file:
             self.command = start_command(
                 *('run', '--namespace', 'belt', '--params', self.folder / 'line.yaml'),
@@ -130,18 +129,15 @@ class BeltLine:
 
     @property
     def record(self) -> Path:
-        """The record of the belt."""
         (record,) = (self.folder / 'state' / 'checkweigher').glob('*.belt')
         return record
 
     def runs(self) -> bool:
-        """Tell whether the belt runs."""
         states = [entry[1] for entry in self.events() if entry[1] in ('run', 'stop', 'watchdog')]
         return bool(states) and states[-1] == 'run'
 
     def pids(self, name: str) -> list[int]:
         """Return the processes of a node, or of all that `run` has started for ``line``."""
-        assert self.command is not None
         return pids_of(self.command.pid, name)
 
     def signal(self, name: str, number: int) -> int:
@@ -151,7 +147,6 @@ class BeltLine:
         return pid
 
     def change(self, name: str, transition: int) -> bool:
-        """Ask a managed node for a transition."""
         wanted = Transition(id=transition)
         return bool(
             call(self.node, ChangeState, f'/belt/{name}/change_state', transition=wanted).success
@@ -181,14 +176,11 @@ class BeltLine:
         return f'{last.reason}: {last.hint}' if stopped else ''
 
     def stop(self) -> None:
-        """End the line in order."""
-        assert self.command is not None
         if self.command.poll() is None:
             self.command.send_signal(signal.SIGINT)
             self.command.wait(timeout=60)
 
     def end(self) -> None:
-        """End line and machine."""
         self.stop()
         self.machine.stdin.close()
         self.machine.wait(PATIENCE)

@@ -106,7 +106,6 @@ class Plc:
         self.runs = False
 
     def scan(self) -> None:
-        """Switch motor and ejector, by what the line has written."""
         now, belt = time.monotonic(), self._belt
         if self.heartbeat != self._last_heartbeat:
             self._last_heartbeat, self._fed = self.heartbeat, now
@@ -210,7 +209,6 @@ class Server:
         await self._server.serve_forever(background=True)
 
     async def restart(self, seconds: float, *, power: bool) -> None:
-        assert self._server is not None
         await self._server.shutdown()
         if power:
             plc = self._machine.plc

@@ -44,6 +44,8 @@ class Plc:
         self._coils: dict[int, bool] = {}
         self._fed = time.monotonic()
         self._stamps, self._states = [0], [0]
+        self._begin = self._started = 0
+        self._belt_stopped = False
         if bag is not None:
             recording = read_bag(bag)
             self._stamps[0] = begin = recording.blocks[0].stamp
@@ -53,9 +55,6 @@ class Plc:
                 before = self._states[-1]
                 self._stamps.append(edge.stamp)
                 self._states.append(before | bit if edge.blocked else before & ~bit)
-
-    _begin = 0
-    _started = 0
 
     def start(self) -> int:
         self._started = time.time_ns()
@@ -81,8 +80,6 @@ class Plc:
         elif function in (5, 15):
             for offset, value in enumerate(values):
                 self._note(address + offset, bool(value))
-
-    _belt_stopped = False
 
     def _note(self, coil: int, value: bool) -> None:
         if self._coils.get(coil) is not value:

@@ -119,8 +119,6 @@ class Device:
         """Put on the wire what has gone over it by now."""
         options = self.options
         now = time.monotonic()
-        if options.burst:
-            now = self.begin + (now - self.begin) // options.burst * options.burst
         wire = 10 * len(self.frame(0)) / options.baud
         due = int((now - self.begin - wire) * options.rate) + 1
         if self.recorded is not None:
@@ -217,7 +215,7 @@ class Device:
 
     def run(self) -> None:
         print('ready', flush=True)
-        pace = self.options.burst or 1 / self.options.rate
+        pace = 1 / self.options.rate
         while True:
             watched = [sys.stdin] + ([self.port.master] if self.port.master >= 0 else [])
             ready, _, _ = select.select(watched, [], [], pace if self.streaming else 0.05)
@@ -243,7 +241,6 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument('--signal', choices=('ramp', 'slow'), default='ramp')
     parser.add_argument('--bag', type=Path, help='send the readings of a bag instead')
     parser.add_argument('--begin', type=Path, help='is written when the bag begins: the time, ns')
-    parser.add_argument('--burst', type=float, default=0.0, help='s, as an USB adapter bundles')
     parser.add_argument('--identity', default='HBM,FIT/5,0123456,P72')
     parser.add_argument('--late', type=float, default=0.0, help='s, of the first reply to IDN?')
     parser.add_argument('--refuse', nargs='*', default=[], help='commands that are replied to by ?')

@@ -55,8 +55,8 @@ def check_not_installed(path: Path) -> None:
 
 
 def _installed() -> list[Path]:
-    packages = {Path(prefix) for prefix in get_packages_with_prefixes().values()}
-    trees = [Path(sysconfig.get_path('purelib')), Path('/opt/ros'), *packages]
+    packages = set(get_packages_with_prefixes().values())
+    trees = map(Path, (sysconfig.get_path('purelib'), '/opt/ros', *packages))
     return [each for tree in trees for each in {tree.absolute(), tree.resolve()}]
 
 
@@ -113,9 +113,9 @@ def write_version(
     old = read_version(path) if path.exists() else None
     sections = _sections(base if base is not None else path if old else None)
     driver = sections.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
-    values = driver.setdefault(source, {})
-    values['counts_per_kg'] = calibration.counts_per_kg
-    values['zero_counts'] = calibration.zero_counts
+    driver.setdefault(source, {}).update(
+        counts_per_kg=calibration.counts_per_kg, zero_counts=calibration.zero_counts
+    )
     version = max([old or 0, *_kept_versions(path)]) + 1
     lines = [
         f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
@@ -202,7 +202,8 @@ def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
         for name in ('counts_per_kg', 'zero_counts'):
             value = values.get(name)
             if isinstance(value, bool) or not isinstance(value, int | float):
-                error = ParameterError(f'driver.{source}.{name}: {value!r} is not a number')
-                raise in_section(error, sections)
+                raise in_section(
+                    ParameterError(f'driver.{source}.{name}: {value!r} is not a number'), sections
+                )
             found.append(float(value))
     return found[0], found[1]

@@ -64,19 +64,17 @@ class CalibrationServices:
         self._waiting: Future | None = None  # answer to a call that waits for a reading
         # A separate group, so that samples go on while a call waits for them.
         group = self._group = ReentrantCallbackGroup()
-        node.create_service(Trigger, ports.CALIBRATE_ZERO, self._on_zero, callback_group=group)
-        node.create_service(
-            CalibrateSpan, ports.CALIBRATE_SPAN, self._on_span, callback_group=group
-        )
-        node.create_service(
-            FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish, callback_group=group
-        )
+        for kind, name, callback in (
+            (Trigger, ports.CALIBRATE_ZERO, self._on_zero),
+            (CalibrateSpan, ports.CALIBRATE_SPAN, self._on_span),
+            (FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish),
+        ):
+            node.create_service(kind, name, callback, callback_group=group)
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
         """Return the load cell with the calibration that `read` finds."""
-        if (found := self.read()) is None:
-            return load_cell
+        found = self.read() or (load_cell.counts_per_kg, load_cell.zero_counts)
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
@@ -113,10 +111,10 @@ class CalibrationServices:
             found = session.add(event, time.monotonic())
         except CalibrationError as error:
             self._refuse(str(error))
-            return
-        if found is not None:
-            reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-            self._answer((True, f'{reading}; {len(session.points)} read by now', found))
+        else:
+            if found is not None:
+                reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
+                self._answer((True, f'{reading}; {len(session.points)} read by now', found))
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
         """Return session and file of a driver that can be calibrated."""

@@ -178,5 +178,6 @@ def _check_clear(edges: Collection[EyeEdge]) -> None:
     """Raise CalibrationError if an eye is blocked after its latest edge."""
     for edge in edges:
         if edge.blocked:
-            eye = Eye(edge.eye).name.lower()
-            raise CalibrationError(f'the {eye} eye is blocked; empty the belt')
+            raise CalibrationError(
+                f'the {Eye(edge.eye).name.lower()} eye is blocked; empty the belt'
+            )

@@ -85,9 +85,8 @@ class BeltRecord:
         try:
             self.found = self._open()
         except OSError as error:
-            why = error.strerror or str(error)
-            if isinstance(error, BlockingIOError):
-                why = 'another driver has it, and so these outputs'
+            taken = 'another driver has it, and so these outputs'
+            why = taken if isinstance(error, BlockingIOError) else error.strerror or error
             raise ParameterError(
                 f'{_NAME}: {str(path)!r}: {why}; must be a file that outlives this process'
             ) from None

@@ -40,7 +40,7 @@ class EdgePolling:
         self._lost = False
         self._blocked_at: dict[Eye, int] = {}
         self._covered: dict[Eye, int] = {}  # time for which the last product covered an eye
-        self.uncertainty = self.worst_uncertainty = 0  # of the last edge, of all accepted edges
+        self._worst_uncertainty = 0  # of all accepted edges
         self.losses = 0
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
@@ -67,8 +67,7 @@ class EdgePolling:
             return [EyesLost(last.begin + to_stamp, text), EyesBack(poll.end + to_stamp)]
         middle = last.begin + uncertainty
         for eye in changed:
-            self.uncertainty = uncertainty
-            self.worst_uncertainty = max(self.worst_uncertainty, uncertainty)
+            self._worst_uncertainty = max(self._worst_uncertainty, uncertainty)
             self._cover(eye, poll.blocked[eye], middle)
         return [EyeEdge(middle + to_stamp, eye, poll.blocked[eye]) for eye in changed]
 
@@ -114,6 +113,6 @@ class EdgePolling:
             'round trip ms': round_trip,
             'longest round trip ms': 1e-6 * self._longest_round_trip,
             'edge uncertainty ms': (period + round_trip) / 2,
-            'largest edge uncertainty ms': 1e-6 * self.worst_uncertainty,
+            'largest edge uncertainty ms': 1e-6 * self._worst_uncertainty,
             'eye losses': self.losses,
         }

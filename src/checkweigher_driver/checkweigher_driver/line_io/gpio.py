@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on GPIO lines of a Linux machine, with the time stamps of the kernel."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-import threading
 import time
 from typing import ClassVar
 
@@ -93,18 +93,14 @@ class GpioEyes(EdgeSource):
     trouble = ''
 
     def __init__(self, parameters: GpioEyesParameters) -> None:
-        active_low = {
-            parameters.infeed: parameters.infeed_active_low,
-            parameters.outfeed: parameters.outfeed_active_low,
-        }
-        debounce = timedelta(seconds=parameters.debounce)
+        wanted, debounce = parameters, timedelta(seconds=parameters.debounce)
         settings: _Settings = {
-            offset: _edges_of(parameters.bias, inverted, debounce)
-            for offset, inverted in active_low.items()
+            wanted.infeed: _edges_of(wanted.bias, wanted.infeed_active_low, debounce),
+            wanted.outfeed: _edges_of(wanted.bias, wanted.outfeed_active_low, debounce),
         }
-        self._request = _request(parameters.chip, settings, 'gpio')
-        self._order = EdgeOrder({parameters.infeed: Eye.INFEED, parameters.outfeed: Eye.OUTFEED})
-        self._closing = threading.Event()
+        self._request = _request(wanted.chip, settings, 'gpio')
+        self._order = EdgeOrder({wanted.infeed: Eye.INFEED, wanted.outfeed: Eye.OUTFEED})
+        super().__init__(parameters)
         self._edges = 0
 
     def figures(self) -> dict[str, float]:
@@ -124,10 +120,6 @@ class GpioEyes(EdgeSource):
                 for event in events:
                     self._edges += 1
                     yield from self._order.take(event)
-
-    def close(self) -> None:
-        """End `events` within some tenths of a second."""
-        self._closing.set()
 
 
 @dataclass(frozen=True)
@@ -158,8 +150,7 @@ class GpioOutputParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         lines = self.reject, self.stop, self.permit, self.heartbeat, self.belt, *self.station_lines
-        used = [line for line in lines if line >= 0]
-        if len(set(used)) < len(used):
+        if max(Counter(line for line in lines if line >= 0).values()) > 1:
             raise ParameterError(
                 'gpio_outputs: reject, stop, permit, stations, heartbeat and belt have to be '
                 'different lines'
@@ -204,8 +195,7 @@ class GpioOutputs(OutputPort):
             settings[wanted.belt] = gpiod.LineSettings(
                 direction=Direction.INPUT, active_low=wanted.belt_active_low
             )
-        lines = _request(wanted.chip, settings, 'gpio_outputs')
-        self._lines = self._opened.enter_context(lines)
+        self._lines = self._opened.enter_context(_request(wanted.chip, settings, 'gpio_outputs'))
 
     def switch(self, levels: Levels) -> None:
         """Set the lines."""
@@ -276,8 +266,8 @@ class GpioInputs(InputPort):
         """Return a reading for each edge since the last call, or else the present reading."""
         if not self._levels or not self._lines.wait_edge_events(_WAIT):
             values = self._lines.get_values(list(self._names))
-            levels = zip(self._names.values(), values, strict=True)
-            self._levels = {name: value is Value.ACTIVE for name, value in levels}
+            on = (value is Value.ACTIVE for value in values)
+            self._levels = dict(zip(self._names.values(), on, strict=True))
             return [Reading(time.time_ns(), dict(self._levels))]
         found = []
         for event in self._lines.read_edge_events():
@@ -316,8 +306,7 @@ def _request(chip: str, settings: _Settings, node: str) -> gpiod.LineRequest:
     except PermissionError:
         why = 'no permission; add the user to the group that owns the device'
     except OSError as error:
-        reason = error.strerror or str(error)
-        why = f'{reason}; gpiodetect and gpioinfo show chips and lines in use'
+        why = f'{error.strerror or error}; gpiodetect and gpioinfo show chips and lines in use'
     except ValueError as error:
         why = str(error)
     raise ParameterError(f'{node}.chip: {chip}: {why}')

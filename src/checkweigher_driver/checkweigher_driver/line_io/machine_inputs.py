@@ -15,7 +15,7 @@ import threading
 import time
 from typing import NamedTuple
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude, error_if
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import NANOSECONDS, ExternalReject, MachineConditions
 from checkweigher_core.records.reasons import StopReason
@@ -72,11 +72,12 @@ class InputParameters(Parameters):
     def wiring(self) -> dict[str, int]:
         """Return the address of each input by its name."""
         single = {name: int(getattr(self, name)) for name in DEVICES}
-        found = {name: address for name, address in single.items() if address != _NONE}
-        for name in CONDITIONS:
-            for number, address in enumerate(getattr(self, name)):
-                found[f'{name}[{number}]'] = int(address)
-        return found
+        several = {
+            f'{name}[{number}]': int(address)
+            for name in CONDITIONS
+            for number, address in enumerate(getattr(self, name))
+        }
+        return {n: address for n, address in single.items() if address != _NONE} | several
 
     def is_inverted(self, name: str) -> bool:
         """Return whether an input is inverted."""
@@ -216,13 +217,16 @@ class MachineInputs:
         """Return the aspect Machine inputs of the diagnostics."""
         if not self.exist:
             return conclude('Machine inputs', 'none', [])
-        found = []
-        if self.trouble:
-            hint = 'check power, cable and address of the inputs'
-            found.append(Concern(Level.ERROR, self.trouble, hint))
-        for name in self._watch.wrong:
-            reason = CONDITIONS[name.partition('[')[0]]
-            found.append(Concern(Level.ERROR, f'{reason.value}: input {name}', reason.hint))
+        wrong = {name: CONDITIONS[name.partition('[')[0]] for name in self._watch.wrong}
+        concerns = (
+            error_if(
+                bool(self.trouble), self.trouble, 'check power, cable and address of the inputs'
+            ),
+            *(
+                Concern(Level.ERROR, f'{reason.value}: input {name}', reason.hint)
+                for name, reason in wrong.items()
+            ),
+        )
         return conclude(
-            'Machine inputs', 'all is well', found, {'external_rejects': self._watch.rejects}
+            'Machine inputs', 'all is well', concerns, {'external_rejects': self._watch.rejects}
         )

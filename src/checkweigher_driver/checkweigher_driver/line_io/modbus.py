@@ -5,7 +5,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-import threading
 import time
 from typing import ClassVar
 
@@ -101,7 +100,7 @@ class ModbusEyes(EdgeSource):
             longest_gap=round(parameters.longest_gap * NANOSECONDS),
             delay=round(parameters.delay * NANOSECONDS),
         )
-        self._closing = threading.Event()
+        super().__init__(parameters)
 
     def figures(self) -> dict[str, float]:
         """Return the figures of the polls."""
@@ -123,8 +122,7 @@ class ModbusEyes(EdgeSource):
                 self.trouble = ''
                 yield from self._polling.add(poll, _to_stamp())
                 rest = begin / NANOSECONDS + self._parameters.poll_period - time.monotonic()
-                if rest > 0:
-                    self._closing.wait(rest)
+                self._closing.wait(max(rest, 0.0))
         finally:
             self._link.close()
 
@@ -132,13 +130,11 @@ class ModbusEyes(EdgeSource):
         wanted, begin = self._parameters, time.monotonic_ns()
         bits = self._link.read_inputs(wanted.inputs, (wanted.infeed, wanted.outfeed))
         end = time.monotonic_ns()
-        infeed = bits[wanted.infeed] != wanted.infeed_inverted
-        outfeed = bits[wanted.outfeed] != wanted.outfeed_inverted
-        return Poll(begin, end, (infeed, outfeed))
-
-    def close(self) -> None:
-        """End `events` after the present request."""
-        self._closing.set()
+        blocked = (
+            bits[wanted.infeed] != wanted.infeed_inverted,
+            bits[wanted.outfeed] != wanted.outfeed_inverted,
+        )
+        return Poll(begin, end, blocked)
 
 
 def _to_stamp() -> int:
@@ -177,9 +173,11 @@ class ModbusOutputParameters(_DeviceParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         used = {self.reject: 'the rejector'}
-        others = [('stop', self.stop, 'the stop request'), ('permit', self.permit, 'the permit')]
-        others += [('stations', coil, 'another station') for coil in self.station_coils]
-        for name, coil, what in others:
+        for name, coil, what in (
+            ('stop', self.stop, 'the stop request'),
+            ('permit', self.permit, 'the permit'),
+            *(('stations', coil, 'another station') for coil in self.station_coils),
+        ):
             if coil in used:
                 raise ParameterError(f'modbus_outputs.{name}: coil {coil} is {used[coil]} as well')
             if coil >= 0:
@@ -198,8 +196,9 @@ class ModbusOutputs(OutputPort):
 
     def __init__(self, parameters: ModbusOutputParameters) -> None:
         self._parameters = parameters
-        unit = f'{parameters.host}-{parameters.port}-{parameters.device_id}'
-        self.name = f'modbus-{unit}-{parameters.reject}'
+        self.name = (
+            f'modbus-{parameters.host}-{parameters.port}-{parameters.device_id}-{parameters.reject}'
+        )
         self.permits = parameters.permit >= 0
         self.stations = len(parameters.stations)
         self._link = parameters.link()
@@ -213,8 +212,8 @@ class ModbusOutputs(OutputPort):
 
     def switch(self, levels: Levels) -> None:
         """Write the coils that change."""
-        wanted = self._coils(levels)
-        self._write({a: value for a, value in wanted.items() if self._written.get(a) != value})
+        coils = self._coils(levels).items()
+        self._write({address: on for address, on in coils if self._written.get(address) != on})
 
     def refresh(self, levels: Levels) -> bool | None:
         """Write all coils and the watchdog, and read the belt."""
@@ -295,10 +294,8 @@ class ModbusInputs(InputPort):
         begin = time.time_ns()
         bits = self._link.read_inputs(self._parameters.inputs, self._wiring.values())
         stamp = (begin + time.time_ns()) // 2 - round(self._parameters.delay * NANOSECONDS)
-        levels = {
-            name: bits[address] != self._parameters.is_inverted(name)
-            for name, address in self._wiring.items()
-        }
+        inverted = self._parameters.is_inverted
+        levels = {name: bits[at] != inverted(name) for name, at in self._wiring.items()}
         return [Reading(stamp, levels)]
 
     def close(self) -> None:

@@ -56,8 +56,9 @@ class ModbusLink:
 
     def write_coil(self, address: int, value: bool) -> None:
         """Set a coil."""
-        what = f'coil {address} cannot be written'
-        self._ask(self._client.write_coil, address, what, value=value)
+        self._ask(
+            self._client.write_coil, address, f'coil {address} cannot be written', value=value
+        )
 
     def write_register(self, address: int, value: int) -> None:
         """Set a holding register."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import threading
 import time
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Finding, conclude, error_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, Item, Permission, StopRequest, Verdict
 from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
 from checkweigher_driver.line_io.rejector.missed_products import Latch, LatchEvent
@@ -52,103 +52,6 @@ class OutputPort(ABC):
         """Close the port."""
 
 
-class OutputLoop:
-    """Thread that opens a port, reopens it after a loss, and switches it as the control decides.
-
-    `changed` is the lock of the control, which is notified of changes. `held` is called each cycle
-    and returns whether the line has to stop because its load cell or photo-eyes do not work.
-    `trouble` is one line while the port does not work, else empty.
-    """
-
-    def __init__(
-        self,
-        port: OutputPort,
-        control: RejectorControl,
-        changed: threading.Condition,
-        record: BeltRecord,
-        cycle: float,
-        held: Callable[[], bool],
-    ) -> None:
-        self._port = port
-        self._control = control
-        self._changed = changed
-        self._record = record
-        self._cycle = round(cycle * NANOSECONDS)
-        self._held = held
-        self._written: Levels | None = None
-        self.trouble = 'the outputs are not connected yet'
-        self.closed = False
-        shorten_switch_interval()
-        self.thread = threading.Thread(target=self._run, name='outputs', daemon=True)
-        self.thread.start()
-
-    def close(self) -> None:
-        """Make the control safe and disconnect."""
-        with self._changed:
-            self._control.make_safe()
-            self.closed = True
-            self._changed.notify_all()
-        self.thread.join(timeout=_CLOSE_TIME)
-
-    def _run(self) -> None:
-        """Connect, serve, and connect again after a loss, until the outputs are closed."""
-        port, safe = self._port, self._control.safe_levels
-        while not self.closed:
-            try:
-                # The device may have kept older levels, so write the safe state first.
-                port.open(safe)
-                self._serve()
-                port.switch(safe)
-            except Exception as error:  # the line has to learn of every failure of the port
-                with self._changed:
-                    self._control.disconnect()
-                    self._written = None
-                    self.trouble = f'the rejector is not reached: {error}'
-                port.close()
-                with self._changed:
-                    self._changed.wait_for(lambda: self.closed, RETRY_TIME)
-        port.close()
-        self._record.close(self._control.on_belt())
-
-    def _serve(self) -> None:
-        """Switch and refresh until the outputs are closed."""
-        port, next_refresh, dues = self._port, time.monotonic_ns(), Switches()
-        with self._changed:
-            self._control.connect(next_refresh)
-            self.trouble = ''
-        while True:
-            with self._changed:
-                if self.closed:
-                    return
-                now = time.monotonic_ns()
-                were_due, wanted = dues, self._control.levels(now)
-                dues = self._control.next_switches(now)
-                next_event = min(dues)
-                # No refresh may be under way when the rejector is due.
-                if next_event - next_refresh >= _REFRESH_TIME:
-                    next_event = next_refresh
-                if wanted == self._written and now < next_event:
-                    self._changed.wait((next_event - now) / NANOSECONDS)
-                    continue
-                on_belt = self._control.on_belt()
-            self._record.keep(on_belt)  # before the belt may run
-            if wanted != self._written:
-                port.switch(wanted)
-                done = time.monotonic_ns()
-                with self._changed:
-                    before, self._written = self._written, wanted
-                    if before:
-                        self._control.switched(before, wanted, were_due, now, done)
-            if now >= next_refresh:
-                running, held = port.refresh(wanted), self._held()
-                with self._changed:
-                    self._control.held = held
-                    done = time.monotonic_ns()
-                    self._control.belt(running, done)
-                    self._control.alive(now, done)
-                next_refresh = max(next_refresh + self._cycle, time.monotonic_ns())
-
-
 class MachineOutputs:
     """Outputs that reject items at the times in their verdicts, and stop the line.
 
@@ -167,7 +70,9 @@ class MachineOutputs:
         self._parameters = parameters
         self._changed = threading.Condition()
         self._control = RejectorControl(parameters)
-        self._loop: OutputLoop | None = None  # the last one
+        self._port_trouble = ''  # one line while the port does not work, else empty
+        self._thread: threading.Thread | None = None  # the last one
+        self.is_open = False  # whether the outputs were opened, and are not closed
 
     @contextmanager
     def _change(self) -> Iterator[RejectorControl]:
@@ -179,15 +84,6 @@ class MachineOutputs:
     def exist(self) -> bool:
         """Whether the machine has outputs."""
         return self._port is not None
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the machine has outputs that were opened, and are not closed."""
-        return self._loop is not None and not self._loop.closed
-
-    @property
-    def _port_trouble(self) -> str:
-        return self._loop.trouble if self._loop is not None else ''
 
     @property
     def trouble(self) -> str:
@@ -220,18 +116,17 @@ class MachineOutputs:
         """Return the aspect Outputs of the diagnostics."""
         if not self.is_open:
             return conclude('Outputs', 'not open' if self.exist else 'none', [])
-        found = []
-        if trouble := self.trouble:
-            hint = 'look for the product; then call reset_stop_request'
-            if not self.ready:
-                hint = 'check power, cable and address of the outputs; then call reset_stop_request'
-            found.append(Concern(Level.ERROR, trouble, hint))
+        port, missed = self._port_trouble, self._control.missed.text
+        check = 'check power, cable and address of the outputs; then call reset_stop_request'
+        concerns = (
+            error_if(bool(port), port, check),
+            error_if(bool(missed), missed, 'look for the product; then call reset_stop_request'),
+        )
         values: dict[str, float | str] = {
-            name.replace(' ', '_'): value for name, value in self.figures().items()
+            **{name.replace(' ', '_'): value for name, value in self.figures().items()},
+            'belt_runs': {None: 'unknown', True: 'yes', False: 'no'}[self._control.motion.measured],
         }
-        belt_runs = self._control.motion.measured
-        values['belt_runs'] = {None: 'unknown', True: 'yes', False: 'no'}[belt_runs]
-        return conclude('Outputs', 'switched as told', found, values)
+        return conclude('Outputs', 'switched as told', concerns, values)
 
     def activate(self) -> None:
         """Leave the safe state."""
@@ -277,16 +172,83 @@ class MachineOutputs:
         """
         if self._port is None or self.is_open:
             return
-        if self._loop is not None:
-            self._loop.thread.join()  # its last request may still wait for an answer
+        if self._thread is not None:
+            self._thread.join()  # its last request may still wait for an answer
         port, wanted = self._port, self._parameters
         record = BeltRecord(record_path(wanted.record, port.name))
         self._control = RejectorControl(wanted, permits=port.permits, stations=port.stations)
         for text in record.found.to_look_for():
             self._control.missed.add(text)
-        self._loop = OutputLoop(port, self._control, self._changed, record, wanted.cycle, held)
+        self._port_trouble, self.is_open = 'the outputs are not connected yet', True
+        shorten_switch_interval()
+        self._thread = threading.Thread(
+            target=self._run, args=(port, record, held), name='outputs', daemon=True
+        )
+        self._thread.start()
 
     def close(self) -> None:
         """Enter the safe state and disconnect."""
-        if self._loop is not None and self.is_open:
-            self._loop.close()
+        if self._thread is not None and self.is_open:
+            with self._change() as control:
+                control.make_safe()
+                self.is_open = False
+            self._thread.join(timeout=_CLOSE_TIME)
+
+    def _run(self, port: OutputPort, record: BeltRecord, held: Callable[[], bool]) -> None:
+        """Connect, serve, and connect again after a loss, until the outputs are closed."""
+        safe = self._control.safe_levels
+        while self.is_open:
+            try:
+                # The device may have kept older levels, so write the safe state first.
+                port.open(safe)
+                self._serve(port, record, held)
+                port.switch(safe)
+            except Exception as error:  # the line has to learn of every failure of the port
+                with self._changed:
+                    self._control.disconnect()
+                    self._port_trouble = f'the rejector is not reached: {error}'
+                port.close()
+                with self._changed:
+                    self._changed.wait_for(lambda: not self.is_open, RETRY_TIME)
+        port.close()
+        record.close(self._control.on_belt())
+
+    def _serve(self, port: OutputPort, record: BeltRecord, held: Callable[[], bool]) -> None:
+        """Switch and refresh until the outputs are closed."""
+        cycle = round(self._parameters.cycle * NANOSECONDS)
+        written: Levels | None = None
+        next_refresh, dues = time.monotonic_ns(), Switches()
+        with self._changed:
+            self._control.connect(next_refresh)
+            self._port_trouble = ''
+        while True:
+            with self._changed:
+                if not self.is_open:
+                    return
+                now = time.monotonic_ns()
+                were_due, wanted = dues, self._control.levels(now)
+                dues = self._control.next_switches(now)
+                next_event = min(dues)
+                # No refresh may be under way when the rejector is due.
+                if next_event - next_refresh >= _REFRESH_TIME:
+                    next_event = next_refresh
+                if wanted == written and now < next_event:
+                    self._changed.wait((next_event - now) / NANOSECONDS)
+                    continue
+                on_belt = self._control.on_belt()
+            record.keep(on_belt)  # before the belt may run
+            if wanted != written:
+                port.switch(wanted)
+                done = time.monotonic_ns()
+                if written:
+                    with self._changed:
+                        self._control.switched(written, wanted, were_due, now, done)
+                written = wanted
+            if now >= next_refresh:
+                running, must_stop = port.refresh(wanted), held()
+                with self._changed:
+                    self._control.held = must_stop
+                    done = time.monotonic_ns()
+                    self._control.belt(running, done)
+                    self._control.alive(now, done)
+                next_refresh = max(next_refresh + cycle, time.monotonic_ns())

@@ -183,8 +183,10 @@ class RejectorControl:
     def _check_silence(self, now: int) -> None:
         """Check for a silence after which the machine has stopped the belt by itself."""
         if self.motion.is_silent(now):
-            why = f'the machine had no sign of life for {self._watchdog_time:g} s'
-            self._doubt(why, self._items.names())
+            self._doubt(
+                f'the machine had no sign of life for {self._watchdog_time:g} s',
+                self._items.names(),
+            )
 
     def next_switches(self, now: int) -> Switches:
         """Return the times at which the outputs switch next."""
@@ -199,8 +201,7 @@ class RejectorControl:
                 f'a product left the belt and no verdict came within {within}; check that reject '
                 'runs, and look behind the rejector',
             )
-        late = self._late_tolerance
-        for item in self._arrivals.unjudged(self._items, now, late, to_monotonic):
+        for item in self._arrivals.unjudged(self._items, now, self._late_tolerance, to_monotonic):
             if not item.told:
                 item.told = True
                 self._sorter.eject(now, f'{item} would be at the rejector by now; look for it')
@@ -222,8 +223,7 @@ class RejectorControl:
         if self.active:
             self._sorter.sort(verdict, self._items, now, reached=self.connected)
         elif rejected and not self.safe_levels.reject:
-            item = f'item {verdict.item_id}'
-            self.missed.add(f'{item}: the rejector was not active; look for it')
+            self.missed.add(f'item {verdict.item_id}: the rejector was not active; look for it')
 
     def connect(self, now: int) -> None:
         """Process a new connection; the port has written the safe state, and the belt stood."""

@@ -177,7 +177,7 @@ class AedDialogue:
                     raise
                 continue
             fields = [field.strip(' "') for field in reply.split(',')]
-            if len(fields) >= 3 and all(field.isprintable() and field for field in fields[:3]):
+            if len(fields) >= 3 and all(fields[:3]) and ''.join(fields[:3]).isprintable():
                 while attempt and self._line():
                     attempt -= 1  # a late reply could be taken for the reply to the next query
                 return ' '.join(fields[:2]), fields[2]

@@ -73,7 +73,7 @@ def _command(text: str) -> bytes:
     return text.replace(r'\r', '\r').replace(r'\n', '\n').encode()
 
 
-class LineDecoder:
+class LineDecoder(Decoder):
     """Readings from a stream of lines; its division into reads does not change them.
 
     `pattern` is the regular expression of a whole line without its end; its first group is the
@@ -98,9 +98,6 @@ class LineDecoder:
         self._data = b''
         self._begun = False  # whether an end of a line has come
         self._lost: int | None = None  # since the last reading, None before the first
-        self.frame_bytes = 0
-        self.skipped_bytes = 0
-        self.bad_frames = 0
 
     @property
     def missing(self) -> int:
@@ -135,8 +132,7 @@ class LineDecoder:
     def _refuse(self, line: bytes) -> None:
         self.bad_frames += 1
         if self._lost is not None:
-            length = self.frame_bytes or len(line)
-            self._lost += max(1, math.ceil(len(line) / length))
+            self._lost += max(1, math.ceil(len(line) / (self.frame_bytes or len(line))))
 
     def _count(self, line: bytes) -> int | None:
         found = self._pattern.fullmatch(line)

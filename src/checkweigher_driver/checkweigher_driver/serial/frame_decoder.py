@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_driver.serial.decoder import Decoded
+from checkweigher_driver.serial.decoder import Decoded, Decoder
 
 TRAILERS = ('auto', 'crlf', 'none')
 
@@ -86,13 +86,13 @@ class _Places:
         return run, change
 
 
-class FrameDecoder:
+class FrameDecoder(Decoder):
     """Readings from frames; the division of the stream into reads does not change them.
 
     With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
     and a disturbed byte inside a frame cannot be detected. `trailer` is 'crlf' if CR LF follows,
-    'none' if not, or 'auto' to find out. Raises ValueError for `trailer` 'none' without a
-    checksum, because the bounds of frames could not be found.
+    'none' if not, or 'auto' to find out. Without a checksum, `trailer` must not be 'none', because
+    the bounds of frames could not be found.
 
     After a bad frame the search continues from its second byte, up to the first place at which five
     frames in a row are good.
@@ -103,10 +103,6 @@ class FrameDecoder:
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:
-        if trailer not in TRAILERS:
-            raise ValueError(f'trailer: {trailer!r} is not one of {", ".join(TRAILERS)}')
-        if not checksum and trailer == 'none':
-            raise ValueError('neither a checksum nor CR LF: frames could not be told apart')
         self._checksum = checksum
         unknown = 0 if checksum else _WITH_TRAILER
         self.frame_bytes = {'none': _WITHOUT, 'crlf': _WITH_TRAILER, 'auto': unknown}[trailer]
@@ -114,8 +110,6 @@ class FrameDecoder:
         self._synchronised = False
         self._since_frame = 0  # bytes skipped since the last frame
         self._begun = False  # whether there was a frame
-        self.skipped_bytes = 0
-        self.bad_frames = 0
 
     @property
     def waiting(self) -> int:
@@ -215,5 +209,5 @@ class FrameDecoder:
             np.r_[before, np.zeros(len(run) - 1)] for run, before in zip(at, lost, strict=True)
         ]
         rows = np.concatenate([np.zeros(0), *at]).astype(np.intp)
-        counts, overflow = places.counts[rows], places.overflow[rows]
-        return Decoded(counts, overflow, np.concatenate([np.zeros(0), *missing]).astype(np.int64))
+        lost_before = np.concatenate([np.zeros(0), *missing]).astype(np.int64)
+        return Decoded(places.counts[rows], places.overflow[rows], lost_before)

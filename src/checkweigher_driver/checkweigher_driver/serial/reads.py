@@ -75,16 +75,15 @@ class ValueReader:
             yield Read(values, at, len(data))
 
     def _check_rate(self, found: float) -> None:
-        self.trouble = ''
-        if abs(found / self._rate - 1) >= _RATE_TOLERANCE:
-            self.trouble = f'the device sends {found:.0f} values a second'
+        is_off = abs(found / self._rate - 1) >= _RATE_TOLERANCE
+        self.trouble = f'the device sends {found:.0f} values a second' if is_off else ''
 
     def _silence(self, bytes_came: int) -> str:
-        what, advice = 'no bytes come', 'check its supply and the cable'
+        during = f'for {self._timeout:g} s'
         if bytes_came:
-            what = 'bytes come, but no values'
             advice = 'check baud_rate and the format that the device is set to'
-        return f'{what} for {self._timeout:g} s; {advice}'
+            return f'bytes come, but no values {during}; {advice}'
+        return f'no bytes come {during}; check its supply and the cable'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
         """Return the reads after a break, up to one that did not wait in the port.

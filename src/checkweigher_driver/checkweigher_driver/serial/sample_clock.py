@@ -160,10 +160,8 @@ class SampleClock:
         )
 
     def _restart(self, points: list[_Point], by: float) -> None:
-        if by > _STEP:
-            self._steps += 1
-        else:
-            self._shifts += 1
+        self._steps += by > _STEP
+        self._shifts += by <= _STEP
         if self._fit is not None and self._end - self._from >= _KNOWN_AFTER * self._rate:
             known, spread = self._fit.slope, _KNOWN_DRIFT * self._period
             self._slopes = known - spread, known + spread

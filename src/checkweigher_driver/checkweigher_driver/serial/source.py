@@ -220,8 +220,10 @@ class SerialSource(Source):
         """Present trouble in one line."""
         if not self._reader.comes:
             return self._broken
-        name, rate = f'{self._settings.node}.sample_rate', self._settings.sample_rate
-        return self._reader.trouble and f'{self._reader.trouble}, {name} is {rate:g}'
+        return self._reader.trouble and (
+            f'{self._reader.trouble}, {self._settings.node}.sample_rate is '
+            f'{self._settings.sample_rate:g}'
+        )
 
     def figures(self) -> dict[str, float]:
         """Return the counts of samples, losses and breaks, and the figures of their clock."""

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 import sys
+import threading
 from typing import Any, ClassVar
 
 from checkweigher_core.parameters import Parameters
@@ -97,6 +98,13 @@ EyeEvent = EyeEdge | EyesLost | EyesBack
 
 class EdgeSource(Device):
     """Photo-eyes that are read beside the load cell."""
+
+    def __init__(self, parameters: Any) -> None:
+        self._closing = threading.Event()  # ends `events`
+
+    def close(self) -> None:
+        """Let `events` end soon."""
+        self._closing.set()
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:

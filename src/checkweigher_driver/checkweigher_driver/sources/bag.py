@@ -5,7 +5,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-import threading
 from typing import ClassVar
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
@@ -75,11 +74,11 @@ class ReplayedEyes(EdgeSource):
         rate, begin = recording.load_cell.sample_rate, recording.blocks[0].stamp
         self._period = NANOSECONDS / rate
         self._edges = [(edge, (edge.stamp - begin) / self._period) for edge in recording.edges]
-        self._closed = threading.Event()
+        super().__init__(parameters)
 
     def events(self) -> Iterator[EyeEvent]:
         """Yield no edges, and end after `close`; all edges come from `follow`."""
-        self._closed.wait()
+        self._closing.wait()
         yield from ()
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
@@ -90,7 +89,3 @@ class ReplayedEyes(EdgeSource):
             stamp = block.stamp + round((position - block.first_index) * self._period)
             found.append(EyeEdge(stamp, edge.eye, edge.blocked))
         return found
-
-    def close(self) -> None:
-        """Let `events` end."""
-        self._closed.set()

@@ -5,9 +5,8 @@
 from collections.abc import Callable, Iterator
 import queue
 import threading
-from typing import Any, ClassVar
+from typing import Any
 
-from checkweigher_core.parameters import Parameters
 from checkweigher_core.recording import Event
 from checkweigher_core.records import SampleBlock
 from checkweigher_driver.sources import (
@@ -29,7 +28,6 @@ class MachineSource(Source):
     same clock.
     """
 
-    parameters: ClassVar[type[Parameters]] = Parameters
     paced = False
 
     def __init__(self, samples: Source, eyes: EdgeSource) -> None:

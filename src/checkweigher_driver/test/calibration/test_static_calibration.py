@@ -72,14 +72,8 @@ def test_the_stated_uncertainties_are_those_of_repetitions():
     for _ in range(800):
         true = masses + uncertain * random.normal(size=4) * (masses > 0)
         readings = 100 + slope * true + sigma * random.normal(size=4)
-        found.append(
-            calibrate(
-                [
-                    CalibrationPoint(mass, reading, sigma, uncertain if mass else 0.0)
-                    for mass, reading in zip(masses, readings, strict=True)
-                ]
-            )
-        )
+        known = zip(masses, readings, [sigma] * 4, uncertain * (masses > 0), strict=True)
+        found.append(calibrate([CalibrationPoint(*each) for each in known]))
     for name, uncertainty in (
         ('zero_counts', 'zero_uncertainty'),
         ('counts_per_kg', 'counts_per_kg_uncertainty'),

@@ -26,13 +26,14 @@ def found(path):
     return record.found
 
 
-def test_a_first_start_and_an_orderly_end_leave_nothing_in_doubt(tmp_path):
+@pytest.mark.parametrize('doubts', [(), ('item 3',)])
+def test_an_orderly_end_leaves_only_what_nobody_has_looked_for_in_doubt(tmp_path, doubts):
     path = tmp_path / 'machines' / 'one.belt'
     record = BeltRecord(path)
     assert record.found.to_look_for() == ()
-    record.keep(RUNNING)
-    record.close(OnBelt())
-    assert found(path).to_look_for() == ()
+    record.keep(OnBelt(True, (), doubts))
+    record.close(OnBelt(doubts=doubts))
+    assert found(path).to_look_for() == doubts
 
 
 def test_a_record_and_its_release_are_on_the_disk_before_the_belt_runs(tmp_path, on_disk):
@@ -46,13 +47,6 @@ def test_a_record_and_its_release_are_on_the_disk_before_the_belt_runs(tmp_path,
     assert on_disk == [path]
     record.close(OnBelt())
     assert on_disk == [path, path]
-
-
-def test_what_nobody_has_looked_for_is_told_at_the_next_start(tmp_path):
-    record = BeltRecord(tmp_path / 'belt')
-    record.keep(OnBelt(True, (), ('item 3',)))
-    record.close(OnBelt(doubts=('item 3',)))
-    assert found(tmp_path / 'belt').to_look_for() == ('item 3',)
 
 
 def test_a_killed_process_leaves_the_names_of_what_was_on_the_belt(tmp_path):

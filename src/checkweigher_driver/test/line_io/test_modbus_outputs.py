@@ -3,8 +3,6 @@
 """Rejector and stop over Modbus TCP, against a server process on a real port."""
 
 import os
-import subprocess
-import sys
 import time
 
 from modbus_machine import MS, REJECTOR, RELEASE, permit, switching
@@ -16,7 +14,6 @@ from checkweigher_driver.line_io.modbus_link import ModbusLink
 
 
 def run(outputs, plc):
-    """Wait until the outputs are connected, and let the belt run."""
     wait_for(lambda: outputs.trouble == '', 'the connection')
     outputs.activate()
     permit(outputs)
@@ -128,36 +125,6 @@ def test_an_emptied_record_of_a_bad_product_holds_the_belt_until_a_person_has_lo
         assert plc.state(RELEASE) is False
         assert 'did not end with an empty belt' in outputs.reset()
         released(plc)
-
-
-def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
-    plc.start('--watchdog', 0.2)
-    program = tmp_path / 'master.py'
-    program.write_text(
-        'import sys, time\n'
-        'from checkweigher_driver.devices import make_outputs\n'
-        'from checkweigher_core.records import Permission\n'
-        'values = {"modbus_outputs": {"host": "127.0.0.1", "port": int(sys.argv[1]), "stop": 1,\n'
-        '                             "watchdog": 0}, "rejector": {}}\n'
-        'outputs = make_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
-        'outputs.open()\n'
-        'outputs.activate()\n'
-        'while True:\n'
-        '    outputs.take(Permission(0, True))\n'
-        '    time.sleep(0.1)\n'
-    )
-    with subprocess.Popen([sys.executable, str(program), str(plc.port)]) as master:
-        try:
-            wait_for(
-                lambda: plc.state(RELEASE) is True and plc.state(REJECTOR) is False,
-                'the release of the belt',
-            )
-        finally:
-            master.kill()
-        killed = time.time_ns()
-        wait_for(lambda: plc.state(RELEASE) is False, 'the watchdog')
-    assert plc.state(REJECTOR) is True
-    print(f'safe {(plc.switches(RELEASE)[-1][0] - killed) / MS:.0f} ms after the master died')
 
 
 def test_the_belt_input_holds_the_rejector_back(plc):

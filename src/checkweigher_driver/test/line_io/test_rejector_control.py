@@ -248,7 +248,6 @@ def test_what_a_person_has_cleared_from_the_belt_does_not_stop_it_once_more():
 
 
 def silence(outputs, now):
-    """Wait until the permission has run out."""
     permit(outputs, now)
     outputs.levels(now + 1000 * MS)
 

@@ -243,10 +243,3 @@ def test_junk_gives_no_values():
         decoder = FrameDecoder(trailer=mode)
         assert decode(decoder, [junk[i : i + 500] for i in range(0, len(junk), 500)])[0] == []
         assert decoder.skipped_bytes > len(junk) - 30
-
-
-def test_neither_checksum_nor_trailer_is_refused():
-    with pytest.raises(ValueError, match='neither a checksum nor CR LF'):
-        FrameDecoder(checksum=False, trailer='none')
-    with pytest.raises(ValueError, match="'lf' is not one of auto, crlf, none"):
-        FrameDecoder(trailer='lf')

@@ -16,7 +16,6 @@ from checkweigher_driver.serial.decoder import Decoded
 from checkweigher_driver.serial.reads import Read
 from checkweigher_driver.serial.sample_clock import SampleClock
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
 
 BAG = Path(__file__).parents[4] / 'bags/paper_60'
@@ -192,7 +191,20 @@ def test_windows_and_masses_of_a_bag_hold_to_one_sample_at_200_ppm_and_5_ms():
     ]
     assert sum(len(block.counts) for block in blocks) == len(counts)
 
-    exact, fitted = (_windows(recording.load_cell, found, edges) for found in (true_blocks, blocks))
+    def weighed(blocks):
+        events = sorted([*blocks, *edges], key=lambda event: event.stamp)
+        line = WeighingLine(recording.load_cell, LineParameters())
+        found = list(line.weigh_all(events))
+        assert all(each.estimate.weighed for each in found)
+        return [each.window for each in found], np.array([each.estimate.mass for each in found])
+
+    # What one sample can do to a mass: all samples shifted by one against the edges.
+    period = round(NANOSECONDS / RATE)
+    (_, before), (exact, masses), (_, after) = (
+        weighed([replace(b, stamp=b.stamp + by) for b in true_blocks])
+        for by in (-period, 0, period)
+    )
+    fitted, found = weighed(blocks)
     assert len(exact) == len(fitted) == 25
     for one, other in zip(exact, fitted, strict=True):
         assert not one.reasons
@@ -200,35 +212,5 @@ def test_windows_and_masses_of_a_bag_hold_to_one_sample_at_200_ppm_and_5_ms():
         for end in ('window_begin', 'window_end'):
             positions = [w.first_index + getattr(w, end) for w in (one, other)]
             assert abs(positions[0] - positions[1]) <= 1
-
-    # What one sample can do to a mass: all samples shifted by one against the edges.
-    period = round(NANOSECONDS / RATE)
-    shifted = [
-        _masses(recording.load_cell, [replace(b, stamp=b.stamp + by) for b in true_blocks], edges)
-        for by in (-period, 0, period)
-    ]
-    worst = np.abs(np.array(shifted) - shifted[1]).max()
-    masses = _masses(recording.load_cell, blocks, edges)
-    assert np.abs(masses - shifted[1]).max() <= worst < 1e-3
-
-
-def _windows(load_cell, blocks, edges):
-    segmenter = Segmenter(load_cell, LineParameters().segmenter)
-    windows = []
-    for event in _in_order(blocks, edges):
-        windows += segmenter.take(event)
-    return windows
-
-
-def _masses(load_cell, blocks, edges):
-    line = WeighingLine(load_cell, LineParameters())
-    found = []
-    for event in _in_order(blocks, edges):
-        found += line.add(event)
-    found += line.finish()
-    assert all(each.estimate.weighed for each in found)
-    return np.array([each.estimate.mass for each in found])
-
-
-def _in_order(blocks, edges):
-    return sorted([*blocks, *edges], key=lambda event: event.stamp)
+    worst = np.abs([before - masses, after - masses]).max()
+    assert np.abs(found - masses).max() <= worst < 1e-3

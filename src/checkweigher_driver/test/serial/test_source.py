@@ -4,10 +4,11 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 import itertools
 import os
 import re
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from serial_line import LINES, RATE, Reader, SerialDevice, make
 from checkweigher_core.parameters import ParameterError
 from checkweigher_driver.serial.port import SerialError, open_port
 
+BREAKS = 20  # of a line that is unplugged again and again
+
 
 @pytest.fixture
 def device(tmp_path):
-    """Return a function that starts a device."""
     started = []
 
     def start(*options):
@@ -32,37 +34,21 @@ def device(tmp_path):
         each.end()
 
 
-@dataclass
-class Journey:
-    """What a source did while its line was well, was disturbed and was unplugged."""
-
-    name: str  # of the source
-    checked: bool  # whether its values have a checksum
-    blocks: list = field(default_factory=list)
-    figures: dict = field(default_factory=dict)  # at each station
-    trouble: dict = field(default_factory=dict)
-    times: dict = field(default_factory=dict)
-    end: dict = field(default_factory=dict)  # index at each station
-    error: object = None
-    host_late: float = 0.0  # the most that a wait ended late, s
-
-    def until(self, station):
-        return [b for b in self.blocks if b.first_index < self.end[station]]
-
-
 def travel(name, values, options, link):
-    journey = Journey(name, values.get('checksum', name == 'aed'))
+    """Return what a source did while its line was well, was disturbed and was unplugged."""
+    checked = values.get('checksum', name == 'aed')
+    journey = SimpleNamespace(name=name, checked=checked, figures={}, trouble={}, times={})
     device = SerialDevice(link, '--rate', RATE, *options)
 
     def note(station):
         journey.figures[station] = reader.source.figures()
         journey.trouble[station] = reader.source.trouble
-        journey.end[station] = reader.end_index
 
     try:
         reader = Reader(make(name, link, **values))
         reader.wait_for_samples(2400)
         note('well')
+        end = reader.end_index
         for command in ('lose 3', 'corrupt'):
             lost = reader.source.figures()['samples lost']
             device.tell(command)
@@ -86,6 +72,7 @@ def travel(name, values, options, link):
         journey.after = port.read(1)
         port.close()
         journey.blocks, journey.error = reader.events, reader.error
+        journey.well = [block for block in reader.events if block.first_index < end]
         journey.host_late = reader.host_late
     finally:
         device.end()
@@ -151,7 +138,7 @@ def numbers(block):
 
 
 def test_at_1200_values_a_second_nothing_is_lost(journey):
-    blocks = journey.until('well')
+    blocks = journey.well
     counts = np.concatenate([block.counts for block in blocks])
 
     assert journey.trouble['well'] == ''
@@ -165,7 +152,7 @@ def test_at_1200_values_a_second_nothing_is_lost(journey):
 
 
 def test_stamps_follow_the_samples(journey):
-    blocks = journey.until('well')
+    blocks = journey.well
     stamps = np.array([b.stamp for b in blocks])
     indices = np.array([b.first_index for b in blocks])
     assert np.all(np.diff(stamps) > 0)
@@ -218,21 +205,19 @@ def test_a_closed_source_ends_and_lets_go(journey):
         assert journey.after == b''
 
 
-def test_the_device_says_who_it_is(device):
-    source = make('aed', device().link, address=21)
+@pytest.mark.parametrize(
+    ('options', 'values'),
+    [
+        ((), {'address': 21}),
+        (('--reset-time', 0.3), {'reset': True}),  # it is waited for
+        (('--late', 0.6), {}),  # a reply after it was given up is not taken for the next one
+    ],
+)
+def test_the_device_says_who_it_is(device, options, values):
+    source = make('aed', device(*options).link, **values)
     source.close()
     assert (source.load_cell.model, source.load_cell.serial_number) == ('HBM FIT/5', '0123456')
     assert source.load_cell.sample_rate == RATE
-
-
-def test_a_device_that_is_restarted_is_waited_for(device):
-    make('aed', device('--reset-time', 0.3).link, reset=True).close()
-
-
-def test_a_reply_that_comes_after_it_was_given_up_is_not_taken_for_the_next_one(device):
-    source = make('aed', device('--late', 0.6).link)
-    source.close()
-    assert source.load_cell.serial_number == '0123456'
 
 
 @pytest.mark.parametrize(
@@ -328,3 +313,62 @@ def test_960_values_a_second_fit_through_57600_baud(tmp_path):
 def test_a_pattern_without_a_number_is_refused(tmp_path):
     with pytest.raises(ParameterError, match=r'ascii\.pattern: .* has no group'):
         make('ascii', tmp_path / 'none', pattern='S.*')
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('name', LINES)
+def test_a_minute_at_1200_values_a_second_loses_nothing(name, tmp_path):
+    kind, values, options = LINES[name]
+    device = SerialDevice(tmp_path / 'port', '--rate', RATE, *options)
+    reader = Reader(make(kind, tmp_path / 'port', **values))
+    reader.wait_for_samples(1)
+    cpu, begin = time.process_time(), time.monotonic()
+    reader.wait_for_samples(60 * RATE, patience=90)
+    cpu = (time.process_time() - cpu) / (time.monotonic() - begin)
+    reader.close()
+    device.end()
+
+    figures = reader.source.figures()
+    counts = np.concatenate([block.counts for block in reader.events])
+    print(f'\n{name}: {len(counts)} values, {cpu:.1%} of a core, {figures}')
+    sent = np.array([number_of(count) for count in counts.tolist()])
+    np.testing.assert_array_equal(np.diff(sent) % 2**24, 1)
+    assert figures['samples lost'] == figures['bad frames'] == figures['breaks'] == 0
+
+
+def unplugged_again_and_again(name, link):
+    """Return how long each break took to be noticed and each replug to bring samples, s."""
+    kind, values, options = LINES[name]
+    device = SerialDevice(link, '--rate', RATE, *options)
+    reader = Reader(make(kind, link, **values))
+    reader.wait_for_samples(100)
+    noticed, back = [], []
+    for number in range(BREAKS):
+        device.tell('unplug')
+        noticed.append(reader.wait_for(lambda: reader.source.trouble))
+        time.sleep(0.1 * number)  # breaks of different lengths, not a wait for something
+        device.tell('replug')
+        back.append(reader.wait_for_samples(50))
+    reader.close()
+    device.end()
+    assert reader.error is None
+    assert reader.source.figures()['breaks'] >= BREAKS
+    values_of = [number_of(count) for b in reader.events for count in b.counts.tolist()]
+    assert all(after > before for before, after in itertools.pairwise(values_of))
+    return noticed, back
+
+
+@pytest.mark.soak
+def test_a_line_that_is_unplugged_again_and_again_comes_back_each_time(tmp_path):
+    with ThreadPoolExecutor() as pool:
+        results = list(
+            pool.map(
+                unplugged_again_and_again, LINES, [tmp_path / f'port{i}' for i in range(len(LINES))]
+            )
+        )
+    for name, (noticed, back) in zip(LINES, results, strict=True):
+        print(
+            f'\n{name}: {len(noticed)} breaks, noticed after {np.median(noticed):.3f} s '
+            f'(at most {max(noticed):.3f} s), samples {np.median(back):.2f} s after the replug '
+            f'(at most {max(back):.2f} s)'
+        )

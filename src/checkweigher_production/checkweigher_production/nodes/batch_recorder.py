@@ -184,8 +184,7 @@ class LineBatches:
 
     def add(self, verdict: Verdict) -> bool:
         """Count and record an item; return False if it was counted before a restart."""
-        is_new = self.production.add(verdict)
-        if is_new:
+        if is_new := self.production.add(verdict):
             self.write('verdict', verdict)
         return is_new
 
@@ -218,9 +217,8 @@ class LineBatches:
         self.use(self.production.product)
 
     def _write_begin(self, writer: RecordWriter) -> None:
-        audit = {}
-        if self._log is not None:
-            audit = {'audit_log': str(self._log.path), 'audit_hash': self._log.last_hash}
+        log = self._log
+        audit = {'audit_log': str(log.path), 'audit_hash': log.last_hash} if log else {}
         writer.begin(self.production.batch, self._clock(), **audit)
 
     def has_record(self, batch: str) -> bool:

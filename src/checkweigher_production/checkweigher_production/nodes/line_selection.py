@@ -127,11 +127,10 @@ class LineSelection:
         """Restore the previous product with its limits, or select `name`, '' for none."""
         resumed, limits = self._resumed
         if resumed is not None and limits is not None and resumed.name == name:
-            on_line = self.recipe.on_line
+            known = self.recipe.on_line if self.recipe.on_line.product else limits
             # A batch may have begun meanwhile.
-            batch = self.batches.production.batch
-            limits = replace(on_line if on_line.product else limits, batch=batch)
-            await self.recipe.set(resumed, limits, partial(self.audit.announce, by=Author()))
+            wanted = replace(known, batch=self.batches.production.batch)
+            await self.recipe.set(resumed, wanted, partial(self.audit.announce, by=Author()))
         elif name and self.batches.production.product is None:
             await self.select(name, Author())  # otherwise the line keeps its limits
 

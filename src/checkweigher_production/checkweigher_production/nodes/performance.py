@@ -80,8 +80,7 @@ class LineTest:
         before, plan = self._tests.state, self._tests.plan
         ended = self._tests.take(verdict, self.clock())
         if ended is not None and plan is not None:
-            entry = as_entry(plan, ended, self._reason)
-            author = Author(ended.who, self._reason)
+            entry, author = as_entry(plan, ended, self._reason), Author(ended.who, self._reason)
             self.trail.saw(changes.TEST, before.product, None, entry, author)
         if self._tests.state is not before:
             self.publish(self._tests.state)
@@ -104,10 +103,9 @@ class LineTest:
         text = state.text or f'{state.who} makes it: {len(state.errors)} of {state.passes}'
         level = _LEVELS.get(state.state)
         concern = Concern(level, f'{state.state.name}: {text}', _HINT) if level else None
-        worst = max((abs(each) for each in state.errors), default=math.nan)
         values: dict[str, float | str] = {
             'who': state.who,
             'passes': len(state.errors),
-            'largest_error_g': GRAMS * worst,
+            'largest_error_g': GRAMS * max(map(abs, state.errors), default=math.nan),
         }
         return conclude('Performance test', well.get(state.state, ''), [concern], values)

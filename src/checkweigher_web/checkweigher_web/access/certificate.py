@@ -83,7 +83,7 @@ def check_pair(certificate: Path, key: Path) -> None:
         context.load_cert_chain(certificate, key, password=lambda: '')
     except (OSError, ValueError) as error:
         reason = getattr(error, 'reason', None) or error
-        text = (
-            f'{certificate} and {key}: no certificate with its key, in PEM and without a password'
-        )
-        raise CertificateError(f'{text}: {reason}') from None
+        raise CertificateError(
+            f'{certificate} and {key}: no certificate with its key, in PEM and without a '
+            f'password: {reason}'
+        ) from None

@@ -53,12 +53,11 @@ class LineHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record."""
-        error = record.exc_info[1] if record.exc_info else None
-        text = record.getMessage() if error is None else f'{type(error).__name__}: {error}'
-        if error is not None:
+        text = record.getMessage()
+        if record.exc_info and (error := record.exc_info[1]):
             frames = traceback.extract_tb(error.__traceback__)[: -_PLACES - 1 : -1]
             places = (f'{Path(each.filename).name}:{each.lineno}' for each in frames)
-            text += f' ({" < ".join(places)})'
+            text = f'{type(error).__name__}: {error} ({" < ".join(places)})'
         self._log.warning(one_line(f'{record.name}: {text}'), throttle_duration_sec=1.0)
 
 

@@ -90,7 +90,6 @@ class _Forms:
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
         # Normalised like account names, so that all encodings of a name count as one account.
         name = unicodedata.normalize('NFC', given.get('name', ''))[:64]
-        password = given.get('password', '')
         address = _address(request)
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'
@@ -99,12 +98,12 @@ class _Forms:
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )
-            said = f'Too many failed attempts: try again in {wait + 1:.0f} s.'
-            answer = self._form(said, 429)
-            answer.headers['Retry-After'] = f'{wait + 1:.0f}'
+            seconds = f'{wait + 1:.0f}'
+            answer = self._form(f'Too many failed attempts: try again in {seconds} s.', 429)
+            answer.headers['Retry-After'] = seconds
             return answer
         user = self._access.users.find(name) or NOBODY
-        if not await asyncio.to_thread(user.has_password, password):
+        if not await asyncio.to_thread(user.has_password, given.get('password', '')):
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
             return self._form('Name or password are wrong.', 403)

@@ -67,8 +67,7 @@ class User(Settings):
 def default_users() -> Path:
     """Return the default path of the users file, in the user's configuration folder."""
     given = Path(os.environ.get('XDG_CONFIG_HOME', ''))
-    base = given if given.is_absolute() else Path.home() / '.config'
-    return base / 'checkweigher/users'
+    return (given if given.is_absolute() else Path.home() / '.config') / 'checkweigher/users'
 
 
 def check_name(name: str) -> str:
@@ -83,8 +82,10 @@ def check_name(name: str) -> str:
 def hash_password(name: str, password: str) -> str:
     """Return the hash of a new password, or raise UsersError if it is too easy to guess."""
     if not SHORTEST <= len(password) <= LONGEST:
-        rule = f'must have {SHORTEST} to {LONGEST} characters'
-        raise UsersError(f'the password of {name} has {len(password)}: it {rule}')
+        raise UsersError(
+            f'the password of {name} has {len(password)}: it must have {SHORTEST} to {LONGEST} '
+            'characters'
+        )
     if password.casefold() == name.casefold():
         raise UsersError(f'the password of {name} is the name: choose another one')
     return _HASHER.hash(unicodedata.normalize('NFC', password))

@@ -55,10 +55,11 @@ def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) 
         limits = {'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper}
         rules = np.array(chart.marks)
     number = forgotten + np.arange(1, len(values) + 1, dtype=float)
-    line = charts.line(name, number, values, DENOISED, width=2)
-    line |= {'showSymbol': True, 'symbolSize': 5}
-    line['markLine'] = charts.mark_lines(limits, axis='yAxis')
-    series = [line]
+    marks = charts.mark_lines(limits, axis='yAxis')
+    series = [
+        charts.line(name, number, values, DENOISED, width=2)
+        | {'showSymbol': True, 'symbolSize': 5, 'markLine': marks}
+    ]
     for rule in sorted({*rules} - {''}):
         broken = rules == rule
         symbols = charts.symbols(rule, number[broken], values[broken], _symbol(rule), 14)

@@ -72,10 +72,8 @@ class EmptyBeltView(View):
         item, cell = self.drawing.latest(), self.lane.load_cell
         assert cell is not None
         known = None if item is None else item.estimate
-        speed, platform = math.nan, math.nan
-        if known is not None:
-            speed, platform = known.belt_speed, known.natural_frequency
-        found = spectrum(self.lane.empty_belt(), cell.sample_rate, speed, platform)
+        of_item = () if known is None else (known.belt_speed, known.natural_frequency)
+        found = spectrum(self.lane.empty_belt(), cell.sample_rate, *of_item)
         return json.dumps(spectrum_chart(found)), found.lines if found else ()
 
 

@@ -91,8 +91,8 @@ class Scene:
 
 def fault_marks(scene: Scene) -> list[Mark]:
     """Return the marks in the signal of an item, in the order of its reasons."""
-    found = [_FINDERS[Reason(each)](scene) for each in scene.reasons if each in _FINDERS]
-    return [mark for marks in found for mark in marks]
+    finders = (_FINDERS[Reason(each)] for each in scene.reasons if each in _FINDERS)
+    return [mark for find in finders for mark in find(scene)]
 
 
 def empty_belt(scene: Scene) -> tuple[int, int, float] | None:

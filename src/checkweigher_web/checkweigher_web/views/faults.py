@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reasons of the faults in a recorded shift."""
 
+from collections import Counter
+
 from nicegui import ui
 
 from checkweigher_core.records.reasons import hint_of
@@ -21,7 +23,7 @@ class FaultsView(View):
 
     def _show(self) -> None:
         known = self.lane.statistics
-        found = list(zip(known.reason_counts, known.reasons, strict=True)) if known else []
-        found.sort(key=lambda each: -each[0])
+        counts = zip(known.reasons, known.reason_counts, strict=True) if known else ()
+        found = Counter(dict(counts)).most_common()
         self._headline.set_text('' if found else 'no fault until now')
-        self._reasons.show((str(count), reason, hint_of(reason)) for count, reason in found)
+        self._reasons.show((str(count), reason, hint_of(reason)) for reason, count in found)

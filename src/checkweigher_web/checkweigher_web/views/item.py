@@ -76,16 +76,15 @@ class ItemView(View):
 def about(item: ShownItem) -> str:
     """Return what else is known of an item, such as its belt speed, as text."""
     verdict, known = item.verdict, item.estimate
-    parts = [f'item {verdict.item_id}', *(['gross'] if math.isfinite(verdict.mass) else [])]
-    if math.isfinite(verdict.std_dev):
-        parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
-    if known is not None:
-        if math.isfinite(known.belt_speed):
-            parts.append(f'{60 * known.belt_speed:.1f} m/min')
-        parts.append(known.estimator)
-    if math.isfinite(item.reference):
-        parts.append(f'reference {GRAMS * item.reference:.2f} g')
-    return ', '.join(parts)
+    parts = (
+        f'item {verdict.item_id}',
+        'gross' if math.isfinite(verdict.mass) else '',
+        f'± {GRAMS * verdict.std_dev:.2f} g' if math.isfinite(verdict.std_dev) else '',
+        f'{60 * known.belt_speed:.1f} m/min' if known and math.isfinite(known.belt_speed) else '',
+        known.estimator if known else '',
+        f'reference {GRAMS * item.reference:.2f} g' if math.isfinite(item.reference) else '',
+    )
+    return ', '.join(filter(None, parts))
 
 
 def standstill(rows: Sequence[Row]) -> str:

@@ -81,9 +81,9 @@ def _mean_rule(known: Statistics, tally: BatchTally) -> str:
     if not tally.accepted:
         return 'nothing accepted yet'
     mean = known.nominal + tally.surplus / tally.accepted
-    kept = _kept(mean >= known.nominal * (1 - ROUNDING))
-    return f'{kept}{grams(mean)} g of {grams(known.nominal)} g; an item may lack ' + grams(
-        max(tally.surplus, 0.0), ' g'
+    return (
+        f'{_kept(mean >= known.nominal * (1 - ROUNDING))}{grams(mean)} g of '
+        f'{grams(known.nominal)} g; an item may lack {grams(max(tally.surplus, 0.0), " g")}'
     )
 
 

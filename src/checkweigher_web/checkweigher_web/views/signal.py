@@ -101,15 +101,18 @@ def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
     mass, margin = GRAMS * item.verdict.mass, 2 * GRAMS * item.verdict.std_dev
     if math.isfinite(mass):
         level = charts.line('mass', ends, np.full(2, mass), LEVEL, width=3)
-        corners = zip((mass - margin, mass + margin), ends, strict=True)
-        band = [{'yAxis': y, 'xAxis': x} for y, x in corners]
+        band = [
+            {'yAxis': mass - margin, 'xAxis': ends[0]},
+            {'yAxis': mass + margin, 'xAxis': ends[1]},
+        ]
         shade = {'color': LEVEL, 'opacity': 0.15}
         level['markArea'] = {'silent': True, 'data': [band], 'itemStyle': shade}
         series.append(level)
     if math.isfinite(item.reference):
         known = np.full(2, GRAMS * item.reference)
-        whole = time[[0, -1]]
-        series.append(charts.line('reference', whole, known, REFERENCE, width=1, dash='dashed'))
+        series.append(
+            charts.line('reference', time[[0, -1]], known, REFERENCE, width=1, dash='dashed')
+        )
     marks = {'t1': window.t1, 't2': window.t2, 't3': window.t3, 't4': item.t4}
     places = {name: (stamp - origin) / 1e6 for name, stamp in marks.items() if stamp is not None}
     series[0]['markLine'] = charts.mark_lines(places)
@@ -143,8 +146,7 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
         # For an eye that is blocked from the start: whether its blocking edge is known.
-        begun = 't1' if eye == Eye.INFEED else 't3'
-        was_seen = begun in scene.times or begun in missing
+        was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()))
     return figure

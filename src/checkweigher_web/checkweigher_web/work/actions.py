@@ -46,9 +46,10 @@ async def products(services: LaneServices) -> dict[str, Product]:
 
     Raises `ActionRefusedError` if the lane has no recipe file or it is not on this machine.
     """
-    path = await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
     try:
-        return read_recipes(path)
+        return read_recipes(
+            await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
+        )
     except ParameterError as error:
         raise ActionRefusedError(str(error)) from None
 
@@ -140,11 +141,13 @@ class Operation:
     load: float
 
     def __str__(self) -> str:
-        parts = ['feed on' if self.feed else 'feed off']
-        parts += [f'{60 * self.speed:g} m/min'] if self.speed else []
-        parts += [f'products of {_grams(self.mass)}'] if self.mass else []
-        parts += [f'{_grams(self.load)} on the belt'] if self.load else []
-        return ', '.join(parts)
+        parts = (
+            'feed on' if self.feed else 'feed off',
+            f'{60 * self.speed:g} m/min' if self.speed else '',
+            f'products of {_grams(self.mass)}' if self.mass else '',
+            f'{_grams(self.load)} on the belt' if self.load else '',
+        )
+        return ', '.join(filter(None, parts))
 
 
 _OPERATION = 'simulator.now.'
@@ -198,12 +201,8 @@ async def batch_folder(services: LaneServices) -> Path:
 
 async def audit_log(services: LaneServices) -> Path:
     """Return the audit log of a lane; raise `ActionRefusedError` if it has none."""
-    path = await _path(
-        services,
-        'audit_log',
-        'writes no audit log: set its parameter audit_log, or run the line with --folder',
-    )
-    return path.absolute()
+    missing = 'writes no audit log: set its parameter audit_log, or run the line with --folder'
+    return (await _path(services, 'audit_log', missing)).absolute()
 
 
 async def _path(services: LaneServices, name: str, missing: str) -> Path:

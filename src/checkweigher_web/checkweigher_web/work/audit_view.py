@@ -115,10 +115,14 @@ def _row(entry: Entry) -> tuple[str, ...]:
     what = [_change(*each) for each in changed[:_MOST]]
     if len(changed) > _MOST:
         what.append(f'and {len(changed) - _MOST} more')
-    time = shortened(entry.time)[:19].replace('T', ' ')  # to the second
-    who, kind = shortened(entry.who), shortened(entry.kind)
-    why = shortened(entry.why or '', _LONGEST)
-    return str(entry.sequence), time, who, kind, '\n'.join(what), why
+    return (
+        str(entry.sequence),
+        shortened(entry.time)[:19].replace('T', ' '),  # to the second
+        shortened(entry.who),
+        shortened(entry.kind),
+        '\n'.join(what),
+        shortened(entry.why or '', _LONGEST),
+    )
 
 
 def _change(what: object, old: object, new: object) -> str:

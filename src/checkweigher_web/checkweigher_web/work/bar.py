@@ -97,8 +97,9 @@ async def _product(desk: Desk, services: LaneServices) -> None:
     now = desk.lane.statistics.product if desk.lane.statistics else ''
 
     def choice() -> ui.select:
-        select = ui.select(list(known), label='Product', value=now if now in known else None)
-        return select.props('outlined dense')
+        return ui.select(list(known), label='Product', value=now if now in known else None).props(
+            'outlined dense'
+        )
 
     def plan(choice: ui.select) -> tuple[str, Action]:
         name = choice.value
@@ -106,8 +107,15 @@ async def _product(desk: Desk, services: LaneServices) -> None:
             raise ActionRefusedError('choose a product')
         return f'select product {name}', partial(actions.select_product, services, name)
 
-    text = 'All parameters of the product are set. Change it while the belt is empty.'
-    ask(desk, Role.OPERATOR, 'Product', text, 'Select', plan, choice)
+    ask(
+        desk,
+        Role.OPERATOR,
+        'Product',
+        'All parameters of the product are set. Change it while the belt is empty.',
+        'Select',
+        plan,
+        choice,
+    )
 
 
 async def _batch(desk: Desk, services: LaneServices) -> None:
@@ -115,8 +123,15 @@ async def _batch(desk: Desk, services: LaneServices) -> None:
         name = str(batch.value or '').strip()
         return f'begin batch {name}', partial(actions.new_batch, services, name)
 
-    text = 'The counts of this batch end, and those of the new one begin at 0.'
-    ask(desk, Role.OPERATOR, 'New batch', text, 'Begin', plan, partial(field, 'Batch'))
+    ask(
+        desk,
+        Role.OPERATOR,
+        'New batch',
+        'The counts of this batch end, and those of the new one begin at 0.',
+        'Begin',
+        plan,
+        partial(field, 'Batch'),
+    )
 
 
 _Act = Callable[[LaneServices], Awaitable[str]]
@@ -143,19 +158,25 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     now = actions.limits(services)
 
     def plan(lower: ui.input, upper: ui.input) -> tuple[str, Action]:
-        ends = number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
-        wanted = MassLimits(*ends)
+        wanted = MassLimits(
+            number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
+        )
         return f'set limits to {wanted}', partial(actions.set_limits, services, wanted)
 
     def limit(label: str, value: float) -> ui.input:
         return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
 
-    text = (
+    ask(
+        desk,
+        Role.TECHNICIAN,
+        'Limits',
         'Limits of the gross mass; empty for none. The next selection of a product sets those of '
-        'its recipe.'
+        'its recipe.',
+        'Set',
+        plan,
+        partial(limit, 'Lower limit', now.lower),
+        partial(limit, 'Upper limit', now.upper),
     )
-    fields = partial(limit, 'Lower limit', now.lower), partial(limit, 'Upper limit', now.upper)
-    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, *fields)
 
 
 # Label, least role and function of each dialog. Add an action as a row.

@@ -47,8 +47,7 @@ class CalibrationDialog(Guide):
             self._largest = field('Largest residual (empty for any)', unit='g')
             self.reason = reason_field(desk)
             ui.timer(_PERIOD, self._show)
-        read_empty = partial(services.message, ports.CALIBRATE_ZERO)
-        self.button('Read empty belt', partial(self._take, 'empty belt', read_empty))
+        self.button('Read empty belt', partial(self._take, 'empty belt', ports.CALIBRATE_ZERO))
         self.button('Read mass', self._read_mass)
         cancel = partial(services.message, ports.CANCEL_CALIBRATION)
         self.button(
@@ -63,17 +62,15 @@ class CalibrationDialog(Guide):
     async def _read_mass(self) -> None:
         mass, uncertainty = number_in(self._mass), number_in(self._uncertainty, empty=0.0)
         values = {'mass': mass / GRAMS, 'mass_uncertainty': uncertainty / GRAMS}
-        read = partial(self.services.message, ports.CALIBRATE_SPAN, **values)
-        await self._take(f'{mass:g} g', read)
+        await self._take(f'{mass:g} g', ports.CALIBRATE_SPAN, **values)
 
-    async def _take(self, load: str, read: Action) -> None:
-
-        async def noted() -> str:
-            text = await read()
+    async def _take(self, load: str, service: str, **values: float) -> None:
+        async def read() -> str:
+            text = await self.services.message(service, **values)
             note(self.services.readings, load, text)
             return text
 
-        await self.perform(f'read {load} for a calibration', noted)
+        await self.perform(f'read {load} for a calibration', read)
 
     async def _write(self) -> None:
         largest = number_in(self._largest, empty=0.0) / GRAMS

@@ -158,9 +158,9 @@ def number_in(given: ui.input, *, empty: float | None = None) -> float:
     if not _NUMBER.fullmatch(text):
         raise ActionRefusedError(f'{given.props["label"]}: {one_line(text)!r} is not a number')
     if _THOUSANDS.fullmatch(text):
-        either = f'{text.replace(",", ".")} or {text.replace(",", "")}'
         raise ActionRefusedError(
-            f'{given.props["label"]}: {text} may be {either}: write one of these'
+            f'{given.props["label"]}: {text} may be {text.replace(",", ".")} or '
+            f'{text.replace(",", "")}: write one of these'
         )
     return float(text.replace(',', '.'))
 

@@ -100,10 +100,11 @@ class DynamicSettingGuide(Guide):
         mass, passes = number_in(self._mass), number_in(self._passes)
         if not (passes.is_integer() and 0 < passes < _MANY):
             raise ActionRefusedError(f'Passes: {passes:g} is not a number of passes')
-        values = {'mass': mass / GRAMS, 'passes': int(passes)}
 
         async def record() -> str:
-            answer = await self.services.call(ports.RECORD_PASSES, **values)
+            answer = await self.services.call(
+                ports.RECORD_PASSES, mass=mass / GRAMS, passes=int(passes)
+            )
             return f'let the product pass; recorded as {Path(answer.bag).name}'
 
         await self.perform(f'record {passes:g} passes of {mass:g} g', record)

@@ -26,18 +26,17 @@ _STATES = {
 async def performance_test(desk: Desk, services: LaneServices) -> None:
     """Show the performance test, and ask before beginning it or breaking it off."""
     running = services.test is not None and services.test.state is PerformanceState.RUNNING
-
-    what = 'break off performance test' if running else 'begin performance test'
+    verb = 'Break off' if running else 'Begin'
 
     async def act() -> str:
         person, reason = services.acting or (Person('', ''), '')
-        values = {'who': person.name, 'reason': reason, 'cancel': running}
-        return await services.message(ports.BEGIN_TEST, **values)
+        return await services.message(
+            ports.BEGIN_TEST, who=person.name, reason=reason, cancel=running
+        )
 
     text = 'Let the test product pass as often as is asked for. Every item is rejected meanwhile.'
-    verb = 'Break off' if running else 'Begin'
-    body = ask(desk, Role.OPERATOR, 'Performance test', text, verb, lambda: (what, act))
-    with body:
+    plan = f'{verb.lower()} performance test', act
+    with ask(desk, Role.OPERATOR, 'Performance test', text, verb, lambda: plan):
         shown = ui.label('').classes('read').props('role=status')
         ui.timer(_PERIOD, lambda: shown.set_text(text_of(services.test)))
 

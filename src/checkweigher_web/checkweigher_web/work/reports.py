@@ -35,8 +35,9 @@ def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
             text = None
         if text is None:
             raise HTTPException(404, 'there is no such report')
-        headers = {'Content-Security-Policy': policy}
-        return Response(text, media_type=_KINDS[ending], headers=headers)
+        return Response(
+            text, headers={'Content-Security-Policy': policy}, media_type=_KINDS[ending]
+        )
 
 
 def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | None:

@@ -195,8 +195,9 @@ class LaneServices(PortNode):
             await self._note(acting)
             await self._note(acting, f'{what}: {ending}')
         except ActionRefusedError as error:
-            text = f'{outcome.text}; its end is not in the audit log: {error}'
-            return Outcome(outcome.done, text)
+            return Outcome(
+                outcome.done, f'{outcome.text}; its end is not in the audit log: {error}'
+            )
         return outcome
 
     async def _note(

@@ -29,15 +29,23 @@ async def operate(desk: Desk, services: LaneServices) -> None:
     def plan(
         feed: ui.checkbox, speed: ui.input, mass: ui.input, load: ui.input
     ) -> tuple[str, Action]:
-        metres_per_minute, *grams = (number_in(each, empty=0) for each in (speed, mass, load))
-        masses = (each / GRAMS for each in grams)
-        wanted = Operation(bool(feed.value), metres_per_minute / 60, *masses)
+        wanted = Operation(
+            bool(feed.value),
+            number_in(speed, empty=0) / 60,
+            number_in(mass, empty=0) / GRAMS,
+            number_in(load, empty=0) / GRAMS,
+        )
         return f'simulated machine: {wanted}', partial(actions.operate, services, wanted)
 
-    fields = (
+    ask(
+        desk,
+        Role.TECHNICIAN,
+        'Simulated machine',
+        _TEXT,
+        'Set',
+        plan,
         partial(ui.checkbox, 'Feed: products come', value=now.feed),
         partial(value, 'Belt speed (empty: as configured)', 60 * now.speed, 'm/min'),
         partial(value, 'Mass of each product (empty: as configured)', GRAMS * now.mass, 'g'),
         partial(value, 'Mass that stands on the belt', GRAMS * now.load, 'g'),
     )
-    ask(desk, Role.TECHNICIAN, 'Simulated machine', _TEXT, 'Set', plan, *fields)

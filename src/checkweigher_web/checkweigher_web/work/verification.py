@@ -101,12 +101,15 @@ class VerificationGuide(Guide):
 
     def _show_elements(self, state: ProgressState, folder: Path) -> None:
         idle = state is ProgressState.IDLE
-        self._choice.set_visibility(idle)
-        self._begin.set_visibility(idle)
-        self._break.set_visibility(not idle)
-        self._skip.set_visibility(state is ProgressState.ASKING)
-        self._leave.set_visibility(state is ProgressState.DECIDING)
-        self._make.set_visibility(state in _STATES)
+        for element, shown in (
+            (self._choice, idle),
+            (self._begin, idle),
+            (self._break, not idle),
+            (self._skip, state is ProgressState.ASKING),
+            (self._leave, state is ProgressState.DECIDING),
+            (self._make, state in _STATES),
+        ):
+            element.set_visibility(shown)
         if idle:
             self._show_choices(folder)
 
@@ -142,8 +145,8 @@ class VerificationGuide(Guide):
     # What is done
 
     async def _do_begin(self) -> None:
-        text = str(self._plan.value or '')
-        begin = partial(self.services.message, ports.BEGIN_VERIFICATION, plan=text)
+        plan = str(self._plan.value or '')
+        begin = partial(self.services.message, ports.BEGIN_VERIFICATION, plan=plan)
         await self.perform('begin verification', begin)
 
     async def _answer(self, answer: StepAnswer, verb: str) -> None:
@@ -151,11 +154,12 @@ class VerificationGuide(Guide):
         seen, reason = self._said, str(self.reason.value or '')
         if seen is None or not seen.steps:
             return
-        step = seen.steps[seen.step]
-        values = {'question': seen.question, 'answer': int(answer), 'reason': reason}
+        step, question = seen.steps[seen.step], seen.question
 
         async def give() -> str:
-            await self.services.call(ports.ANSWER_VERIFICATION, **values)
+            await self.services.call(
+                ports.ANSWER_VERIFICATION, question=question, answer=int(answer), reason=reason
+            )
             return f'{step}: taken'
 
         if await self.perform(f'{verb} step {step} of verification {seen.name}', give):

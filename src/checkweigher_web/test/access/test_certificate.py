@@ -1,13 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The certificate that the command makes, and the check of one's own."""
+"""The certificate that the command makes, the check of one's own, and a login over TLS."""
 
 from ipaddress import ip_address
 import os
 from pathlib import Path
+import ssl
+from urllib.request import HTTPSHandler, ProxyHandler, build_opener
 
+from browsers import errors_of, needs_browser, open_browser
 from cryptography import x509
+from persons import Line, Person, add_users
 import pytest
+from selenium.webdriver.common.by import By
+from served_page import served
 
 from checkweigher_core.whole_file import OutputError
 from checkweigher_web.access.certificate import CertificateError, check_pair, make_certificate
@@ -41,3 +47,34 @@ def test_a_name_that_is_none_is_refused(tmp_path: Path):
     with pytest.raises(CertificateError):
         make_certificate(['jürgen.local'], tmp_path / 'a.crt', tmp_path / 'a.key')
     assert not list(tmp_path.iterdir())
+
+
+@needs_browser
+def test_a_person_logs_in_over_tls(tmp_path: Path):
+    users, certificate, key = (tmp_path / name for name in ('users', 'page.crt', 'page.key'))
+    add_users(users)
+    make_certificate(['127.0.0.1'], certificate, key)
+    files = '--users', str(users), '--certificate', str(certificate), '--key', str(key)
+    with (
+        served(*files) as (_, port),
+        open_browser(tmp_path / 'browser', '--ignore-certificate-errors') as browser,
+    ):
+        person = Person(browser, Line(port, tmp_path, 'https'))
+        person.log_in('anna')
+        # Its socket is there as well: the page follows its timer.
+        connected = 'return window.socket?.connected === true'
+        person.until(lambda: browser.execute_script(connected))
+        (cookie,) = browser.get_cookies()
+        assert cookie['name'] == f'__Host-checkweigher-{port}'
+        assert (cookie['secure'], cookie['httpOnly'], cookie['sameSite']) == (True, True, 'Strict')
+        assert errors_of(browser) == []
+        person.log_out()
+        assert browser.get_cookies() == [] or all(
+            each['name'] != cookie['name'] for each in browser.get_cookies()
+        )
+        assert browser.find_element(By.NAME, 'password')
+        # Whoever trusts the certificate needs no exception.
+        trusted = ssl.create_default_context(cafile=str(certificate))
+        opener = build_opener(ProxyHandler({}), HTTPSHandler(context=trusted))
+        with opener.open(f'https://127.0.0.1:{port}/login') as answer:
+            assert answer.status == 200

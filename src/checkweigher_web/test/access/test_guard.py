@@ -46,8 +46,8 @@ class Answer:
 class Browser:
     """A browser as far as the server sees it."""
 
-    def __init__(self, port: int) -> None:
-        self.port = port
+    def __init__(self, port: int, address: str = '10.0.0.3') -> None:
+        self.port, self.address = port, address
         self.cookies: dict[str, str] = {}
 
     @property
@@ -57,7 +57,7 @@ class Browser:
     def ask(self, path: str, fields: dict[str, str] | str | None = None, **headers: str) -> Answer:
         method, body = ('GET', None) if fields is None else ('POST', fields)
         body = urlencode(body) if isinstance(body, dict) else body
-        known = {'Host': HOST, 'Cookie': self.cookie, 'X-Forwarded-For': '10.0.0.3'}
+        known = {'Host': HOST, 'Cookie': self.cookie, 'X-Forwarded-For': self.address}
         known |= {'Origin': ORIGIN} if fields is not None else {}
         with closing(HTTPConnection('127.0.0.1', self.port, timeout=PATIENCE)) as connection:
             connection.request(method, path, body, {**known, **headers})
@@ -149,8 +149,8 @@ REFUSED: dict[str, dict[str, str | bool]] = {
 @pytest.mark.parametrize('case', REFUSED)
 def test_a_login_that_is_none_is_refused(case: str, browser: Browser):
     # Each from an address of its own, for failures of one address wait.
-    own = {'X-Forwarded-For': f'10.1.0.{list(REFUSED).index(case)}'}
-    answer = browser.log_in(**REFUSED[case], **own)  # type: ignore[arg-type]
+    browser.address = f'10.1.0.{list(REFUSED).index(case)}'
+    answer = browser.log_in(**REFUSED[case])  # type: ignore[arg-type]
     assert answer.status == 403
     assert '<script>' not in answer.text
     assert all(name.endswith('-form') for name in answer.cookies)
@@ -167,11 +167,11 @@ def test_an_identifier_that_was_planted_is_not_taken(browser: Browser, port: int
 
 
 def test_failures_in_a_row_have_to_wait(browser: Browser):
-    own = {'X-Forwarded-For': '10.2.0.1'}
-    statuses = [browser.log_in('carl', 'wrong horse', **own).status for _ in range(3)]
-    assert statuses == [403] * 3
+    browser.address = '10.2.0.1'
+    assert [browser.log_in('carl', 'wrong horse').status for _ in range(3)] == [403] * 3
     # The password is right, and it is too early all the same; from elsewhere, too.
-    answer = browser.log_in('carl', **{'X-Forwarded-For': '10.2.0.2'})
+    browser.address = '10.2.0.2'
+    answer = browser.log_in('carl')
     assert answer.status == 429
     assert int(answer.headers['retry-after']) >= 1
     deadline = time.monotonic() + PATIENCE
@@ -181,17 +181,17 @@ def test_failures_in_a_row_have_to_wait(browser: Browser):
 
 def test_every_spelling_of_a_name_is_the_same_account(browser: Browser):
     for number, name in enumerate(['zo\u00eb', 'zoe\u0308', 'zo\u00eb']):
-        own = {'X-Forwarded-For': f'10.5.0.{number}'}
-        assert browser.log_in(name, 'wrong horse', **own).status == 403
+        browser.address = f'10.5.0.{number}'
+        assert browser.log_in(name, 'wrong horse').status == 403
     assert browser.log_in('zoe\u0308').status == 429
 
 
 def test_what_others_mistyped_at_the_same_address_is_over_with_a_login(browser: Browser):
-    own = {'X-Forwarded-For': '10.2.0.3'}
+    browser.address = '10.2.0.3'
     for number in range(4):  # two failures each time: eight in a row would wait for half a minute
         for name in (f'first{number}', f'second{number}'):
-            assert browser.log_in(name, 'wrong horse', **own).status == 403
-        assert browser.log_in('anna', **own).status == 303
+            assert browser.log_in(name, 'wrong horse').status == 403
+        assert browser.log_in('anna').status == 303
 
 
 def open_socket(browser: Browser, client: str) -> tuple[str, str]:
@@ -214,7 +214,8 @@ def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int
 
 @pytest.mark.parametrize('transport', ['polling', 'websocket'])
 def test_a_socket_of_a_page_of_another_site_is_refused(browser: Browser, transport: str):
-    browser.log_in(**{'X-Forwarded-For': f'10.4.0.{len(transport)}'})
+    browser.address = f'10.4.0.{len(transport)}'
+    browser.log_in()
     query = f'client_id={browser.client()}&tab_id=t&document_id=d&implicit_handshake=true'
     path = f'{SOCKET}/?EIO=4&transport={transport}&{query}'
     upgrade = {
@@ -253,9 +254,9 @@ def read_until(browser: Browser, path: str, wanted: str) -> str:
 
 
 def test_an_event_from_the_socket_of_another_user_is_not_taken(port: int):
-    victim, other = Browser(port), Browser(port)
-    for browser, name in ((victim, 'anna'), (other, 'mallory')):
-        browser.log_in(name, **{'X-Forwarded-For': f'10.3.0.{len(name)}'})
+    victim, other = Browser(port, '10.3.0.4'), Browser(port, '10.3.0.7')
+    victim.log_in('anna')
+    other.log_in('mallory')
     pages = {browser: browser.ask('/').text for browser in (victim, other)}
     clients = {b: re.findall(r'client_id\W+([\w-]{36})', page)[0] for b, page in pages.items()}
     paths = {browser: open_socket(browser, client)[0] for browser, client in clients.items()}

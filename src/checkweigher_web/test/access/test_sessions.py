@@ -3,6 +3,7 @@
 """Sessions end with time, with the user, and never take an identifier from a browser."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,13 +14,6 @@ ANNA = User('anna', Role.OPERATOR, '$argon2id$x')
 IDLE = 600.0
 
 
-class Clock:
-    now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     write_users(tmp_path / 'users', {'anna': ANNA})
@@ -27,8 +21,8 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_a_session_ends_when_it_is_not_used_and_with_the_shift(path: Path):
-    clock = Clock()
-    sessions = Sessions(UserFile(path), IDLE, clock)
+    clock = SimpleNamespace(now=1000.0)
+    sessions = Sessions(UserFile(path), IDLE, lambda: clock.now)
     idle = sessions.begin(ANNA, 'here')
     clock.now += IDLE - 1
     assert sessions.find(idle) is not None  # looking is no use

@@ -2,19 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Failed logins have to wait longer and longer."""
 
+from types import SimpleNamespace
+
 from checkweigher_web.access.throttle import Throttle
 
 
-class Clock:
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 def test_waits_double_up_to_five_minutes_and_are_forgotten():
-    clock = Clock()
-    throttle = Throttle(clock)
+    clock = SimpleNamespace(now=0.0)
+    throttle = Throttle(lambda: clock.now)
     waits = []
     for _ in range(14):
         throttle.fail('account anna', 'address 1')
@@ -28,7 +23,7 @@ def test_waits_double_up_to_five_minutes_and_are_forgotten():
 
 
 def test_an_address_that_tries_many_accounts_waits_and_others_do_not():
-    throttle = Throttle(Clock())
+    throttle = Throttle(lambda: 0.0)
     for number in range(5):
         throttle.fail(f'account {number}', 'address 1')
     assert throttle.wait('account 9', 'address 1') == 4
@@ -36,7 +31,7 @@ def test_an_address_that_tries_many_accounts_waits_and_others_do_not():
 
 
 def test_a_login_ends_the_row_of_its_account_and_address_and_of_no_other_account():
-    throttle = Throttle(Clock())
+    throttle = Throttle(lambda: 0.0)
     for _ in range(4):
         throttle.fail('account anna', 'address 1')
         throttle.fail('account ben', 'address 1')

@@ -43,7 +43,6 @@ def marks_of(
     """Return the marks of the first item with a reason, which the figure numbers, too."""
     lane = lane_of(recording, parameters)
     item = broken_item(lane, reason)
-    assert item.stretch is not None
     marks = fault_marks(Scene(item, item.stretch, recording.load_cell))
     raw = signal_chart(item, recording.load_cell)[0]['series'][0]
     names = [begin['name'] for begin, _ in raw['markArea']['data']]
@@ -63,11 +62,6 @@ def changed(line: Recording, change: Callable[[int, np.ndarray], np.ndarray]) ->
 
 def with_edges(line: Recording, *edges: EyeEdge) -> Recording:
     return replace(line, edges=tuple(sorted((*line.edges, *edges), key=lambda e: e.stamp)))
-
-
-def during(line: Recording, begin: str, end: str) -> Callable[[int], bool]:
-    edges = edges_of(line, BROKEN)
-    return lambda stamp: edges[begin].stamp <= stamp < edges[end].stamp
 
 
 LOST = [('t1', Eye.INFEED, 0), ('t2', Eye.INFEED, LENGTH), ('t3', Eye.OUTFEED, TRANSIT)]
@@ -162,14 +156,16 @@ def test_a_rise_at_another_time_is_measured_and_drawn_beside_that_of_the_eyes(li
 
 
 def test_speed_length_load_and_zero_are_said_in_numbers(line: Recording):
-    inside, cell = during(line, 't1', 't4'), line.load_cell
+    cell, edges = line.load_cell, edges_of(line, BROKEN)
     upside_down = replace(cell, counts_per_kg=-cell.counts_per_kg)
 
     def shifted(mass: float, where: Callable[[int], bool]) -> Recording:
         extra = round(mass * cell.counts_per_kg)
         return changed(line, lambda stamp, counts: counts + extra * where(stamp))
 
-    edges = edges_of(line, BROKEN)
+    def inside(stamp: int) -> bool:
+        return edges['t1'].stamp <= stamp < edges['t4'].stamp
+
     slow = [replace(edges[name], stamp=edges[name].stamp + 150 * MS) for name in ('t3', 't4')]
     slowed = with_edges(without_edges(line, edges['t3'], edges['t4']), *slow)
     short = LineParameters().with_values({'segmenter.product_length': 0.15})
@@ -215,7 +211,6 @@ def test_an_edge_that_came_late_is_marked(line: Recording):
     for record in (line.load_cell, *line.blocks, edges['t1'], edges['t3'], late, fault):
         lane.take(record)
     item = lane.with_signals(lane.items()[0])
-    assert item.stretch is not None
     (mark,) = fault_marks(Scene(item, item.stretch, line.load_cell))
     assert mark.begin == late.stamp
     assert mark.text.startswith('infeed eye')
@@ -236,7 +231,6 @@ def test_any_reason_on_any_stretch_gives_marks_within_it_or_none(line: Recording
     for t1, t3 in ((None, edges_of(line, 2)['t3'].stamp), (edges_of(line, 2)['t1'].stamp, None)):
         lane.take(Verdict(50, t3, Decision.FAULT, (reason.value,), t1=t1))
         item = lane.with_signals(lane.items()[0])
-        assert item.stretch is not None
         for mark in fault_marks(Scene(item, item.stretch, line.load_cell)):
             assert item.stretch.time[0] <= mark.begin <= mark.end <= item.stretch.time[-1]
         assert signal_chart(item, line.load_cell)[0]['series']

@@ -108,7 +108,6 @@ def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: S
 
 def control_figures(masses: list[float]) -> tuple[ControlChart, Options, Options]:
     chart = control_chart(masses)
-    assert chart is not None
     figures = (control_figure(chart, 3, spread=spread) for spread in (False, True))
     return chart, *figures
 
@@ -151,7 +150,6 @@ def test_what_came_before_the_page_was_open_says_so(item: ShownItem):
 
 
 def test_a_long_signal_is_thinned_out(item: ShownItem, recording: Recording):
-    assert item.window is not None
     window = replace(item.window, counts=np.resize(item.window.counts, 100_000))
     window = replace(window, denoised=np.zeros(0))
     figure = signal_chart(replace(item, window=window), recording.load_cell)[0]

@@ -28,7 +28,6 @@ def recording() -> Recording:
 
 
 def held_of(recording: Recording) -> Lane:
-    """Return a lane that holds the whole recording."""
     return lane_of(recording, held=HELD)
 
 
@@ -66,7 +65,6 @@ def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recordi
     later = last.stamp + round((HELD - 5) * NANOSECONDS)
     lane.take(SampleBlock(later, last.first_index + 10**6, last.counts))
     held = lane.recording()
-    assert held is not None
     assert held.blocks[-1].stamp - held.blocks[0].stamp <= HELD * NANOSECONDS
     with pytest.raises(ActionRefusedError, match='came before what the page holds'):
         keep(tmp_path, lane, items[-1])
@@ -74,17 +72,6 @@ def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recordi
     with pytest.raises(ActionRefusedError, match='while somebody looks'):
         keep(tmp_path, lane, items[0])
     assert not list(tmp_path.iterdir())
-
-
-def begun_again(lane: Lane, recording: Recording, hours: int) -> list[SampleBlock]:
-    """Have the source of a lane send the first blocks of a recording, some hours before."""
-    blocks = [
-        replace(each, stamp=each.stamp - hours * 3600 * NANOSECONDS)
-        for each in recording.blocks[:3]
-    ]
-    for block in blocks:
-        lane.take(block)
-    return blocks
 
 
 @pytest.mark.parametrize('open_page', [True, False])
@@ -99,9 +86,11 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
         lane.forget_signals()
         lane.take(recording.load_cell)
     for hours in (1, 2):
-        blocks = begun_again(lane, recording, hours)
+        earlier = hours * 3600 * NANOSECONDS
+        blocks = [replace(each, stamp=each.stamp - earlier) for each in recording.blocks[:3]]
+        for block in blocks:
+            lane.take(block)
         held = lane.recording()
-        assert held is not None
         assert (held.blocks, held.edges, held.references) == (tuple(blocks), (), ())
         with pytest.raises(ActionRefusedError, match='weighed another way'):
             keep(tmp_path, lane, item)
@@ -110,12 +99,10 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
 def test_a_recording_begins_where_all_edges_are_held(recording: Recording):
     lane = held_of(recording)
     first = lane.recording()
-    assert first is not None
     assert first.edges == recording.edges
     for edge in recording.edges * 3:  # far more than are kept
         lane.take(edge)
     held = lane.recording()
-    assert held is not None
     assert held.blocks[0].stamp >= held.edges[0].stamp > first.blocks[0].stamp
     for edge in recording.edges * 3:  # all younger than the samples
         lane.take(replace(edge, stamp=edge.stamp + 3600 * NANOSECONDS))

@@ -7,7 +7,6 @@ from pathlib import Path
 import socket
 from threading import Thread
 from types import SimpleNamespace
-from typing import cast
 from urllib.parse import quote
 
 from fastapi import FastAPI
@@ -18,7 +17,6 @@ import uvicorn
 from checkweigher_production.batch_record import record_path
 from checkweigher_validation.verification.plan import VERIFICATIONS
 from checkweigher_web.work.reports import add_reports
-from checkweigher_web.work.services import Workshop
 
 
 @pytest.fixture(scope='module')
@@ -37,12 +35,11 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def port(machine: Path) -> Iterator[int]:
-    """Serve the reports of the machine."""
     services = SimpleNamespace(
         batch_folder=machine / 'batches', verification=SimpleNamespace(folder=str(machine))
     )
     app, workshop = FastAPI(), SimpleNamespace(lanes={'': services})
-    add_reports(app, cast(Workshop, workshop), 'sandbox')
+    add_reports(app, workshop, 'sandbox')
     server = uvicorn.Server(uvicorn.Config(app, log_level='error'))
     with socket.create_server(('127.0.0.1', 0)) as listener:
         thread = Thread(target=server.run, args=([listener],))

@@ -3,19 +3,18 @@
 """What a person is told of an action, and what the audit log is."""
 
 import asyncio
-from collections.abc import Iterator
 from typing import Any
 
 from checkweigher_msgs.srv import RecordChange
+from node_process import spinning
 import pytest
-import rclpy
 
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
-from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 ANNA = Person('anna', '127.0.0.1')
+INDEX = 'failed: IndexError: list index out of range'
 
 
 class AuditLog(PortNode):
@@ -46,29 +45,18 @@ async def failed() -> str:
     return str(empty[0])
 
 
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    """Have ROS, and what serves nodes."""
-    rclpy.init()
-    spinner = Spinner()
-    yield spinner
-    spinner.stop()
-    rclpy.try_shutdown()
-
-
-def test_each_end_of_an_action_is_told_and_written_down(spinner: Spinner):
-    log, services = AuditLog(), LaneServices('')
-    spinner.add(log, services)
-    asyncio.run(services.found(ports.RECORD_CHANGE))
-    cases = (
+@pytest.mark.parametrize(
+    ('action', 'outcome', 'ending'),
+    [
         (done, Outcome(True, 'zeroed'), 'done'),
         (refused, Outcome(False, 'the belt is not empty'), 'refused: the belt is not empty'),
-        (
-            failed, Outcome(False, 'it failed: IndexError: list index out of range'),
-            'failed: IndexError: list index out of range',
-        ),
-    )  # fmt: skip
-    for action, outcome, ending in cases:
-        log.texts.clear()
+        (failed, Outcome(False, f'it {INDEX}'), INDEX),
+    ],
+)
+def test_each_end_of_an_action_is_told_and_written_down(action, outcome: Outcome, ending: str):
+    with spinning() as spinner:
+        log, services = AuditLog(), LaneServices('')
+        spinner.add(log, services)
+        asyncio.run(services.found(ports.RECORD_CHANGE))
         assert asyncio.run(services.act(ANNA, 'zero', '', action)) == outcome
         assert log.texts == ['"zero: asked from 127.0.0.1"', f'"zero: {ending}"']

@@ -57,8 +57,7 @@ class Arrivals:
     def _by_eyes(self, verdict: Verdict, now: int) -> Times | None:
         """Return the times of an item by its edges, None if they are not known."""
         to_monotonic = self.clock.look()
-        unmeasured = self._motion.measured is None
-        in_doubt = unmeasured and not _SPEED_IN_DOUBT.isdisjoint(verdict.reasons)
+        in_doubt = self._motion.measured is None and _SPEED_IN_DOUBT.intersection(verdict.reasons)
         if verdict.reject_at is None or to_monotonic is None or in_doubt:
             return None
         due = verdict.reject_at + to_monotonic

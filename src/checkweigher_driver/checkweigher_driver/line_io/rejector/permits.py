@@ -43,9 +43,9 @@ class Permits:
 
     def deny(self, arrival: int) -> None:
         """End the permits of earlier items before a rejected item arrives."""
-        last = arrival - self._pause
         self._windows = [
-            (begin, min(end, last) if begin < arrival else end) for begin, end in self._windows
+            (begin, min(end, arrival - self._pause) if begin < arrival else end)
+            for begin, end in self._windows
         ]
 
     def given(self, now: int) -> bool:

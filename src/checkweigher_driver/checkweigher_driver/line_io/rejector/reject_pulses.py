@@ -128,8 +128,8 @@ class RejectPulses:
         if here - begin > self._times.late_tolerance:
             self.act(now)
             return here - begin
-        margin = self._times.belt_margin if delayed else 0
-        self._put(begin, begin + self._times.duration, here, margin)
+        end = begin + self._times.duration
+        self._put(begin, end, here, self._times.belt_margin if delayed else 0)
         return 0
 
     def _put(self, begin: int, end: int, here: int, margin: int = 0) -> None:

@@ -38,8 +38,12 @@ class Sorter:
         self._pulses = [RejectPulses(times, motion.time) for _ in range(1 + stations)]
         self._permitting = permit_margin is not None
         self.permits = Permits(motion.time, permit_margin or 0, times.min_pause)
-        counted = 'late rejects', 'permits', 'permits withheld', 'not sorted'
-        self.figures: dict[str, float] = dict.fromkeys(counted, 0)
+        self.figures: dict[str, float] = {
+            'late rejects': 0,
+            'permits': 0,
+            'permits withheld': 0,
+            'not sorted': 0,
+        }
 
     def sort(self, verdict: Verdict, items: BeltItems, now: int, *, reached: bool) -> None:
         """Route an item of a belt. `reached` is false while no output can be switched."""
@@ -96,14 +100,17 @@ class Sorter:
             times = None
             self._missed.add(f'{item}: is for station {station}, which the outputs lack')
         if times is None:
-            why = 'the time at which it is at the rejector is not known; look for it'
-            self.eject(now, f'{item}: {why}')
+            self.eject(
+                now, f'{item}: the time at which it is at the rejector is not known; look for it'
+            )
             return
         late, why = self._pulses[station].add(times.due, times.since, now, times.entered), ''
         if late:
             self.figures['late rejects'] += 1
-            after = f'{1e-6 * late:.0f} ms after its reject time'
-            why = f'its verdict came {after}; look for it behind the rejector'
+            why = (
+                f'its verdict came {1e-6 * late:.0f} ms after its reject time; look for it behind '
+                'the rejector'
+            )
         elif not reached:
             why = 'the rejector could not be reached; look for it behind the rejector'
         elif self._was_stopped(times):
@@ -133,8 +140,7 @@ class Sorter:
     def reconnect(self, now: int) -> None:
         """Check whether a pulse has begun while no output could be switched."""
         if any(pulses.begun(now) for pulses in self._pulses):
-            why = 'the rejector could not be reached when it should act; look behind it'
-            self._missed.add(why)
+            self._missed.add('the rejector could not be reached when it should act; look behind it')
 
     def resume(self, here: int) -> None:
         """Lengthen the coming pulses after a stop of the belt at its time `here`, ns."""

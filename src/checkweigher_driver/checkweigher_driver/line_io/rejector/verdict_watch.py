@@ -50,8 +50,7 @@ class VerdictWatch:
         """Return whether the outfeed eye sees a new product, not a hole or flicker of the last."""
         if stamp < self._last:
             return True
-        within = stamp - self._last < self._length
-        return not within and not 0 <= stamp - self._outfeed_clear < FLICKER
+        return stamp - self._last >= self._length and not 0 <= stamp - self._outfeed_clear < FLICKER
 
     def verdict(self, verdict: Verdict) -> None:
         """Process a verdict, which shows that its node works."""
