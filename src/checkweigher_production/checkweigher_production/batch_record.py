@@ -24,6 +24,8 @@ from typing import Any, TypeVar, get_type_hints
 from urllib.parse import quote
 import zlib
 
+import numpy as np
+
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import BatchResult, Decision, FillerFeedback, Verdict
 from checkweigher_core.state_files import replace_file
@@ -33,7 +35,6 @@ SUFFIX = '.jsonl'
 _LONGEST = 200  # characters of the name of a batch in a file name
 _RETRY = 1.0  # s
 _LONGEST_LINE = 2**16  # bytes
-_LARGEST = 2**63  # of whole numbers; no message holds more
 _NEWER = ('station', 'station_at')  # fields of verdicts that the first version did not write
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
@@ -100,10 +101,11 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                 if not line.endswith(b'\n'):
                     return
                 try:
-                    values = json.loads(line)
+                    # No message holds a larger whole number.
+                    values = json.loads(line, parse_int=lambda text: int(np.int64(text)))
                     begins = values['kind'] == 'begin'
                     checksum = values.pop('crc32', None)
-                except (ValueError, TypeError, KeyError, RecursionError):
+                except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
                     begins = number > 1
                 if begins != (number == 1):
                     raise RecordError(f'{path}:{number}: is no line of the record of a batch')
@@ -154,8 +156,7 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     elif hint is float and type(value) is int:
         return float(value)
     elif isinstance(value, hint) and isinstance(value, bool) == (hint is bool):
-        if not isinstance(value, int) or abs(value) < _LARGEST:
-            return value
+        return value
     raise RecordError(f'{name}: {value!r} cannot be used')
 
 
