@@ -203,24 +203,23 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._folder.rename(self._path)
 
     def _information(self) -> dict[str, Any]:
-        topics = [
-            {
-                'topic_metadata': {
-                    'name': self._topic(port),
-                    'type': port.message_type,
-                    'serialization_format': 'cdr',
-                    'offered_qos_profiles': dump_qos_v9([_qos(port)]),
-                    'type_description_hash': typestore([port]).hash_rihs01(port.message_type),
-                },
-                'message_count': self._counts[port.name],
-            }
-            for port in self._ports
-        ]
         return {
             'version': _VERSION,
             'storage_identifier': 'mcap',
             **self._span(),
-            'topics_with_message_count': topics,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': self._topic(port),
+                        'type': port.message_type,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': dump_qos_v9([_qos(port)]),
+                        'type_description_hash': typestore([port]).hash_rihs01(port.message_type),
+                    },
+                    'message_count': self._counts[port.name],
+                }
+                for port in self._ports
+            ],
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [_FILE],
