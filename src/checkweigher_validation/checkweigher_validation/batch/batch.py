@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from checkweigher_core.changes import RECORD
-from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_core.records import GRAMS, Decision, Verdict
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.batch_record import RecordError, read_events
 from checkweigher_production.recipes import Product
@@ -40,8 +40,6 @@ class BatchItem:
     Raises `ValueError` if the item was accepted without a mass.
     """
 
-    number: int
-    stamp: int | None  # t3, ns
     decision: Decision
     reasons: tuple[str, ...]
     mass: float  # of the contents, kg; NaN if the item was not weighed
@@ -78,12 +76,11 @@ class Batch:
 
     def with_log(self, entries: Sequence[Entry]) -> 'Batch':
         """Return the batch with its entries in an audit log and a comparison with that log."""
-        end = self.end or '~'
         found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
         in_log = InLog.ABSENT
         if found:
             in_log = InLog.AGREES if found[-1] == self.sha256 else InLog.DIFFERS
-        changes = tuple(e for e in entries if self.begin <= e.time <= end)
+        changes = tuple(e for e in entries if self.begin <= e.time <= (self.end or '~'))
         return replace(self, changes=changes, in_log=in_log)
 
 
@@ -150,12 +147,10 @@ def read_record(path: Path) -> Batch:
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:
     mass = verdict.mass - tare
-    return BatchItem(verdict.item_id, verdict.t3, verdict.decision, verdict.reasons, mass)
+    return BatchItem(verdict.decision, verdict.reasons, mass)
 
 
 def _item_of_row(row: dict[str, str], tare: float) -> BatchItem:
-    whole, _, part = row['t3'].partition('.')
-    stamp = int(whole) * NANOSECONDS + int(part.ljust(9, '0')) if whole else None
     mass = float(row['mass_g']) / GRAMS - tare if row['mass_g'] else math.nan
     reasons = tuple(filter(None, row['reasons'].split(';')))
-    return BatchItem(int(row['item_id']), stamp, Decision[row['decision']], reasons, mass)
+    return BatchItem(Decision[row['decision']], reasons, mass)

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         'bag.namespace': arguments.lane or '',
     }
     weighings = replay(driver, parameters, namespace, processes=arguments.processes)
-    results = [table.show(joiner.join(each.estimate, each.verdict)) for each in weighings]
+    results = [table.show(joiner.join(each)) for each in weighings]
     results.sort(key=lambda result: result.estimate.item_id)
     output.write_results(arguments.csv, results)
     table.close()
