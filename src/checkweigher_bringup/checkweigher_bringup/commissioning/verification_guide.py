@@ -134,9 +134,8 @@ def procedure_on_line(
             if node.latest:
                 break
         what = identity.at_begin(_parameters(node, _ANSWER_PATIENCE), 'on a running line')
-        namespace = node.get_namespace().strip('/')
-        recorded = ports.RECORDED
-        with BagWriter(output, recorded, namespace, in_place=True) as bag, _writing(bag, node):
+        lane = node.get_namespace().strip('/')
+        with BagWriter(output, ports.RECORDED, lane, in_place=True) as bag, _writing(bag, node):
             node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):

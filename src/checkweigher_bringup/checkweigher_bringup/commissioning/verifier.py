@@ -218,8 +218,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         return f'verification {name} has begun'
 
     def _answer(self, request: Any, response: Any) -> str:
-        operator = self._busy
-        if operator is None:
+        if (operator := self._busy) is None:
             raise UserError(f'no verification goes on; call {ports.BEGIN_VERIFICATION}')
         if request.answer not in tuple(StepAnswer):
             raise UserError(f'{request.answer}: is no answer')
@@ -228,8 +227,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         return ''
 
     def _cancel(self, request: Any, response: Any) -> str:
-        operator = self._busy
-        if operator is None:
+        if (operator := self._busy) is None:
             return 'nothing is under way'
         operator.break_off()
         return 'it ends; its report has the steps that were made'

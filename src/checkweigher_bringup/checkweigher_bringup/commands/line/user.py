@@ -45,8 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Change or show the users file."""
     from checkweigher_web.access import users as accounts
 
-    path, action, name = arguments.users, arguments.action, arguments.name
-    path = path or accounts.default_users()
+    path = arguments.users or accounts.default_users()
+    action, name = arguments.action, arguments.name
     _check(action, name, arguments.role)
     if action == 'list':
         for user in accounts.read_users(path).values():
