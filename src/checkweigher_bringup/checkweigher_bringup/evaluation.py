@@ -155,7 +155,6 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
-    """Run the protocol of the paper on a simulated machine."""
     profile = arguments.profile or 'paper'
     if profile not in PROFILES:
         raise UserError(f'--profile {profile}: is none of {", ".join(PROFILES)}')

@@ -3,7 +3,6 @@
 """Output of the commands: a table on the screen, and files."""
 
 from collections import Counter
-from collections.abc import Iterable
 import math
 from pathlib import Path
 from typing import TextIO
@@ -11,9 +10,8 @@ from typing import TextIO
 from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import GRAMS, Decision
-from checkweigher_core.whole_file import check_folder_of, is_stream, write_whole
+from checkweigher_core.whole_file import check_folder_of, is_stream
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_validation.accuracy.columns import items_as_csv
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
     ErrorSum,
@@ -44,12 +42,6 @@ def with_warning(recording: Recording) -> Recording:
 def read_with_warning(path: Path, lane: str | None) -> Recording:
     """Read a bag with a progress bar, and print its warning on stderr."""
     return with_warning(read_bag(path, lane, progress=True))
-
-
-def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
-    """Write results as a CSV file if a path is given; OutputError if it cannot be written."""
-    if path is not None:
-        write_whole(path, items_as_csv(results))
 
 
 class ItemTable:

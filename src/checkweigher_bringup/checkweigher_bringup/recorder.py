@@ -3,6 +3,7 @@
 """Recorder that writes the messages of a lane to a bag, byte for byte."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 import math
 from pathlib import Path
@@ -101,11 +102,10 @@ class RecorderNode(PortNode):
 
         The bag is flushed once a second.
         """
-        try:
+        came = False
+        with suppress(queue.Empty):
             bag.put(*self.messages.get(timeout=_POLL_PERIOD))
             came = True
-        except queue.Empty:
-            came = False
         if time.monotonic() - self._flushed > _FLUSH_PERIOD:
             self._flushed = time.monotonic()
             bag.flush()

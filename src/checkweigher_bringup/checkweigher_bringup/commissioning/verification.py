@@ -77,7 +77,5 @@ def plan_of(path: Path) -> tuple[Plan, str]:
     try:
         text = path.read_text(encoding='utf-8')
         return read_plan(text), text
-    except OSError as error:
-        raise UserError(f'{path}: {error.strerror or error}') from None
     except ValueError as error:
         raise UserError(f'{path}: {error}') from None

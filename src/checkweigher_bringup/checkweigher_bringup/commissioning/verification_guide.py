@@ -213,8 +213,6 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 
 
 class _Guide:
-    """Guide of an operator through the steps."""
-
     def __init__(
         self, node: VerificationNode, plan: Plan, load_cell: LoadCell, operator: Operator
     ) -> None:
@@ -290,7 +288,6 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Count the passes of a step until there are enough."""
         assert step.load is not None
         items: list[ItemPass] = []
         heard = time.monotonic()

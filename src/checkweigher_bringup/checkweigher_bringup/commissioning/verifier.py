@@ -7,6 +7,7 @@ answers of the operator.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -119,10 +120,8 @@ class RemoteOperator:
         self._say(state=state, question=self._said.question + 1, **values)
         while True:
             self._go_on()
-            try:
+            with suppress(queue.Empty):
                 return self._answers.get(timeout=_POLL_PERIOD)
-            except queue.Empty:
-                continue
 
     def _go_on(self) -> None:
         if self._broken_off.is_set():

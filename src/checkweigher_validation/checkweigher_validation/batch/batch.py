@@ -91,11 +91,8 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 
 
 def read_csv(path: Path, product: Product) -> Batch:
-    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if there is none."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BatchError(f'{path}: {error.strerror}') from None
+    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if it is no such file."""
+    data = path.read_bytes()
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
     needed = {'item_id', 't3', 'mass_g', 'decision', 'reasons'}
     if missing := sorted(needed - set(rows.fieldnames or ())):
@@ -106,8 +103,8 @@ def read_csv(path: Path, product: Product) -> Batch:
             items.append(_item_of_row(row, product.tare))
         except (KeyError, TypeError, ValueError) as error:
             raise BatchError(f'{path}:{rows.line_num}: is no item: {error}') from None
-    part = Part(product, tuple(items))
-    return Batch(path.stem, str(path), (part,), sha256=hashlib.sha256(data).hexdigest())
+    parts = (Part(product, tuple(items)),)
+    return Batch(path.stem, str(path), parts, sha256=hashlib.sha256(data).hexdigest())
 
 
 def read_record(path: Path) -> Batch:
@@ -146,8 +143,7 @@ def read_record(path: Path) -> Batch:
 
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:
-    mass = verdict.mass - tare
-    return BatchItem(verdict.decision, verdict.reasons, mass)
+    return BatchItem(verdict.decision, verdict.reasons, verdict.mass - tare)
 
 
 def _item_of_row(row: dict[str, str], tare: float) -> BatchItem:

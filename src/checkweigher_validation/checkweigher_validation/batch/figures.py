@@ -89,8 +89,7 @@ def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[
     edges = np.histogram_bin_edges(masses, 'fd' if np.ptp(masses) > 0 else 1)
     if len(edges) > _MOST_BINS + 1:
         edges = np.histogram_bin_edges(masses, _MOST_BINS)
-    counts, edges = np.histogram(masses, edges)
-    return counts, edges
+    return np.histogram(masses, edges)
 
 
 def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
