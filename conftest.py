@@ -2,16 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings and fixtures of all tests of the workspace."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 import subprocess
 import sys
 
 from hypothesis import HealthCheck, settings
 import pytest
-from running import read_rows, run_command
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
+from running import Rows, Run, read_rows, run_command
 
 # `make test` tries the same examples whichever tests run; no test fails because a machine is slow.
 _COMMON = {'deadline': None, 'max_examples': 50, 'suppress_health_check': [HealthCheck.too_slow]}
@@ -52,7 +50,7 @@ def checkweigher() -> Run:
 
 
 @pytest.fixture
-def rows(checkweigher: Run, tmp_path: Path) -> Callable[..., list[dict[str, str]]]:
+def rows(checkweigher: Run, tmp_path: Path) -> Rows:
     """Run a command with --csv and return the rows that it wrote."""
 
     def run(*arguments: object) -> list[dict[str, str]]:

@@ -1,9 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Measured figures with their references, and as a table."""
+"""Measured figures with their references, as a table and as a file."""
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+import json
 import math
+import os
+from pathlib import Path
+import platform
 import statistics
 from typing import Any
 
@@ -93,14 +98,29 @@ def table(figures: list[Figure]) -> str:
                 each.verdict,
             )
         )
+    return aligned(rows, left=(0, 4, 9))
+
+
+def aligned(rows: Sequence[Sequence[str]], left: Collection[int]) -> str:
+    """Return rows as lines of text, with some columns aligned to the left, the others right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return '\n'.join(
         '  '.join(
-            cell.ljust(width) if at in (0, 4, 9) else cell.rjust(width)
+            cell.ljust(width) if at in left else cell.rjust(width)
             for at, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in rows
     )
+
+
+def write_json(path: Path, **found: object) -> None:
+    """Write what was found, and on which machine, to a file."""
+    machine = {
+        'machine': platform.machine(),
+        'python': platform.python_version(),
+        'cores': len(os.sched_getaffinity(0)),
+    }
+    path.write_text(json.dumps({**machine, **found}, indent=1) + '\n', encoding='utf-8')
 
 
 def _shown(value: float) -> str:

@@ -13,10 +13,8 @@ import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-import json
 import os
 from pathlib import Path
-import platform
 import signal
 import statistics
 import subprocess
@@ -25,9 +23,9 @@ import tempfile
 import time
 from typing import Any
 
-from batch import batch_speeds
+from batch import COMMAND, batch_figures, run
 from builtin_interfaces.msg import Time
-from figures import Figure, figure, table
+from figures import Figure, figure, table, write_json
 from processes import HERE, Listener, Process, Usage, line_commands, listener, started
 
 from checkweigher_core.records import Decision, Verdict
@@ -42,7 +40,6 @@ _SPEED, _SPACING = 1.5, 0.35  # m/s, m
 _SETTLED = 10  # items, or messages, until all have found each other and are warm
 _PATIENCE = 60.0  # s without a verdict
 _HOP_THERE = 0.09  # ms, a raw hop on the machine for which the targets of latency were set
-_COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
 
 
 def parameters(bag: Path) -> dict[str, dict[str, object]]:
@@ -245,8 +242,7 @@ def measure_replay(count: int, repetitions: int) -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, 'bag')
         simulate = ['simulate', '--speed', '90', '--mass', '134.5', '--count', str(count)]
-        command = [*_COMMAND, *simulate, '--output', str(bag)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        run([*simulate, '--output', str(bag)])
         speeds, readings = [], []
         for _ in range(repetitions):
             begin = time.perf_counter()
@@ -268,24 +264,9 @@ def measure_replay(count: int, repetitions: int) -> list[Figure]:
     ]
 
 
-def measure_batch(repetitions: int) -> list[Figure]:
-    """Return how fast offline work is."""
-    return [
-        figure(
-            speeds.name,
-            speeds.unit,
-            speeds.values,
-            target=speeds.target,
-            more_is_better=True,
-            reference=statistics.median(speeds.references),
-        )
-        for speeds in batch_speeds(repetitions)
-    ]
-
-
 def _replay_speed(bag: Path) -> float:
     child = subprocess.Popen(
-        [*_COMMAND, 'replay', str(bag), '--rate', '0'],
+        [*COMMAND, 'replay', str(bag), '--rate', '0'],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -313,7 +294,7 @@ def measure_start(repetitions: int) -> list[Figure]:
     """Return how long --help and a node take from the call on."""
     helps, bare = [], []
     for _ in range(repetitions):
-        for values, command in ((bare, [sys.executable, '-c', '']), (helps, [*_COMMAND, '--help'])):
+        for values, command in ((bare, [sys.executable, '-c', '']), (helps, [*COMMAND, '--help'])):
             begin = time.perf_counter()
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
             values.append(time.perf_counter() - begin)
@@ -365,7 +346,7 @@ def cases(items: int, lanes: list[int], repetitions: int) -> dict[str, Callable[
         },
         **{f'lanes{count}': lambda count=count: line(lanes=count) for count in lanes},
         'replay': lambda: measure_replay(600, repetitions),
-        'batch': lambda: measure_batch(repetitions),
+        'batch': lambda: batch_figures(repetitions),
         'start': lambda: measure_start(repetitions),
     }  # type: ignore[dict-item]
 
@@ -383,24 +364,18 @@ def main() -> None:
     if given.quick:
         given.items, given.lanes, given.repetitions = 100, [], 2
     known = cases(given.items, given.lanes, given.repetitions)
-    chosen = {name: run for name, run in known.items() if given.only in name}
+    chosen = {name: measure for name, measure in known.items() if given.only in name}
     if not chosen:
         parser.error(f'there is no case {given.only!r} in {", ".join(known)}')
     figures = []
     load = os.getloadavg()[0]
-    for run in chosen.values():
-        figures += run()
+    for measure in chosen.values():
+        figures += measure()
     print(table(figures))
     print(f'load {load:.1f} at the start, {os.getloadavg()[0]:.1f} at the end')
     if given.json:
-        found = {
-            'machine': platform.machine(),
-            'python': platform.python_version(),
-            'cores': len(os.sched_getaffinity(0)),
-            'load': [load, os.getloadavg()[0]],
-            'figures': [{**asdict(each), 'verdict': each.verdict} for each in figures],
-        }
-        given.json.write_text(json.dumps(found, indent=1) + '\n', encoding='utf-8')
+        found = [{**asdict(each), 'verdict': each.verdict} for each in figures]
+        write_json(given.json, load=[load, os.getloadavg()[0]], figures=found)
 
 
 if __name__ == '__main__':

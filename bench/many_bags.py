@@ -13,10 +13,10 @@ import argparse
 from pathlib import Path
 import resource
 import shutil
-import subprocess
-import sys
 from tempfile import TemporaryDirectory
 import time
+
+from batch import run
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.writing import write_bag
@@ -41,21 +41,7 @@ def make_bags(folder: Path, count: int, products: int) -> float:
 def command(bags: Path, output: Path, jobs: int) -> float:
     """Return how long the command takes, s."""
     begin = time.monotonic()
-    subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'checkweigher_bringup.cli',
-            'weigh',
-            bags,
-            '--output',
-            output,
-            '--jobs',
-            str(jobs),
-        ],
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
+    run(['weigh', str(bags), '--output', str(output), '--jobs', str(jobs)])
     return time.monotonic() - begin
 
 

@@ -9,13 +9,13 @@ table shows the median and the middle half of the ratios.
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-import json
 import os
 from pathlib import Path
-import platform
 import statistics
 import sys
 import time
+
+from figures import aligned, write_json
 
 _TURN = 0.02  # s, that a turn of either side takes at least
 
@@ -125,13 +125,7 @@ def table(results: Sequence[Result]) -> str:
                 verdict,
             )
         )
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        cells = [row[0].ljust(widths[0])]
-        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        lines.append('  '.join(cells).rstrip())
-    return '\n'.join(lines)
+    return aligned(rows, left=(0,))
 
 
 def _duration(seconds: float) -> str:
@@ -159,14 +153,8 @@ def main(describe: str, make_cases: Callable[[], Sequence[Case]]) -> None:
     results = measure(cases, arguments.repetitions)
     print(table(results))
     if arguments.json:
-        machine = {
-            'machine': platform.machine(),
-            'python': platform.python_version(),
-            'cores': len(os.sched_getaffinity(0)),
-            'load': os.getloadavg()[0],
-        }
-        found = {**machine, 'cases': [asdict(each) for each in results]}
+        cases_found = [asdict(each) for each in results]
         try:
-            arguments.json.write_text(json.dumps(found, indent=1) + '\n', encoding='utf-8')
+            write_json(arguments.json, load=os.getloadavg()[0], cases=cases_found)
         except OSError as error:
             sys.exit(f'{arguments.json}: cannot be written: {error.strerror}')

@@ -3,7 +3,6 @@
 """The committed bags: small, remade to the byte, and of the message types that are here."""
 
 from collections import Counter
-from collections.abc import Callable
 import filecmp
 from pathlib import Path
 import re
@@ -13,7 +12,7 @@ from ament_index_python.packages import get_package_share_directory
 from mcap.reader import make_reader
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from running import BAGS, ROOT
+from running import BAGS, ROOT, Rows
 import yaml
 
 NAMES = ('paper_30', 'paper_45', 'paper_60', 'paper_75', 'paper_90')
@@ -35,9 +34,7 @@ def test_each_bag_has_its_provenance():
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_each_mass_is_there_at_least_four_times(
-    name: str, rows: Callable[..., list[dict[str, str]]]
-):
+def test_each_mass_is_there_at_least_four_times(name: str, rows: Rows):
     weighed = rows('weigh', BAGS / name)
     counts = Counter(row['reference_g'] for row in weighed)
     assert len(counts) == 5

@@ -10,7 +10,6 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 
 import distributed
 from running import PATIENCE, wait_for
@@ -24,17 +23,14 @@ class Cluster:
     client: distributed.Client
     scheduler: subprocess.Popen[bytes]
 
-    def kill_busy_worker(self) -> str:
-        """Kill a worker as soon as it has a job, without a chance to say so; return its address."""
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            for address, jobs in self.client.processing().items():
-                if jobs:
-                    (pid,) = self.client.run(os.getpid, workers=[address]).values()
-                    os.kill(pid, signal.SIGKILL)
-                    return str(address)
-            time.sleep(0.01)
-        raise TimeoutError('no worker was given a job')
+    def kill_busy_worker(self) -> None:
+        """Kill a worker as soon as it has a job, without a chance to say so."""
+
+        def busy() -> list[str]:
+            return [address for address, jobs in self.client.processing().items() if jobs]
+
+        (pid,) = self.client.run(os.getpid, workers=wait_for(busy, 'a job')[:1]).values()
+        os.kill(pid, signal.SIGKILL)
 
     @property
     def workers(self) -> int:

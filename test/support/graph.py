@@ -66,21 +66,13 @@ def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
     """Play a bag through the stages that are there and return what became of its items."""
     while not listener.weighings.empty():
         listener.weighings.get()
-    ends: queue.SimpleQueue[int] = queue.SimpleQueue()
-    topic = ports.SEGMENTER_STATUS
-    status = listener.create_subscription(
-        topic.type, topic.name, lambda m: ends.put(m.state), topic.stage_qos
-    )
+    said = heard(listener, ports.SEGMENTER_STATUS)
     driver = DriverNode({'source': 'bag', 'bag.path': str(BAGS / 'paper_90'), 'rate': 0.0})
     spinner.add(driver)
-    running = False
-    while True:
-        state = ends.get(timeout=PATIENCE)
-        if running and state == StreamStatus.FINISHED:
-            break
-        running = running or state == StreamStatus.RUNNING
+    for state in (StreamStatus.RUNNING, StreamStatus.FINISHED):
+        while said.get(timeout=PATIENCE)[1].state != state:
+            pass
     spinner.remove(driver)
-    listener.destroy_subscription(status)
     weighings = []
     while len(weighings) < 25:
         weighing = listener.weighings.get(timeout=PATIENCE)

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import Eye, EyeEdge, Reference, SampleBlock
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 EDGES = {
@@ -24,6 +26,12 @@ EDGES = {
 def simulated(**parameters: object) -> Recording:
     """Return a simulated line."""
     return simulate(SimulationParameters.from_mapping(parameters))
+
+
+def write_line(path: Path, line: Recording) -> Path:
+    """Write a line as a bag, and return where that is."""
+    write_bag(path, line.load_cell, line)
+    return path
 
 
 def weigh_all(recording: Recording, parameters: LineParameters | None = None) -> Iterator[Weighing]:

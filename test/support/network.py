@@ -12,13 +12,13 @@ import shutil
 import struct
 import subprocess
 import sys
-import time
+
+from running import PATIENCE, wait_for
 
 from checkweigher_bringup.hosts.description import SERVER_PORT, LineDescription
 from checkweigher_bringup.spinning import end_process
 
 _TUNSETIFF, _TAP, _NO_HEADER = 0x400454CA, 0x0002, 0x1000  # linux/if_tun.h
-_PATIENCE = 60.0  # s
 _SWITCH, _SEED = Path(__file__).with_name('switch.py'), '1'
 
 
@@ -104,7 +104,7 @@ class Network:
     def remove(self) -> None:
         """Remove the hosts and their switch."""
         if self._switch is not None:
-            self._switch.communicate(timeout=_PATIENCE)
+            self._switch.communicate(timeout=PATIENCE)
         for name in self._names:
             subprocess.run(['ip', 'netns', 'del', name], capture_output=True)
 
@@ -128,10 +128,7 @@ def _plug(number: int, host: str) -> int:
 
 def _wait_for_link(host: str) -> None:
     """Wait until the cable carries: DDS uses no interface that comes up after its node."""
-    end = time.monotonic() + _PATIENCE
-    while 'tentative' in (shown := _ip('-n', host, 'addr', 'show', 'cable')):
-        assert time.monotonic() < end, shown
-        time.sleep(0.05)
+    wait_for(lambda: 'tentative' not in _ip('-n', host, 'addr', 'show', 'cable'), 'the cable')
 
 
 def _ip(*words: str) -> str:

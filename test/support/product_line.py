@@ -11,7 +11,9 @@ from typing import Any
 
 from checkweigher_msgs.srv import SelectProduct
 from graph import call, wait_for
+from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from running import PATIENCE
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -127,6 +129,11 @@ class Line:
 
     def select(self, product: str) -> Any:
         return self.call(SelectProduct, 'select_product', product=product)
+
+    def set_limit(self, name: str, value: float) -> Any:
+        """Set a parameter of the reject node, and return the result."""
+        change = Parameter(name, value=value).to_parameter_msg()
+        return self.call(SetParameters, 'reject/set_parameters', parameters=[change]).results[0]
 
     def wait_for_product(self, name: str) -> None:
         wait_for(lambda: bool(self.products) and self.products[-1].product == name)

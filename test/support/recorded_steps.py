@@ -7,12 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 import zlib
 
-from lines import simulated
+from lines import simulated, write_line
 import numpy as np
 
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, LoadCell, SampleBlock
-from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.verification.plan import read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
@@ -42,8 +41,7 @@ def record_steps(
         begin = max(begin, START + round(60 * (step.minutes or 0)))
         make = _at_rest if step.at_rest else _passes
         recording = make(step, begin, gain, number * drift)
-        bags.append(folder / step.name)
-        write_bag(bags[-1], recording.load_cell, recording)
+        bags.append(write_line(folder / step.name, recording))
         begin = recording.blocks[-1].stamp // NANOSECONDS + _PAUSE
     return bags
 

@@ -11,11 +11,16 @@ import socket
 import subprocess
 import sys
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
 PATIENCE = 60.0  # s, for an event that comes at once unless the machine is busy
+
+T = TypeVar('T')
+# What the fixtures `checkweigher` and `rows` return.
+Run = Callable[..., subprocess.CompletedProcess[str]]
+Rows = Callable[..., list[dict[str, str]]]
 
 
 def _free_domain() -> tuple[int, socket.socket]:
@@ -74,14 +79,13 @@ def digests(folder: Path) -> dict[str, str]:
     }
 
 
-def wait_for(
-    condition: Callable[[], object], what: str = 'a condition', timeout: float = PATIENCE
-) -> None:
-    """Wait until a condition holds."""
+def wait_for(condition: Callable[[], T], what: str = 'a condition', timeout: float = PATIENCE) -> T:
+    """Wait until a condition holds, and return what it gave."""
     end = time.monotonic() + timeout
-    while not condition():
+    while not (found := condition()):
         assert time.monotonic() < end, f'waited in vain for {what}'
         time.sleep(0.005)
+    return found
 
 
 def children(pid: int) -> list[int]:

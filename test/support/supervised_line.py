@@ -73,9 +73,9 @@ class SupervisedLine:
         """Call a service of the line."""
         return call(self.listener, kind, name, **request)
 
-    def judge_until(self, decision: int, timeout: float = PATIENCE) -> int:
+    def judge_until(self, decision: int) -> int:
         """Collect verdicts until one of a decision comes; return when that was, ns."""
-        end = time.monotonic() + timeout
+        end = time.monotonic() + PATIENCE
         while True:
             try:
                 came, verdict = self.verdicts.get(timeout=max(0.1, end - time.monotonic()))

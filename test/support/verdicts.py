@@ -14,15 +14,20 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.ros.conversion import stamp_from
 
 
-def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
-    """Check that all items from the first one to the last have one verdict, under one number."""
-    starts = [stamp_from(verdict.t1) for verdict in found]
-    entered = []
+def entered(edges: 'queue.SimpleQueue[Any]') -> list[int]:
+    """Return t1 of all items whose edges were heard, in order of entry."""
+    found = []
     while not edges.empty():
         _, edge = edges.get()
         if edge.eye == edge.INFEED and edge.blocked:
-            entered.append(stamp_from(edge.header.stamp))
-    assert sorted(starts) == [t1 for t1 in entered if min(starts) <= t1 <= max(starts)]
+            found.append(stamp_from(edge.header.stamp))
+    return found
+
+
+def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
+    """Check that all items from the first one to the last have one verdict, under one number."""
+    starts = [stamp_from(verdict.t1) for verdict in found]
+    assert sorted(starts) == [t1 for t1 in entered(edges) if min(starts) <= t1 <= max(starts)]
     assert len({verdict.item_id for verdict in found}) == len(found)
 
 

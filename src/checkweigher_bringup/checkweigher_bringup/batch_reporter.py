@@ -51,9 +51,8 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
     batch = read_recorded(record)
     if batch.sha256 != sha256:
         raise ValueError(f'{record}: is not the record that ended, it has another SHA-256')
-    parts = [figures_of(part, _SEED) for part in batch.parts]
     files = record.with_suffix('.html'), record.with_suffix('.json')
-    write_report(batch, parts, *files)
+    write_report(batch, [figures_of(part, _SEED) for part in batch.parts], *files)
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 

@@ -73,8 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
             module = _module_of(folder, name)
             _add_command(commands, name, module)
             examples += f'  {examples_of(module)[0]}\n'
-    closing = f'{_PROGRAM} COMMAND --help shows the options of each.'
-    parser.epilog = f'examples:\n{examples}\n{closing}'
+    parser.epilog = f'examples:\n{examples}\n{_PROGRAM} COMMAND --help shows the options of each.'
     return parser
 
 
@@ -95,12 +94,11 @@ def _add_command(
     """Add a command with the purpose, the options and the examples of its module."""
     purpose = str(module.__doc__).partition('\n')[0]
     examples = examples_of(module)
-    lines = '\n  '.join([f'example{"s" * (len(examples) > 1)}:', *examples])
     parser = commands.add_parser(
         name,
         help=purpose[0].lower() + purpose[1:].rstrip('.'),
         description=purpose,
-        epilog=lines,
+        epilog='\n  '.join([f'example{"s" * (len(examples) > 1)}:', *examples]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_options(parser, module.OPTIONS)

@@ -108,9 +108,8 @@ def _write(path: Path | None, text: str) -> None:
 
 
 def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
-    for option in ('train', 'profile', 'tuned', 'nominal'):
-        if getattr(arguments, option) is not None:
-            raise UserError(f'--{option}: is not for the protocol machines')
+    refused = ('train', 'profile', 'tuned', 'nominal')
+    settings.refuse(arguments, 'is not for the protocol machines', *refused)
     settings.check_positive(arguments, 'count', 'further')
     masses = tuple(mass / GRAMS for mass in arguments.mass) if arguments.mass else MASSES
     if not all(0 < mass <= CAPACITY for mass in masses):
@@ -156,14 +155,12 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
-    """Run the protocol of the paper on a simulated machine."""
     profile = arguments.profile or 'paper'
     if profile not in PROFILES:
         raise UserError(f'--profile {profile}: is none of {", ".join(PROFILES)}')
     if arguments.passes < 2 or arguments.passes % 2:
         raise UserError(f'--passes {arguments.passes}: must be even, half train and half test')
-    if arguments.train:
-        raise UserError('--train: the protocol trains on its own first half')
+    settings.refuse(arguments, 'the protocol trains on its own first half', 'train')
     base = settings.line_parameters(arguments.params)
     estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
     protocol = Protocol(profile, arguments.passes, arguments.seed)

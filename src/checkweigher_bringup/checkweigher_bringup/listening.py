@@ -53,8 +53,7 @@ class ResultListener(PortNode):
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if estimate.item_id in self._verdicts:
-            _, verdict = self._verdicts.pop(estimate.item_id)
-            self._pair(estimate, verdict)
+            self._pair(estimate, self._verdicts.pop(estimate.item_id)[1])
         else:
             self._estimates[estimate.item_id] = estimate
             _forget_oldest(self._estimates)
@@ -73,9 +72,8 @@ class ResultListener(PortNode):
 
         A listener that has just started may have missed the estimate of its first verdict.
         """
-        now = time.monotonic()
         for key, (came, verdict) in list(self._verdicts.items()):
-            if now - came > patience:
+            if time.monotonic() - came > patience:
                 del self._verdicts[key]
                 self._pair(_estimate_of(verdict), verdict)
 
@@ -116,8 +114,7 @@ class EchoNode(ResultListener):
 
     def result(self, weighing: Weighing) -> ItemResult:
         """Return a weighing with its known mass, if there is one."""
-        joiner = ResultJoiner((), list(self._references))
-        return joiner.join(weighing.estimate, weighing.verdict)
+        return ResultJoiner((), list(self._references)).join(weighing)
 
     def silence(self) -> str:
         """Return the reason why no verdict comes."""

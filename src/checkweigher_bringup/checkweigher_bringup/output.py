@@ -3,8 +3,6 @@
 """Output of the commands: a table on the screen, and files."""
 
 from collections import Counter
-from collections.abc import Iterable
-from io import StringIO
 import math
 from pathlib import Path
 from typing import TextIO
@@ -12,9 +10,8 @@ from typing import TextIO
 from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import GRAMS, Decision
-from checkweigher_core.whole_file import check_folder_of, is_stream, output_error, write_whole
+from checkweigher_core.whole_file import check_folder_of, is_stream
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_validation.accuracy.columns import write_csv
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
     ErrorSum,
@@ -35,14 +32,6 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
     check_folder_of(path)
 
 
-def make_folder(path: Path, *, exist_ok: bool = False) -> None:
-    """Make a folder for outputs; OutputError if it cannot be made."""
-    try:
-        path.mkdir(exist_ok=exist_ok)
-    except OSError as error:
-        raise output_error(path, error) from None
-
-
 def with_warning(recording: Recording) -> Recording:
     """Print the warning of a recording, if any, on stderr, and return the recording."""
     if recording.warning:
@@ -53,14 +42,6 @@ def with_warning(recording: Recording) -> Recording:
 def read_with_warning(path: Path, lane: str | None) -> Recording:
     """Read a bag with a progress bar, and print its warning on stderr."""
     return with_warning(read_bag(path, lane, progress=True))
-
-
-def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
-    """Write results as a CSV file if a path is given; OutputError if it cannot be written."""
-    if path is not None:
-        text = StringIO()
-        write_csv(text, results)
-        write_whole(path, text.getvalue())
 
 
 class ItemTable:

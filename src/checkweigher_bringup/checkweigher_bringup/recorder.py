@@ -3,6 +3,7 @@
 """Recorder that writes the messages of a lane to a bag, byte for byte."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 import math
 from pathlib import Path
@@ -96,21 +97,15 @@ class RecorderNode(PortNode):
         if passes is not None:
             self.subscribe(ports.VERDICT, self._on_verdict)
 
-    @property
-    def done(self) -> bool:
-        """True if all wanted passes have come."""
-        return self.passes is not None and self.passes.done
-
     def write(self, bag: BagWriter) -> bool:
         """Write the next message into a bag; return whether one came in time.
 
         The bag is flushed once a second.
         """
-        try:
+        came = False
+        with suppress(queue.Empty):
             bag.put(*self.messages.get(timeout=_POLL_PERIOD))
             came = True
-        except queue.Empty:
-            came = False
         if time.monotonic() - self._flushed > _FLUSH_PERIOD:
             self._flushed = time.monotonic()
             bag.flush()
@@ -169,7 +164,7 @@ def _write_until(end: float, bag: BagWriter, node: RecorderNode, asked: Sequence
     finishing, passes = False, node.passes
     now = silent_since = time.monotonic()
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
-        while now < end and not node.done:
+        while now < end and not (passes and passes.done):
             if asked and not finishing:
                 finishing, end = True, min(end, now + _FAREWELL)
             for line in passes.lines() if passes else ():

@@ -3,7 +3,7 @@
 """Replay of a bag by the graph, in this process or in one process per node."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import fields
 import queue
 import time
@@ -138,11 +138,9 @@ def _results(
     while True:
         # Read before the queue is emptied, so that the queue has the last results.
         finished = collector.finished
-        try:
+        with suppress(queue.Empty):
             while True:
                 yield collector.weighings.get(timeout=0 if finished else _CHECK_PERIOD)
-        except queue.Empty:
-            pass
         if finished:
             return
         collector.check()

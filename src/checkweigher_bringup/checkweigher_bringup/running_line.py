@@ -118,11 +118,10 @@ def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) 
     """Notify a process of each report of its nodes, which are given by full names."""
 
     def on_diagnostics(message: Any) -> None:
-        now = time.monotonic()
         for status in message.status:
             name = status.name.partition(':')[0].strip('/')
             if (process := process_of.get(f'/{name}')) is not None:
-                process.heard(now)
+                process.heard(time.monotonic())
 
     node.subscribe(ports.DIAGNOSTICS, on_diagnostics)
 

@@ -106,6 +106,13 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
             remove_abandoned()  # of processes that were interrupted
 
 
+def refuse(arguments: Namespace, why: str, *names: str) -> None:
+    """Raise UserError if one of the options is given; the message has its name and the reason."""
+    for name in names:
+        if getattr(arguments, name) is not None:
+            raise UserError(f'--{name}: {why}')
+
+
 def check_positive(arguments: Namespace, *names: str) -> None:
     """Raise UserError unless the numbers of the options are finite and above 0."""
     for name in names:

@@ -3,7 +3,7 @@
 """Nodes of a command, in its own process or in other processes."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 import os
 from pathlib import Path
 import signal
@@ -32,14 +32,11 @@ def spinning(namespace: str = '') -> Iterator[Spinner]:
     work while the nodes still exist.
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
-    try:
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
         spinner = Spinner()
-        try:
-            yield spinner
-        finally:
-            spinner.stop()
-    finally:
-        rclpy.try_shutdown()
+        stack.callback(spinner.stop)
+        yield spinner
 
 
 def ros_arguments(namespace: str) -> list[str]:

@@ -147,13 +147,14 @@ def train(
     groups = group_by_speed(read.passes)
     base = replace(base, segmenter=stated_lag(read.passes, base.segmenter))
     if estimators is None:
-        names = tuple(ESTIMATORS)
-        compared = tune(groups, names, base, budget=budget, n_jobs=n_jobs, skip_failing=True)
+        compared = tune(
+            groups, [*ESTIMATORS], base, budget=budget, n_jobs=n_jobs, skip_failing=True
+        )
         chosen, reason = choose(compared)
         best = {chosen: compared[chosen]}
         text = parameter_file(best, read.lines, compared=compared, reason=reason)
     else:
-        tuned = tune(groups, tuple(estimators), base, budget=budget, n_jobs=n_jobs)
+        tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
         text = parameter_file(tuned, read.lines)
     write_whole(output, text)
     print('\n'.join(accuracy_lines(text)))

@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fixtures of the tests of the command line and the line."""
 
-from collections.abc import Callable
 from subprocess import CompletedProcess
 
 from here import run_here
 import pytest
-from running import run_command
+from running import Run, run_command
 
 _HERE = 'weigh', 'simulate', 'import'  # which need no graph and no further processes
 
 
 @pytest.fixture
-def checkweigher() -> Callable[..., CompletedProcess[str]]:
+def checkweigher() -> Run:
     """Run a command that must succeed, in this process if that does."""
 
     def run(command: str, *arguments: object) -> CompletedProcess[str]:

@@ -66,6 +66,14 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
         file.writelines(parts)
 
 
+def make_output_folder(path: Path, *, exist_ok: bool = False) -> None:
+    """Make a folder for outputs; `OutputError` if it cannot be made."""
+    try:
+        path.mkdir(exist_ok=exist_ok)
+    except OSError as error:
+        raise output_error(path, error) from None
+
+
 def check_new(path: Path) -> None:
     """Raise `OutputError` unless a new file or folder can be made; call this before the work."""
     if os.path.lexists(path):

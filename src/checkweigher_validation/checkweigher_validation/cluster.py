@@ -125,9 +125,8 @@ def _client(address: str) -> Iterator[Any]:
 def _refused(
     client: Any, question: Callable[[], Any], refusal: Callable[[Any], str]
 ) -> dict[str, str]:
-    answers = client.run(question, on_error='return')
     refused = {}
-    for name, answer in answers.items():
+    for name, answer in client.run(question, on_error='return').items():
         # A connection error of Dask has no errno: the worker has ended meanwhile, and its
         # replacement has another address.
         if isinstance(answer, OSError) and answer.errno is None:

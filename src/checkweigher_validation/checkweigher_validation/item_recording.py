@@ -71,10 +71,9 @@ def cut(recording: Recording, begin: int, end: int) -> Recording:
 
 def _empty_moments(edges: Sequence[EyeEdge], until: int) -> list[int]:
     """Return times in ns between the exit of an item and the entry of the next one."""
-    known = [edge for edge in edges if edge.stamp <= until]
     return [
         (before.stamp + edge.stamp) // 2
-        for before, edge in pairwise(known)
+        for before, edge in pairwise([edge for edge in edges if edge.stamp <= until])
         if (before.eye, before.blocked) == (Eye.OUTFEED, False)
         and (edge.eye, edge.blocked) == (Eye.INFEED, True)
     ]

@@ -3,7 +3,6 @@
 """Jobs on several processes: their order, their errors, their bar, and what Ctrl-C does to them."""
 
 from functools import partial
-import io
 import math
 import operator
 import os
@@ -14,11 +13,10 @@ import sys
 import time
 
 import pytest
+from running import PATIENCE, wait_for
 
 from checkweigher_recording import progress
 from checkweigher_validation.jobs import WorkerLostError, jobs_as_done, run_jobs
-
-PATIENCE = 60.0  # s, for processes to come up on a busy machine
 
 
 @pytest.mark.parametrize('n_jobs', [1, 2])
@@ -29,19 +27,14 @@ def test_results_come_in_the_order_of_the_calls_or_with_their_numbers(n_jobs):
     assert list(jobs_as_done([], n_jobs)) == []
 
 
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
 @pytest.mark.parametrize('n_jobs', [1, 2])
-def test_a_bar_on_a_terminal_says_what_is_done_to_its_end(monkeypatch, n_jobs):
-    terminal = Terminal()
-    monkeypatch.setattr(sys, 'stderr', terminal)
+def test_a_bar_on_a_terminal_says_what_is_done_to_its_end(monkeypatch, capsys, n_jobs):
+    monkeypatch.setattr(sys.stderr, 'isatty', lambda: True)
     monkeypatch.setattr(progress, '_DELAY', 0.0)
     run_jobs([partial(time.sleep, 0.15)] * 5, n_jobs, 'tuning')
-    assert 'tuning:   0%' in terminal.getvalue()
-    assert 'tuning: 100%' in terminal.getvalue()
+    shown = capsys.readouterr().err
+    assert 'tuning:   0%' in shown
+    assert 'tuning: 100%' in shown
 
 
 def test_workers_are_other_processes_with_one_thread_for_matrices_each(monkeypatch, capfd):
@@ -93,9 +86,7 @@ def test_an_interrupt_ends_all_processes_at_once_and_without_a_word(tmp_path: Pa
     process = subprocess.Popen(
         [sys.executable, script, folder], stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    deadline = time.monotonic() + PATIENCE
-    while len(list(folder.iterdir())) < files and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_for(lambda: len(list(folder.iterdir())) >= files)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (130, '')

@@ -29,6 +29,7 @@ from checkweigher_core.records import (
     Verdict,
     WeighWindow,
 )
+from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal, Stretch
@@ -209,7 +210,7 @@ def joined(
     speed = math.nan
     for verdict, estimate in results:
         nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
-        known = joiner.join(estimate or nothing, verdict)
+        known = joiner.join(Weighing(estimate or nothing, verdict))
         yield ShownItem(verdict, estimate, None, None, known.t4, known.reference, speed)
         if estimate is not None and math.isfinite(estimate.belt_speed):
             speed = estimate.belt_speed

@@ -68,8 +68,6 @@ class BeltLine:
         self.port = free_port()
         self.folder, self.node, self.processes = folder, node, processes
         self.events_file, link = folder / 'events.jsonl', folder / 'cell'
-        self._read = 0
-        self._known: list[Any] = []
         self.machine = subprocess.Popen(
             [
                 *(sys.executable, str(MACHINE), '--port', str(self.port), '--link', str(link)),

@@ -10,10 +10,11 @@ from statistics import median
 from checkweigher_bringup import settings
 from checkweigher_bringup.commissioning.static_guide import ask
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.output import check_output_file, make_folder
+from checkweigher_bringup.output import check_output_file
 from checkweigher_bringup.recorder import ReferencePasses, record
 from checkweigher_bringup.training import read_passes, train
 from checkweigher_core.records import GRAMS
+from checkweigher_core.whole_file import make_output_folder
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_dsp.pipeline.line import LineParameters
 
@@ -26,12 +27,13 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
-    make_folder(folder, exist_ok=True)
+    make_output_folder(folder, exist_ok=True)
     base = settings.line_parameters(arguments.params)
     bags = [_record_at(speed, folder, base, arguments) for speed in arguments.speeds]
     new = output.with_name(f'{output.stem}.new{output.suffix}')
-    given = arguments.estimator
-    estimators = settings.estimator_names([given], ()) if given else None
+    estimators = (
+        settings.estimator_names([arguments.estimator], ()) if arguments.estimator else None
+    )
     train(bags, new, estimators, base, budget=arguments.budget)
     taken = ask(
         f'Type yes to take these parameters over as {output}',

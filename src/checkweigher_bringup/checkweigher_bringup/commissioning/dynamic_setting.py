@@ -262,8 +262,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             return
         self._child = None
         self._timer.cancel()
+        self._clean_up(failed=bool(status) or self._cancelled)
         if status and not self._cancelled:
-            self._clean_up(failed=True)
             errors = _lines(self._errors)
             self._tell(DynamicSetting.FAILED, errors[-1] if errors else f'exit status {status}')
             self.warn(self._said.text)
@@ -274,7 +274,6 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     def _end(self) -> None:
         """Publish the result of a child that has finished or was cancelled."""
         said = self._said
-        self._clean_up(failed=self._cancelled)
         values: dict[str, Any] = {}
         text = 'training cancelled' if self._cancelled else self._waiting()
         if said.state == DynamicSetting.RECORDING:

@@ -48,8 +48,7 @@ class SampleFeed:
     def blocks(self) -> Iterator[SampleBlock]:
         """Yield the blocks as they come."""
         while True:
-            block = self._take()
-            if block is not None:
+            if (block := self._take()) is not None:
                 self.latest = block
                 yield block
 

@@ -105,16 +105,15 @@ def read_at_rest(
     `show` is called with the state of the measurement, and at the end with an empty text.
     """
     feed.forget()
-    reading, shown = RestReading(load_cell, steadiness), None
-    for block in feed.blocks():
-        found = reading.add(block)
+    reading, blocks = RestReading(load_cell, steadiness), feed.blocks()
+    found = shown = None
+    while found is None:
+        found = reading.add(next(blocks))
         if reading.latest is not shown and reading.latest is not None:
             shown = reading.latest
             show(_line(shown, load_cell, reading.duration))
-        if found is not None:
-            show('')
-            return found
-    raise AssertionError('a feed has no end')
+    show('')
+    return found
 
 
 def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:

@@ -11,10 +11,9 @@ from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
 from checkweigher_bringup.commissioning.verification_guide import Terminal, procedure_on_line
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.output import make_folder
-from checkweigher_bringup.settings import check_namespace, line_parameters
+from checkweigher_bringup.settings import check_namespace, line_parameters, refuse
 from checkweigher_bringup.spinning import spinning
-from checkweigher_core.whole_file import check_new, write_whole
+from checkweigher_core.whole_file import check_new, make_output_folder, write_whole
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
@@ -28,8 +27,7 @@ def verify(arguments: argparse.Namespace) -> str:
         raise UserError('--params: only with --bags; a running line has its own parameters')
     check_new(folder)
     if arguments.plan is None:
-        if arguments.audit is not None:
-            raise UserError('--audit: not with --from, the bag has the digest of its log')
+        refuse(arguments, 'not with --from, the bag has the digest of its log', 'audit')
         with local_bag(arguments.procedure) as recorded:
             return write_report(recorded, folder)
     plan, text = plan_of(arguments.plan)
@@ -53,7 +51,7 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     the audit log of the line.
     """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
-    make_folder(folder)
+    make_output_folder(folder)
     try:
         make(identity, bag)
     finally:
@@ -68,7 +66,7 @@ def write_report(bag: Path, folder: Path) -> str:
     from checkweigher_validation.report.verification_page import render_verification
 
     report = report_of(read_procedure(bag))
-    make_folder(folder, exist_ok=True)
+    make_output_folder(folder, exist_ok=True)
     write_whole(folder / 'report.json', as_json(report))
     write_whole(folder / 'report.html', render_verification(report))
     return str(report['verdict'])
@@ -79,7 +77,5 @@ def plan_of(path: Path) -> tuple[Plan, str]:
     try:
         text = path.read_text(encoding='utf-8')
         return read_plan(text), text
-    except OSError as error:
-        raise UserError(f'{path}: {error.strerror or error}') from None
     except ValueError as error:
         raise UserError(f'{path}: {error}') from None

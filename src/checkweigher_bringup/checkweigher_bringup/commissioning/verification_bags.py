@@ -68,13 +68,12 @@ def procedure_of_bags(
     cell, begin = found[0][2].load_cell, found[0][2].blocks[0].stamp
     identity.at_begin(values, 'of recorded bags')
     what = identity.at_end(values)
-    told = (
-        (ports.LOAD_CELL_INFO, cell),
-        (ports.VERIFICATION, VerificationStep(begin, '', StepState.PLAN, text=text)),
-        (ports.VERIFICATION, VerificationStep(begin, '', StepState.IDENTITY, text=what)),
-    )
     with BagWriter(output, ports.RECORDED) as writer:
-        for port, record in told:
+        for port, record in (
+            (ports.LOAD_CELL_INFO, cell),
+            (ports.VERIFICATION, VerificationStep(begin, '', StepState.PLAN, text=text)),
+            (ports.VERIFICATION, VerificationStep(begin, '', StepState.IDENTITY, text=what)),
+        ):
             writer.put_record(port, begin, record)
         items = 0
         for bag, step, recording in found:

@@ -134,9 +134,8 @@ def procedure_on_line(
             if node.latest:
                 break
         what = identity.at_begin(_parameters(node, _ANSWER_PATIENCE), 'on a running line')
-        namespace = node.get_namespace().strip('/')
-        recorded = ports.RECORDED
-        with BagWriter(output, recorded, namespace, in_place=True) as bag, _writing(bag, node):
+        lane = node.get_namespace().strip('/')
+        with BagWriter(output, ports.RECORDED, lane, in_place=True) as bag, _writing(bag, node):
             node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
@@ -214,8 +213,6 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 
 
 class _Guide:
-    """Guide of an operator through the steps."""
-
     def __init__(
         self, node: VerificationNode, plan: Plan, load_cell: LoadCell, operator: Operator
     ) -> None:
@@ -291,7 +288,6 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Count the passes of a step until there are enough."""
         assert step.load is not None
         items: list[ItemPass] = []
         heard = time.monotonic()

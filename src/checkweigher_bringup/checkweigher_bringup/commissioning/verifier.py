@@ -7,6 +7,7 @@ answers of the operator.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -119,10 +120,8 @@ class RemoteOperator:
         self._say(state=state, question=self._said.question + 1, **values)
         while True:
             self._go_on()
-            try:
+            with suppress(queue.Empty):
                 return self._answers.get(timeout=_POLL_PERIOD)
-            except queue.Empty:
-                continue
 
     def _go_on(self) -> None:
         if self._broken_off.is_set():
@@ -218,8 +217,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         return f'verification {name} has begun'
 
     def _answer(self, request: Any, response: Any) -> str:
-        operator = self._busy
-        if operator is None:
+        if (operator := self._busy) is None:
             raise UserError(f'no verification goes on; call {ports.BEGIN_VERIFICATION}')
         if request.answer not in tuple(StepAnswer):
             raise UserError(f'{request.answer}: is no answer')
@@ -228,8 +226,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         return ''
 
     def _cancel(self, request: Any, response: Any) -> str:
-        operator = self._busy
-        if operator is None:
+        if (operator := self._busy) is None:
             return 'nothing is under way'
         operator.break_off()
         return 'it ends; its report has the steps that were made'

@@ -8,19 +8,18 @@ import hashlib
 import math
 import os
 from pathlib import Path
-import queue
 from typing import Any
 
 from calibration_dialogue import Dialogue
 from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
-from graph import call, make_stages, wait_for
-from lines import simulated
+from graph import call, heard, make_stages, wait_for
+from lines import simulated, write_line
 import numpy as np
 from processes import children
 import pytest
 from rclpy.node import Node
-import running  # noqa: F401  sets the domain
+from running import Rows
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingNode
@@ -31,9 +30,6 @@ from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.audit_log import read_log
 from checkweigher_production.nodes.product import ProductNode
-from checkweigher_recording.bags.writing import write_bag
-
-Rows = Callable[..., list[dict[str, str]]]
 
 MASS, PASSES = 0.1645, 12
 LINE = {
@@ -60,9 +56,7 @@ class Technician:
 
     def __init__(self, spinner: Spinner) -> None:
         self._node = Node('technician')
-        self._said: queue.SimpleQueue[DynamicSetting] = queue.SimpleQueue()
-        topic = ports.DYNAMIC_SETTING
-        self._node.create_subscription(topic.type, topic.name, self._said.put, topic.qos)
+        self._said = heard(self._node, ports.DYNAMIC_SETTING, latched=True)
         spinner.add(self._node)
 
     def call(self, kind: type, name: str, **values: object) -> Any:
@@ -70,11 +64,11 @@ class Technician:
 
     def wait(self, condition: Callable[[DynamicSetting], bool]) -> list[DynamicSetting]:
         """Return what was said up to what meets a condition."""
-        heard = []
-        while not heard or not condition(heard[-1]):
-            heard.append(self._said.get(timeout=90))
-            assert heard[-1].state != DynamicSetting.FAILED, heard[-1].text
-        return heard
+        said: list[DynamicSetting] = []
+        while not said or not condition(said[-1]):
+            said.append(self._said.get(timeout=90)[1])
+            assert said[-1].state != DynamicSetting.FAILED, said[-1].text
+        return said
 
 
 @pytest.mark.parametrize(
@@ -98,9 +92,9 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
                 assert begun.success, begun.message
                 again = technician.call(RecordPasses, ports.RECORD_PASSES, **asked)
                 assert again.message.startswith('busy')
-                heard = technician.wait(lambda said: said.passes == PASSES and not said.state)
-                assert max(said.passes for said in heard) == PASSES
-        assert [Path(bag).name for bag in heard[-1].bags] == ['passes_1', 'passes_2'][: len(speeds)]
+                told = technician.wait(lambda said: said.passes == PASSES and not said.state)
+                assert max(said.passes for said in told) == PASSES
+        assert [Path(bag).name for bag in told[-1].bags] == ['passes_1', 'passes_2'][: len(speeds)]
         assert technician.call(Trigger, ports.TUNE_PASSES).success
         waiting = technician.wait(lambda said: said.text.startswith('tuned'))[-1]
         assert waiting.file == ''
@@ -117,8 +111,7 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
         recording = simulated(
             profile='soft', masses=(0.1, 0.2), count=12, speed=speed, seed=int(10 * speed)
         )
-        bag = tmp_path / f'test_{speed}'
-        write_bag(bag, recording.load_cell, recording)
+        bag = write_line(tmp_path / f'test_{speed}', recording)
         before, after = (
             rms(rows('weigh', bag, *how))
             for how in (('--estimator', estimator), ('--params', learned.file))
@@ -136,8 +129,8 @@ def rms(rows: list[dict[str, str]]) -> float:
 @pytest.mark.soak
 def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Path):
     for number, speed in ((1, 1.0), (2, 1.5)):  # two speeds, two workers
-        recording = simulated(masses=(MASS,), count=4, speed=speed)
-        write_bag(tmp_path / f'passes_{number}', recording.load_cell, recording)
+        line_of_speed = simulated(masses=(MASS,), count=4, speed=speed)
+        write_line(tmp_path / f'passes_{number}', line_of_speed)
     with spinning('cancelled') as spinner:
         spinner.add(DynamicSettingNode({'folder': str(tmp_path), 'budget': 1_000_000}))
         technician = Technician(spinner)

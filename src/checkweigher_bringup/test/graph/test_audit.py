@@ -35,12 +35,13 @@ def _line(line: Line) -> Line:
     return line
 
 
-def set_limit(line: Line, value: float, kind: Any = SetParameters) -> Any:
+def set_limit(line: Line, value: float, *, atomically: bool = False) -> Any:
     """Set the lower limit and return the result."""
+    if not atomically:
+        return line.set_limit('lower_limit', value)
     change = Parameter('lower_limit', value=value).to_parameter_msg()
-    name = 'set_parameters' if kind is SetParameters else 'set_parameters_atomically'
-    answer = line.call(kind, f'reject/{name}', parameters=[change])
-    return answer.results[0] if kind is SetParameters else answer.result
+    name = 'reject/set_parameters_atomically'
+    return line.call(SetParametersAtomically, name, parameters=[change]).result
 
 
 def limit(line: Line) -> object:
@@ -57,8 +58,7 @@ def test_on_a_full_disk_nothing_is_changed_and_afterwards_the_log_says_so(line: 
     with file_size_limit(line.log.stat().st_size + 100):
         refused = 0
         for number in range(29):
-            kind = SetParametersAtomically if number % 2 else SetParameters
-            result = set_limit(line, 0.14 + number / 1000, kind)
+            result = set_limit(line, 0.14 + number / 1000, atomically=number % 2 == 1)
             assert not result.successful
             assert 'not in the audit log' in result.reason
             refused += limit(line) == 0.13

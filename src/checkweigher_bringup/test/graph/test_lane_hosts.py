@@ -16,7 +16,7 @@ from typing import Any
 from network import Network, NoNetworkError, network
 from processes import LINE, parameter_file
 import pytest
-from running import BAGS, PATIENCE, ROOT
+from running import BAGS, PATIENCE, ROOT, wait_for
 from verdicts import offline_verdicts
 
 from checkweigher_bringup.hosts.description import AT_MACHINE
@@ -96,17 +96,15 @@ def test_lanes_across_two_hosts_give_the_same_verdicts_as_offline(tmp_path: Path
         files[lane] = parameter_file(tmp_path / f'{lane}.yaml', values)
     try:
         with network(2) as hosts, lanes_over(hosts, 2, files, {}) as witnesses:
-            for lane, witness in witnesses.items():
-                end = time.monotonic() + 2 * PATIENCE
-                while len(verdicts(witness.told[lane])) < 25:
-                    assert time.monotonic() < end, verdicts(witness.told[lane])
-                    time.sleep(0.05)
+            told = {lane: witness.told[lane] for lane, witness in witnesses.items()}
+            wait_for(lambda: all(len(verdicts(each)) >= 25 for each in told.values()),
+                     'the verdicts', 2 * PATIENCE)  # fmt: skip
             counts = hosts.order()
     except NoNetworkError as error:
         pytest.skip(str(error))
     assert counts['bytes of other'] > 2 * 8 * 960 * 20  # the windows, 8 bytes a sample
     for lane, bag in lanes.items():
-        given = verdicts(witnesses[lane].told[lane])
+        given = verdicts(told[lane])
         bare = [{k: v for k, v in t.items() if k not in ('lane', 'topic', 'came')} for t in given]
         assert bare == offline_verdicts(read_bag(BAGS / bag))
 

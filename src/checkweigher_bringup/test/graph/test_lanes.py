@@ -5,12 +5,11 @@
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
-import queue
 from typing import Any
 
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.srv import NewBatch, SelectProduct
-from graph import call, wait_for
+from graph import call, heard, wait_for
 from lines import weigh_all
 from processes import LINE, parameter_file
 import pytest
@@ -130,11 +129,7 @@ def change_all(lane: Lane) -> None:
 
 
 def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
-    heard: queue.SimpleQueue[str] = queue.SimpleQueue()
-    topic = ports.DIAGNOSTICS
-    lanes[CHANGED].node.create_subscription(
-        topic.type, topic.name, lambda m: [heard.put(s.name) for s in m.status], topic.qos
-    )
+    told = heard(lanes[CHANGED].node, ports.DIAGNOSTICS, latched=True)
     for lane in lanes.values():
         wait_for(lambda lane=lane: lane.stops[-1:] == [StopRequest.STOP] and len(lane.verdicts) > 2)
     changed = lanes.pop(CHANGED)
@@ -163,7 +158,7 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
     # All say how they are on one topic, each under the name of its lane.
     named: set[str] = set()
     while not named >= {f'{name}/{node}'.lstrip('/') for name in MASSES for node in ports.NODES}:
-        named.add(heard.get(timeout=PATIENCE))
+        named |= {status.name for status in told.get(timeout=PATIENCE)[1].status}
     wait_for(lambda: any(e.kind == 'parameter' for e in read_log(changed.log).entries))
     kinds = {entry.kind for entry in read_log(changed.log).entries}
     assert kinds >= {'found', 'calibration', 'recipe', 'selection', 'parameter', 'batch'}

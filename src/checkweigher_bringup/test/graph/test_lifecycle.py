@@ -51,6 +51,13 @@ class Manager:
         return str(call(self._node, GetState, f'{self._name}/get_state').current_state.label)
 
 
+@pytest.fixture
+def node(spinner: Spinner) -> Node:
+    made = Node('manager')
+    spinner.add(made)
+    return made
+
+
 def next_of(messages: 'queue.SimpleQueue[Any]') -> Any:
     return messages.get(timeout=PATIENCE)[1]
 
@@ -90,9 +97,9 @@ def test_deactivating_reject_gives_what_is_on_its_way_a_fault(spinner: Spinner):
     assert line.stop().state == StopRequest.RUN
 
 
-def test_a_transition_that_the_state_lacks_is_refused_and_the_node_lives(spinner: Spinner):
-    node = Node('manager')
-    spinner.add(node)
+def test_a_transition_that_the_state_lacks_is_refused_and_the_node_lives(
+    spinner: Spinner, node: Node
+):
     spinner.add(RejectNode({'autostart': False}))
     manager = Manager(node, 'reject')
     assert not manager.change(ACTIVATE)
@@ -105,9 +112,9 @@ def test_a_transition_that_the_state_lacks_is_refused_and_the_node_lives(spinner
     assert spinner.alive
 
 
-def test_a_source_that_cannot_be_opened_leaves_the_driver_unconfigured_or_ends_it(spinner: Spinner):
-    node = Node('manager')
-    spinner.add(node)
+def test_a_source_that_cannot_be_opened_leaves_the_driver_unconfigured_or_ends_it(
+    spinner: Spinner, node: Node
+):
     driver = DriverNode({'source': 'bag', 'bag.path': '/nowhere', 'autostart': False})
     spinner.add(driver)
     manager = Manager(node, 'driver')
@@ -118,10 +125,8 @@ def test_a_source_that_cannot_be_opened_leaves_the_driver_unconfigured_or_ends_i
         DriverNode({'source': 'bag', 'bag.path': '/nowhere'})
 
 
-def test_each_activation_of_the_driver_is_a_stream_that_has_its_end(spinner: Spinner):
-    node = Node('manager')
+def test_each_activation_of_the_driver_is_a_stream_that_has_its_end(spinner: Spinner, node: Node):
     status = heard(node, ports.DRIVER_STATUS, latched=True)
-    spinner.add(node)
     spinner.add(DriverNode({**FAST, 'autostart': False}))
     manager = Manager(node, 'driver')
     assert manager.change(CONFIGURE)
@@ -140,21 +145,17 @@ def test_each_activation_of_the_driver_is_a_stream_that_has_its_end(spinner: Spi
     assert manager.change(CLEANUP)
 
 
-def test_a_stream_is_announced_more_than_once(spinner: Spinner):
+def test_a_stream_is_announced_more_than_once(spinner: Spinner, node: Node):
     # Who finds the writer of the first word late would have it from DDS only after seconds.
-    node = Node('manager')
     status = heard(node, ports.DRIVER_STATUS)
-    spinner.add(node)
     spinner.add(DriverNode(FAST))
     said = [next_of(status) for _ in range(3)]
     assert {message.state for message in said} == {StreamStatus.RUNNING}
     assert len({message.stream for message in said}) == 1
 
 
-def test_a_stream_begins_when_reject_is_active(spinner: Spinner):
-    node = Node('manager')
+def test_a_stream_begins_when_reject_is_active(spinner: Spinner, node: Node):
     samples = heard(node, ports.LOAD_CELL_SAMPLES)
-    spinner.add(node)
     for name, make in STAGE_NODES.items():
         spinner.add(make({'autostart': False} if name == 'reject' else None))
     driver = DriverNode({'simulator.count': 0})
@@ -185,14 +186,12 @@ def drain(messages: 'queue.SimpleQueue[Any]') -> None:
         messages.get()
 
 
-def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinner):
-    node = Node('listener')
+def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinner, node: Node):
     verdicts = heard(node, ports.VERDICT, latched=True)
     edges = heard(node, ports.PHOTO_EYES)
     stops = heard(node, ports.STOP_REQUEST, latched=True)
     estimates = heard(node, ports.MASS_ESTIMATE)
-    for each in (node, *(STAGE_NODES[n]() for n in ('segmenter', 'denoise', 'identifier'))):
-        spinner.add(each)
+    spinner.add(*(STAGE_NODES[name]() for name in ('segmenter', 'denoise', 'identifier')))
     reject = start_reject()
     found: list[Verdict] = []
     try:
@@ -221,12 +220,10 @@ def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinne
         assert list(verdict.reasons) == ([] if verdict.decision else ['NoEstimate'])
 
 
-def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner):
-    node = Node('manager')
+def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner, node: Node):
     verdicts, edges = heard(node, ports.VERDICT), heard(node, ports.PHOTO_EYES)
     estimates = heard(node, ports.MASS_ESTIMATE)
-    for each in (node, *(make() for make in STAGE_NODES.values())):
-        spinner.add(each)
+    spinner.add(*(make() for make in STAGE_NODES.values()))
     manager = Manager(node, 'reject')
     spinner.add(DriverNode(FAST | {'lossless': True}))
     found: list[Verdict] = []

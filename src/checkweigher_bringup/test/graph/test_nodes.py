@@ -3,14 +3,10 @@
 """The nodes over real DDS: hostile messages to the driver, a bag twice, changed parameters."""
 
 import math
-import queue
 
 from builtin_interfaces.msg import Time
-from checkweigher_msgs.msg import (
-    StreamStatus,
-    Verdict,
-)
-from graph import make_stages, play, publish
+from checkweigher_msgs.msg import StreamStatus, Verdict
+from graph import heard, make_stages, play, publish
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from running import PATIENCE
@@ -29,19 +25,15 @@ def test_no_message_ends_the_driver(spinner: Spinner):
     spinner.add(DriverNode({'lossless': False, 'simulator.count': 0}))
     tormentor = Node('tormentor')
     spinner.add(tormentor)
-    samples: queue.SimpleQueue[int] = queue.SimpleQueue()
-    topic = ports.LOAD_CELL_SAMPLES
-    tormentor.create_subscription(
-        topic.type, topic.name, lambda m: samples.put(m.first_index), topic.qos
-    )
+    samples = heard(tormentor, ports.LOAD_CELL_SAMPLES, latched=True)
     huge = 2**64 - 1
     publish(tormentor, ports.SEGMENTER_STATUS, StreamStatus(state=99, samples=huge, items=huge))
     publish(tormentor, ports.SEGMENTER_STATUS, StreamStatus())
     publish(tormentor, ports.VERDICT, Verdict(decision=99, item_id=huge))
     before_1970 = Header(stamp=Time(sec=-5))
     publish(tormentor, ports.VERDICT, Verdict(header=before_1970, decision=Verdict.FAULT))
-    begin = samples.get(timeout=PATIENCE)
-    while samples.get(timeout=PATIENCE) < begin + 100:
+    _, first = samples.get(timeout=PATIENCE)
+    while samples.get(timeout=PATIENCE)[1].first_index < first.first_index + 100:
         pass
     assert spinner.alive
 

@@ -9,11 +9,9 @@ import time
 from typing import Any
 
 from checkweigher_msgs.msg import StopRequest
-from checkweigher_msgs.msg import Verdict as VerdictMessage
 from graph import aspect, call
 from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, outputs_of
 import pytest
-from rclpy.node import Node
 from running import PATIENCE, wait_for
 from std_srvs.srv import Trigger
 
@@ -22,7 +20,7 @@ from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_core.health.findings import Level
 from checkweigher_core.records import Decision, Verdict
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.conversion import to_record
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_driver.devices import SOURCES
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.reject import RejectNode
@@ -44,12 +42,12 @@ class Line:
     def __init__(self, spinner: Spinner, plc: Plc, monkeypatch: Any, **limits: float) -> None:
         # Under a name that the parameter allows.
         monkeypatch.setitem(SOURCES, 'simulator', 'live_bag:LiveBag')
-        self._node = Node('listener')
-        self._heard: queue.SimpleQueue[VerdictMessage] = queue.SimpleQueue()
+        self._node = PortNode('listener')
+        self._heard: queue.SimpleQueue[Verdict] = queue.SimpleQueue()
+        self._node.subscribe(ports.VERDICT, self._heard.put)
         self.stops: list[StopRequest] = []
-        heard = {ports.VERDICT: self._heard.put, ports.STOP_REQUEST: self.stops.append}
-        for topic, take in heard.items():
-            self._node.create_subscription(topic.type, topic.name, take, topic.stage_qos)
+        topic = ports.STOP_REQUEST
+        self._node.create_subscription(topic.type, topic.name, self.stops.append, topic.stage_qos)
         spinner.add(self._node)
         self.reject = RejectNode(overrides=limits)
         spinner.add(self.reject)
@@ -60,7 +58,7 @@ class Line:
         spinner.add(self.driver)
 
     def verdict(self) -> Verdict:
-        return to_record(ports.VERDICT, self._heard.get(timeout=PATIENCE))
+        return self._heard.get(timeout=PATIENCE)
 
     def verdict_after(self, time: int) -> Verdict:
         """Return the next verdict on a product that left the belt after a time, ns."""

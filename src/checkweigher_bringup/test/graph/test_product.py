@@ -12,8 +12,6 @@ from graph import wait_for
 from product_line import RECIPES, TU1_GROSS, Line
 import pytest
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 
 from checkweigher_bringup.spinning import Spinner, node_command, write_parameter_file
 from checkweigher_core.ros import ports
@@ -94,14 +92,9 @@ def test_a_line_that_could_not_go_back_accepts_nothing(line: Line):
 
 
 def test_a_limit_that_is_set_holds_until_another_product_is_selected(line: Line):
-
-    def set_limit(name: str, value: float) -> Any:
-        change = Parameter(name, value=value).to_parameter_msg()
-        return line.call(SetParameters, 'reject/set_parameters', parameters=[change]).results[0]
-
     assert line.select('nuts').success
-    assert 'reject.lower_limit: 0.19 is above upper' in set_limit('upper_limit', 0.15).reason
-    assert set_limit('lower_limit', 0.17).successful
+    assert 'reject.lower_limit: 0.19 is above upper' in line.set_limit('upper_limit', 0.15).reason
+    assert line.set_limit('lower_limit', 0.17).successful
     assert [line.judge(0.18).decision for _ in range(3)] == [1, 1, 1]  # ACCEPT
     assert line.call(NewBatch, 'new_batch', batch='L2').success
     verdict = line.judge(0.18)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node over real DDS: statistics and audit log of a running line."""
 
-from collections.abc import Callable
 from dataclasses import asdict
 import json
 import math
@@ -17,16 +16,12 @@ from here import run_here
 from product_line import Line
 import pytest
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from running import BAGS, PATIENCE
+from running import BAGS, PATIENCE, Rows
 
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.records import (
-    NANOSECONDS,
-    ZeroChange,
-)
+from checkweigher_core.records import NANOSECONDS, ZeroChange
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_driver.driver_node import DriverNode
@@ -65,10 +60,7 @@ def test_the_audit_log_believes_no_parameter_event(line: Line):
         for node in ('reject', 'nobody'):
             said = ParameterEvent(node=f'/lane1/{node}', changed_parameters=false)
             events.publish(said)
-    limit = Parameter('upper_limit', value=0.5).to_parameter_msg()
-    assert (
-        line.call(SetParameters, 'reject/set_parameters', parameters=[limit]).results[0].successful
-    )
+    assert line.set_limit('upper_limit', 0.5).successful
     wait_for(lambda: bool(line.entries('parameter')))
     assert [(e.subject, e.old, e.new) for e in line.entries('parameter')] == [
         ('/lane1/reject.upper_limit', 'inf', 0.5)
@@ -88,9 +80,8 @@ def test_a_start_with_a_bad_recipe_is_refused(spinner: Spinner, tmp_path: Path):
 
 def test_a_change_of_a_parameter_is_in_the_log_with_its_old_and_its_new_value(line: Line):
     line.wait_until_found()
-    values = [Parameter('lower_limit', value=0.13), Parameter('lower_limit', value=0.14)]
-    for value in values:
-        line.call(SetParameters, 'reject/set_parameters', parameters=[value.to_parameter_msg()])
+    for value in (0.13, 0.14):
+        assert line.set_limit('lower_limit', value).successful
     wait_for(lambda: len(line.entries('parameter')) == 2)
     changes = [(e.source, e.subject, e.old, e.new) for e in line.entries('parameter')]
     assert changes == [
@@ -129,9 +120,7 @@ def test_a_batch_and_a_reset_end_a_count_and_are_in_the_log(spinner: Spinner, tm
     ]
 
 
-def test_the_statistics_of_a_bag_are_those_of_its_csv(
-    spinner: Spinner, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
-):
+def test_the_statistics_of_a_bag_are_those_of_its_csv(spinner: Spinner, rows: Rows, tmp_path: Path):
     bag, parameters = BAGS / 'paper_90', tmp_path / 'limits.yaml'
     parameters.write_text(
         '/**/reject:\n  ros__parameters: {lower_limit: 0.14725, upper_limit: 0.169}\n'

@@ -3,18 +3,15 @@
 """What the line reaches on lines that it has not been tuned on."""
 
 from collections import defaultdict
-from collections.abc import Callable
 import json
 import os
 from pathlib import Path
 import statistics
 
 import pytest
-from running import ROOT
+from running import ROOT, Rows, Run
 
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-
-Rows = Callable[..., list[dict[str, str]]]
 
 LARGEST_ERROR = 0.03  # relative to the reference, without calibration from training passes
 # g, scatter of the passes of one mass; the paper reports 0.04 and 0.2 for its own machine.
@@ -31,12 +28,7 @@ REAL_PASSES = Path(
 @pytest.mark.parametrize(('seed', 'spacing'), [(101, 0.66), (102, 0.66), (103, 0.25)])
 @pytest.mark.parametrize('speed', SCATTER)
 def test_simulated_passes(
-    checkweigher: Callable[..., object],
-    rows: Rows,
-    tmp_path: Path,
-    speed: int,
-    seed: int,
-    spacing: float,
+    checkweigher: Run, rows: Rows, tmp_path: Path, speed: int, seed: int, spacing: float
 ):
     bag = tmp_path / 'bag'
     masses = ('74.5', '134.5', '164.5', '194.5', '254.5')
@@ -57,9 +49,7 @@ def test_simulated_passes(
 
 @pytest.mark.soak
 @pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
-def test_passes_of_a_real_belt_scale(
-    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
-):
+def test_passes_of_a_real_belt_scale(checkweigher: Run, rows: Rows, tmp_path: Path):
     logs = sorted(REAL_PASSES.glob('*.csv'))
     assert logs
     for log in logs:
@@ -79,7 +69,7 @@ def test_passes_of_a_real_belt_scale(
 
 @pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
 def test_passes_of_a_real_belt_scale_behind_its_empty_belt(
-    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
+    checkweigher: Run, rows: Rows, tmp_path: Path
 ):
     """Weigh untrained what the recordings hold up to t3, each behind its own empty belt.
 

@@ -7,16 +7,16 @@ moved by a constant, from its beginning or from its middle on.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 import os
 from pathlib import Path
 
-from lines import simulated, weigh_all
+from lines import simulated, weigh_all, write_line
 import numpy as np
 from numpy.typing import NDArray
 import pytest
-from running import BAGS, ROOT
+from running import BAGS, ROOT, Rows, Run
 
 from checkweigher_core.recording import Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS
@@ -24,7 +24,6 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import PROFILES
 from checkweigher_validation.accuracy.passes import ReferenceMasses
 
@@ -40,8 +39,6 @@ SHIFTS = (
     *(-60, -40, -30, -25, -20, -15, -12, -10, -8, -7, -6, -5, -4, -3, -2.5, -2, -1.5, -1, -0.5),
     *(0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30, 40, 60),
 )
-
-Rows = Callable[..., list[dict[str, str]]]
 
 
 def shifted(recording: Recording, shift: float, begin: float = 0.0) -> Recording:
@@ -203,14 +200,11 @@ def test_items_after_the_end_of_a_shift_are_weighed_again():
     assert np.all(np.abs(errors(after[1:], recording)) < LIMIT)
 
 
-def test_a_tuned_line_knows_its_lag(
-    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
-):
+def test_a_tuned_line_knows_its_lag(checkweigher: Run, rows: Rows, tmp_path: Path):
     late, later = tmp_path / 'late', tmp_path / 'later'
     recording = read_bag(BAGS / 'paper_60')
     for bag, shift in ((late, 4.0), (later, 12.0)):
-        moved = shifted(recording, shift)
-        write_bag(bag, moved.load_cell, moved)
+        write_line(bag, shifted(recording, shift))
     tuned = tmp_path / 'tuned.yaml'
     checkweigher('tune', late, '--estimator', 'hann', '--budget', 1, '--output', tuned)
     known = LineParameters.from_file(tuned).segmenter
@@ -227,8 +221,5 @@ def test_a_tuned_line_knows_its_lag(
 def test_a_replay_of_moved_samples_gives_the_same_bytes(
     rows: Rows, tmp_path: Path, options: tuple[str, ...]
 ):
-    bag = tmp_path / 'bag'
-    moved = shifted(read_bag(BAGS / 'paper_90'), 3.0, 0.5)
-    write_bag(bag, moved.load_cell, moved)
-
+    bag = write_line(tmp_path / 'bag', shifted(read_bag(BAGS / 'paper_90'), 3.0, 0.5))
     assert rows('replay', bag, '--rate', '0', *options) == rows('weigh', bag)

@@ -11,7 +11,9 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 import pytest
+from running import wait_for
 from supervised_line import SupervisedLine, supervised_line
+from verdicts import entered
 
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.conversion import stamp_from
@@ -37,7 +39,7 @@ def test_every_item_has_one_verdict_whichever_node_dies(
     sent = time.monotonic_ns()
     os.kill(victim, number)
     if name in ('product', 'driver'):  # without whom no item need be a FAULT
-        _wait_until_gone(victim)
+        wait_for(lambda: not Path(f'/proc/{victim}').exists(), 'the end of the process')
     else:
         line.judge_until(Verdict.FAULT)
     seconds = (line.judge_until(Verdict.ACCEPT) - sent) / NANOSECONDS
@@ -48,33 +50,16 @@ def test_every_item_has_one_verdict_whichever_node_dies(
     print(f'{name} {number.name}: weighed again after {seconds:.1f} s; {faults} FAULT')
     assert line.end() == 130
     assert len({verdict.item_id for verdict in line.found}) == len(line.found)
-    entered = _entered(line)
-    judged = _streams([stamp_from(verdict.t1) for verdict in line.found], entered[0])
-    streams = _streams(entered, entered[0])
+    starts = entered(line.edges)
+    judged = _streams([stamp_from(verdict.t1) for verdict in line.found], starts[0])
+    streams = _streams(starts, starts[0])
     assert len(streams) == len(judged) == (2 if name == 'driver' else 1)
     for items, verdicts in zip(streams, judged, strict=True):
         last = items[-1] if verdicts is not judged[-1] else max(verdicts)
         assert sorted(verdicts) == [t1 for t1 in items if min(verdicts) <= t1 <= last]
 
 
-def _entered(line: SupervisedLine) -> list[int]:
-    """Return t1 of all items in order of entry."""
-    edges = []
-    while not line.edges.empty():
-        edges.append(line.edges.get()[1])
-    return [
-        stamp_from(edge.header.stamp) for edge in edges if edge.eye == edge.INFEED and edge.blocked
-    ]
-
-
 def _streams(stamps: list[int], first: int) -> list[list[int]]:
     """Split at the first item of a simulation that was started again, with the same stamps."""
     begins = [n for n, stamp in enumerate(stamps) if n > 0 and stamp == first]
     return [stamps[i:j] for i, j in zip([0, *begins], [*begins, None], strict=True)]
-
-
-def _wait_until_gone(pid: int) -> None:
-    end = time.monotonic() + 30
-    while Path(f'/proc/{pid}').exists():
-        assert time.monotonic() < end, 'the process was not ended'
-        time.sleep(0.05)

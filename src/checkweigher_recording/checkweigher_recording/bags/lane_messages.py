@@ -105,19 +105,14 @@ class LaneMessages:
         return recording
 
     def _recording(self, blocks: BlockColumns, events: Sequence[EyeEdge | Reference]) -> Recording:
-        edges = tuple(event for event in events if isinstance(event, EyeEdge))
-        references = tuple(event for event in events if isinstance(event, Reference))
-        return Recording(self.load_cell, blocks, edges, references)
-
-    @property
-    def load_cell(self) -> LoadCell:
-        """Load cell of the lane; `BagError` if the bag has no message of it."""
         if self._cell is None:
             raise BagError(
                 f'{self._path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that '
                 'topic, too'
             )
-        return self._cell
+        edges = tuple(event for event in events if isinstance(event, EyeEdge))
+        references = tuple(event for event in events if isinstance(event, Reference))
+        return Recording(self._cell, blocks, edges, references)
 
     def _sorted(self) -> BlockColumns:
         """Sort the events, and return the blocks sorted; `OutOfOrderError` if one is too late."""

@@ -52,12 +52,9 @@ def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | 
             f'{names}'
         )
     listed = ', '.join(each or '/' for each in sorted(lanes))
-    if namespace is not None:
-        prefix = lane_prefix(namespace)
-    elif len(lanes) > 1:
+    if namespace is None and len(lanes) > 1:
         raise BagError(f'{path}: holds several lanes: {listed}; choose one by its namespace')
-    else:
-        (prefix,) = lanes
+    prefix = next(iter(lanes)) if namespace is None else lane_prefix(namespace)
     if prefix not in lanes:
         raise BagError(f'{path}: has no lane {prefix or "/"}; it has {listed}')
     return lanes[prefix]

@@ -135,10 +135,6 @@ class _Part:
                 raise BagError(f'{path}: not an MCAP file: its first bytes are others')
             self._scan(file)
 
-    def connections(self) -> list[Connection]:
-        """Return the channels with their numbers of messages."""
-        return [self._connection(channel) for channel in self._channels.values()]
-
     def messages(self) -> Iterator[Message]:
         """Yield the messages."""
         with self._path.open('rb') as file:
@@ -189,22 +185,24 @@ class _Part:
         self.ended = opcode == Opcode.DATA_END
         return True
 
-    def _connection(self, channel: Channel) -> Connection:
-        schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
-        definition = MessageDefinition(MessageDefinitionFormat.NONE, '')
-        if schema.encoding in _FORMATS:
-            text = schema.data.decode(errors='replace')
-            definition = MessageDefinition(_FORMATS[schema.encoding], text)
-        return Connection(
-            id=channel.id,
-            topic=channel.topic,
-            msgtype=schema.name,
-            msgdef=definition,
-            digest=channel.metadata.get('topic_type_hash', ''),
-            msgcount=self._counts[channel.id],
-            ext=ConnectionExtRosbag2(channel.message_encoding, []),
-            owner=self,
-        )
+    def connections(self) -> Iterator[Connection]:
+        """Yield the channels with their numbers of messages."""
+        for channel in self._channels.values():
+            schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
+            definition = MessageDefinition(MessageDefinitionFormat.NONE, '')
+            if schema.encoding in _FORMATS:
+                text = schema.data.decode(errors='replace')
+                definition = MessageDefinition(_FORMATS[schema.encoding], text)
+            yield Connection(
+                id=channel.id,
+                topic=channel.topic,
+                msgtype=schema.name,
+                msgdef=definition,
+                digest=channel.metadata.get('topic_type_hash', ''),
+                msgcount=self._counts[channel.id],
+                ext=ConnectionExtRosbag2(channel.message_encoding, []),
+                owner=self,
+            )
 
 
 def _is_empty(head: bytes, file: BinaryIO) -> bool:

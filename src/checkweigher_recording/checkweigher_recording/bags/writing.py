@@ -3,8 +3,8 @@
 """Writing of ROS 2 bags: MCAP with check sums, and metadata.yaml."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 import glob
 import os
 from pathlib import Path
@@ -102,12 +102,11 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         """Complete the bag. After an exception, remove it unless it is written in place."""
         try:
             if error is None:
-                self._complete()
+                with self._writing():
+                    self._complete()
             elif self._in_place and self._mcap is not None:
                 with suppress(OSError):
                     self._mcap.flush()
-        except OSError as failure:
-            raise self._output_error(failure) from None
         finally:
             if self._mcap is not None:
                 with suppress(OSError):
@@ -126,10 +125,8 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         Raises `OutputError` if it cannot be written, for example because the disk is full.
         """
         mcap = self._mcap or self._open()
-        try:
+        with self._writing():
             mcap.add_message(self._channels[port.name], stamp, data, publish_time=stamp)
-        except OSError as error:
-            raise self._output_error(error) from None
         if not self._counts:
             self._begin = self._end = stamp
         self._counts[port.name] += 1
@@ -145,10 +142,8 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
     def flush(self) -> None:
         """Write the messages so far to the file, so that they survive if this process is killed."""
         if self._mcap is not None:
-            try:
+            with self._writing():
                 self._mcap.flush()
-            except OSError as error:
-                raise self._output_error(error) from None
 
     def _open(self) -> Writer:
         _remove_partial(self._path)
@@ -170,11 +165,15 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._channels = {port.name: self._add_channel(mcap, port) for port in self._ports}
         return mcap
 
-    def _output_error(self, error: OSError) -> OutputError:
-        text = str(output_error(self._path, error))
-        if self._in_place and self._folder.exists():
-            text += '; what was recorded before is there'
-        return OutputError(text)
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            text = str(output_error(self._path, error))
+            if self._in_place and self._folder.exists():
+                text += '; what was recorded before is there'
+            raise OutputError(text) from None
 
     def _topic(self, port: Port) -> str:
         return port.name if port.name.startswith('/') else f'{self._prefix}/{port.name}'
@@ -203,24 +202,23 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._folder.rename(self._path)
 
     def _information(self) -> dict[str, Any]:
-        topics = [
-            {
-                'topic_metadata': {
-                    'name': self._topic(port),
-                    'type': port.message_type,
-                    'serialization_format': 'cdr',
-                    'offered_qos_profiles': dump_qos_v9([_qos(port)]),
-                    'type_description_hash': typestore([port]).hash_rihs01(port.message_type),
-                },
-                'message_count': self._counts[port.name],
-            }
-            for port in self._ports
-        ]
         return {
             'version': _VERSION,
             'storage_identifier': 'mcap',
             **self._span(),
-            'topics_with_message_count': topics,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': self._topic(port),
+                        'type': port.message_type,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': dump_qos_v9([_qos(port)]),
+                        'type_description_hash': typestore([port]).hash_rihs01(port.message_type),
+                    },
+                    'message_count': self._counts[port.name],
+                }
+                for port in self._ports
+            ],
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [_FILE],

@@ -121,15 +121,12 @@ def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = No
     """
     if (edges is None) == (not parameters.infeed):
         raise ParameterError('import.infeed: give either columns of the eyes or an edges file')
-    columns = {'signal': parameters.signal, 'time': parameters.time}
-    if edges is None:
-        columns |= {'infeed': parameters.infeed, 'outfeed': parameters.outfeed}
     separator = {'tab': '\t', 'space': None}.get(parameters.delimiter, parameters.delimiter)
-    wanted = {use: name for use, name in columns.items() if name or use == 'signal'}
-    table = read_table(path, wanted, separator, parameters.decimal)
-    rows = len(table.columns['signal'])
+    uses = ('signal', 'time', 'infeed', 'outfeed')
+    columns = {use: name for use in uses if (name := getattr(parameters, use)) or use == 'signal'}
+    table = read_table(path, columns, separator, parameters.decimal)
     keys = {Eye.INFEED: parameters.infeed_key, Eye.OUTFEED: parameters.outfeed_key}
-    content = None if edges is None else read_edges_file(edges, keys, rows)
+    content = None if edges is None else read_edges_file(edges, keys, len(table.columns['signal']))
     clock = _clock(table, parameters, content)
     events: list[Event] = list(_blocks(table, clock, parameters))
     if content is None:

@@ -75,7 +75,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
     except csv.Error:
-        return [line]  # a quoted cell without an end
+        return [line]  # a cell longer than the limit of csv
 
 
 def _is_number(cell: str, decimal: str) -> bool:

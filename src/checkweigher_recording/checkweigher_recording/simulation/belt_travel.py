@@ -6,31 +6,23 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import cycle
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_recording.simulation.machine import Variation
 from checkweigher_recording.simulation.noise import Array
+
+if TYPE_CHECKING:
+    from checkweigher_recording.simulation.simulator import SimulationParameters
 
 # Only the share of a product that is on the belt moves with the platform. It is kept constant over
 # 1/16 of the crossing, so its error is at most 1/32 of the product.
 _STAIRS = 16
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """Products on a belt."""
-
-    speed: float  # m/s, mean
-    speed_jitter: float  # relative standard deviation; the speed changes at each entry
-    spacing: float  # m; lengths are in m, too
-    product_length: float
-    weigh_length: float
-    masses: tuple[float, ...]  # kg, taken in turn
-    count: int  # 0 for an endless line
-    first_entry: float  # s, t1 of the first product
-    spacing_jitter: float = 0.0  # m, standard deviations from product to product
-    length_jitter: float = 0.0  # m
+STEADY = Variation(speed=0.0, length=0.0, spacing=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +54,17 @@ class BeltTravel:
 
     def __init__(
         self,
-        line: Line,
+        line: 'SimulationParameters',
+        variation: Variation,
         random: np.random.Generator,
         products: np.random.Generator | None = None,
         next_mass: Callable[[], float] | None = None,
     ) -> None:
         """Begin a line with random speeds from `random`, and lengths and gaps from `products`.
 
-        `next_mass` returns the mass of each product in kg, by default the masses of the line in
-        turn.
+        `variation` has their standard deviations; that of the gaps is limited, to keep the products
+        apart. `next_mass` returns the mass of each product in kg, by default the masses of the line
+        in turn.
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
@@ -78,6 +72,9 @@ class BeltTravel:
         self.feed = True
         self.mass = self.resting = 0.0
         self._line = line
+        self._speed_jitter = variation.speed
+        self._length_jitter = variation.length * line.product_length
+        self._spacing_jitter = min(variation.spacing, (line.spacing - line.product_length) / 5)
         self._random = random
         self._products = random if products is None else products
         self._next_mass = next_mass or cycle(line.masses).__next__
@@ -86,8 +83,8 @@ class BeltTravel:
         self._knots = 0
         self._impacts: deque[float] = deque()
         # Times and travels at which the speed changes: 1 s before the start, and at each entry.
-        self._times = [-1.0, line.first_entry]
-        self._travels = [-(line.first_entry + 1.0) * line.speed, 0.0]
+        self._times = [-1.0, line.lead_in]
+        self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
         """Remove passes that are over at `begin`, and return new ones up to `end`, both in s."""
@@ -153,12 +150,11 @@ class BeltTravel:
         entry, length, weigh_length = self._next, line.product_length, line.weigh_length
         number = self._planned
         self._next = (number + 1) * line.spacing
-        if line.spacing_jitter or line.length_jitter:
+        if self._spacing_jitter or self._length_jitter:
             gap, longer = np.clip(self._products.standard_normal(2), -2.0, 2.0).tolist()
-            length += line.length_jitter * longer
-            self._next += line.spacing_jitter * gap
-        exit_travel = entry + weigh_length + length
-        while self._travels[-1] < exit_travel:
+            length += self._length_jitter * longer
+            self._next += self._spacing_jitter * gap
+        while self._travels[-1] < entry + weigh_length + length:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
@@ -173,7 +169,7 @@ class BeltTravel:
     def _extend(self) -> None:
         jitter, impact = self._random.standard_normal(2)
         self._impacts.append(float(impact))
-        speed = self.speed * (1 + self._line.speed_jitter * float(jitter))
+        speed = self.speed * (1 + self._speed_jitter * float(jitter))
         self._times.append(self._times[-1] + self._line.spacing / speed)
         self._knots += 1
         self._travels.append(self._knots * self._line.spacing)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
+from checkweigher_recording.simulation.belt_travel import BeltTravel, Pass
 from checkweigher_recording.simulation.machine import (
     Bounce,
     Joint,
@@ -97,12 +97,13 @@ class MachineSignal:
         self,
         machine: Machine,
         belt: BeltTravel,
-        line: Line,
+        weigh_length: float,
         step: float,
         seed: np.random.SeedSequence,
     ) -> None:
         """Begin with the empty platform at rest; `step` is the integration step in s."""
-        self._machine, self._belt, self._line, self._step = machine, belt, line, step
+        self._machine, self._belt, self._step = machine, belt, step
+        self._weigh_length = weigh_length  # m
         drawn, broadband, floor, electronic, passes = seed.spawn(5)
         self._broadband, self._electronic = generator(broadband), generator(electronic)
         self._passes = int(passes.generate_state(1)[0])
@@ -128,9 +129,8 @@ class MachineSignal:
         eyes = self._machine.eyes
         if eyes is None:
             return entry
-        jitter = eyes.jitter * np.clip(self._numbers(entry)[:4], -3, 3)
         places = np.array((eyes.infeed, eyes.infeed, eyes.outfeed, eyes.outfeed))
-        late = places / _speed(entry) + jitter
+        late = places / _speed(entry) + eyes.jitter * np.clip(self._numbers(entry)[:4], -3, 3)
         t1, t2, t3, t4 = (np.array((entry.t1, entry.t2, entry.t3, entry.t4)) + late).tolist()
         return replace(entry, t1=t1, t2=t2, t3=t3, t4=t4)
 
@@ -170,7 +170,7 @@ class MachineSignal:
         machine = self._machine
         for entry, touched in self._belt.touched(time):
             share = self._belt.share(entry, travel[touched])
-            place = positions(entry, travel[touched], self._line.weigh_length)
+            place = positions(entry, travel[touched], self._weigh_length)
             own = entry.mass * share
             numbers = self._numbers(entry)[4:]
             if machine.transfer:
@@ -192,7 +192,7 @@ class MachineSignal:
             moment += roller.place * shaking
         if joint := self._machine.joint:
             first = self._joint * joint.belt_length
-            for end, place in ((first, -1), (first + self._line.weigh_length, 1)):
+            for end, place in ((first, -1), (first + self._weigh_length, 1)):
                 struck = joint_force(joint, travel, speed, end)
                 force += struck
                 moment += place * struck

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.recording import Event, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
-from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
+from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel, Pass
 from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
@@ -313,37 +313,24 @@ class _Machine:
         # Each source has its own stream of random numbers, so that they are independent.
         passes, *sources, products, drawn, filled = np.random.SeedSequence(parameters.seed).spawn(8)
         profile, machine = PROFILES.get(parameters.profile), machine_of(parameters.profile)
-        line = Line(
-            speed=parameters.speed,
-            speed_jitter=profile.speed_jitter if profile else 0.0,
-            spacing=parameters.spacing,
-            product_length=parameters.product_length,
-            weigh_length=parameters.weigh_length,
-            masses=parameters.masses,
-            count=parameters.count,
-            first_entry=parameters.lead_in,
-        )
-        if machine and (variation := machine.variation):
-            line = replace(
-                line,
-                speed_jitter=variation.speed,
-                length_jitter=variation.length * line.product_length,
-                # Keep the products apart.
-                spacing_jitter=min(variation.spacing, (line.spacing - line.product_length) / 5),
-            )
         self.filler = Filler(
-            line.masses,
+            parameters.masses,
             parameters.filler_drift,
             parameters.filler_spread,
             parameters.filler_delay,
             generator(filled),
         )
-        self._belt = BeltTravel(line, generator(passes), generator(products), self.filler.next_mass)
+        variation = (machine and machine.variation) or STEADY
+        if profile:
+            variation = replace(STEADY, speed=profile.speed_jitter)
+        streams = generator(passes), generator(products)
+        self._belt = BeltTravel(parameters, variation, *streams, self.filler.next_mass)
         self._signal: _ProfileSignal | MachineSignal
         if profile:
-            self._signal = _ProfileSignal(profile, self._belt, line, 1 / self._rate, sources)
+            self._signal = _ProfileSignal(profile, self._belt, 1 / self._rate, sources)
         elif machine:
-            self._signal = MachineSignal(machine, self._belt, line, 1 / self._rate, drawn)
+            length = parameters.weigh_length
+            self._signal = MachineSignal(machine, self._belt, length, 1 / self._rate, drawn)
 
     def operate(self, operation: OperationParameters) -> None:
         """Apply the settings of the operator to the belt."""
@@ -390,7 +377,6 @@ class _ProfileSignal:
         self,
         profile: Profile,
         belt: BeltTravel,
-        line: Line,
         step: float,
         seeds: Sequence[np.random.SeedSequence],
     ) -> None:

@@ -11,6 +11,7 @@ import threading
 
 from foreign_bags import same
 import fsspec
+from lines import write_line
 import pytest
 
 from checkweigher_recording.archive.copying import local_bag
@@ -18,7 +19,6 @@ from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.archive.finding import find_bags
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.writing import write_bag
 
 
 class Silent(SimpleHTTPRequestHandler):
@@ -30,7 +30,7 @@ class Silent(SimpleHTTPRequestHandler):
 def archive(tmp_path: Path, recording, monkeypatch) -> Path:
     """Return a folder with a bag, and have temporary files in one that can be looked into."""
     (tmp_path / 'store/may').mkdir(parents=True)
-    write_bag(tmp_path / 'store/may/shift1', recording.load_cell, recording)
+    write_line(tmp_path / 'store/may/shift1', recording)
     (tmp_path / 'temporary').mkdir()
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'temporary'))
     return tmp_path / 'store'

@@ -11,13 +11,11 @@ from rosbags.rosbag2 import StoragePlugin
 
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.integrity import check_file
-from checkweigher_recording.bags.writing import write_bag
 
 
 @pytest.fixture
-def whole(tmp_path, recording):
-    write_bag(tmp_path / 'bag', recording.load_cell, recording)
-    return tmp_path / 'bag' / 'line_0.mcap'
+def whole(bag):
+    return bag / 'line_0.mcap'
 
 
 NO_SUMMARY = dict.fromkeys(

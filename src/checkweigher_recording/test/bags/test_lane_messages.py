@@ -6,13 +6,13 @@ from dataclasses import replace
 import random
 
 from foreign_bags import messages_of, same, write_mcap
+from lines import write_line
 import pytest
 
 from checkweigher_core.recording import Recording
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.lane_messages import OutOfOrderError
 from checkweigher_recording.bags.reading import read_bag, read_stretches
-from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 SECOND = 10**9  # ns
@@ -39,9 +39,7 @@ def joined(parts):
 
 
 def test_stretches_have_all_events_in_their_order(tmp_path, long_recording):
-    write_bag(tmp_path / 'bag', long_recording.load_cell, long_recording)
-
-    parts = list(read_stretches(tmp_path / 'bag'))
+    parts = list(read_stretches(write_line(tmp_path / 'bag', long_recording)))
 
     assert len(parts) > 3
     assert all(len(part.blocks) for part in parts)
@@ -91,12 +89,12 @@ def test_a_load_cell_that_changes_later_ends_the_stretches(tmp_path, timed):
 
 
 def test_a_recording_that_broke_off_says_so_with_its_last_stretch(tmp_path, long_recording):
-    write_bag(tmp_path / 'bag', long_recording.load_cell, long_recording)
-    (tmp_path / 'bag' / 'metadata.yaml').unlink()
-    file = tmp_path / 'bag' / 'line_0.mcap'
+    bag = write_line(tmp_path / 'bag', long_recording)
+    (bag / 'metadata.yaml').unlink()
+    file = bag / 'line_0.mcap'
     file.write_bytes(file.read_bytes()[: -(file.stat().st_size // 8)])
 
-    whole, parts = read_bag(tmp_path / 'bag'), list(read_stretches(tmp_path / 'bag'))
+    whole, parts = read_bag(bag), list(read_stretches(bag))
 
     assert 'the recording broke off' in whole.warning
     assert joined(parts).warning == whole.warning

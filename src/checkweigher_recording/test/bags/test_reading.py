@@ -19,7 +19,6 @@ from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES as SAMPLES
 from checkweigher_core.ros.ports import PLAYED
 from checkweigher_recording.bags.definitions import BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.writing import write_bag
 
 
 def _read_or_refused(path):
@@ -179,29 +178,23 @@ def test_what_is_not_a_bag(tmp_path):
     refused(tmp_path / 'text.db3', 'damaged')
 
 
-def test_a_folder_whose_file_is_gone(tmp_path, recording):
-    write_bag(tmp_path / 'bag', recording.load_cell, recording)
-    (tmp_path / 'bag' / 'line_0.mcap').unlink()
-    refused(tmp_path / 'bag', 'line_0.mcap')
+def test_a_folder_whose_file_is_gone(bag):
+    (bag / 'line_0.mcap').unlink()
+    refused(bag, 'line_0.mcap')
 
 
-def test_a_foreign_bag_is_refused_with_the_list_of_its_topics(tmp_path, messages):
+@pytest.mark.parametrize(
+    ('topic', 'parts'),
+    [
+        ('/scan', ('not of a checkweigher', '/scan')),
+        ('/load_cell/samples', (f'holds std_msgs/msg/String, must hold {SAMPLES.message_type}',)),
+    ],
+)
+def test_a_type_that_no_topic_of_a_checkweigher_has(tmp_path, messages, topic, parts):
+    message = replace(messages[0], topic=topic, message_type='std_msgs/msg/String')
+    message.content = {'data': ''}
     store = get_typestore(Stores.ROS2_JAZZY)
-    note = replace(messages[0], topic='/scan', message_type='std_msgs/msg/String')
-    note.content = {'data': ''}
-    refused(
-        write_foreign(tmp_path / 'foreign', [note], store=store), 'not of a checkweigher', '/scan'
-    )
-
-
-def test_a_known_topic_with_another_type(tmp_path, messages):
-    store = get_typestore(Stores.ROS2_JAZZY)
-    block = replace(messages[0], topic='/load_cell/samples', message_type='std_msgs/msg/String')
-    block.content = {'data': ''}
-    refused(
-        write_foreign(tmp_path / 'foreign', [block], store=store),
-        '/load_cell/samples holds std_msgs/msg/String, must hold ' + SAMPLES.message_type,
-    )
+    refused(write_foreign(tmp_path / 'foreign', [message], store=store), topic, *parts)
 
 
 def test_another_definition_of_a_known_type(tmp_path, messages):
@@ -251,21 +244,18 @@ def test_a_message_that_says_nothing_sensible(tmp_path, messages, topic, content
 # --- Damage ------------------------------------------------------------------------------------
 
 
-def test_no_damaged_byte_of_the_metadata_passes_unnoticed(tmp_path, recording):
-    write_bag(tmp_path / 'bag', recording.load_cell, recording)
-    path = tmp_path / 'bag' / 'metadata.yaml'
+def test_no_damaged_byte_of_the_metadata_passes_unnoticed(bag, recording):
+    path = bag / 'metadata.yaml'
     whole = path.read_bytes()
     for position in range(0, len(whole), max(1, len(whole) // 150)):
         damaged = bytearray(whole)
         damaged[position] ^= 1 << position % 8
         path.write_bytes(damaged)
-        read = _read_or_refused(tmp_path / 'bag')
+        read = _read_or_refused(bag)
         assert read is None or same(read, recording)
 
 
-def test_damage_within_a_file_that_is_compressed_as_a_whole(tmp_path, recording):
-    bag = tmp_path / 'bag'
-    write_bag(bag, recording.load_cell, recording)
+def test_damage_within_a_file_that_is_compressed_as_a_whole(bag):
     data = bytearray((bag / 'line_0.mcap').read_bytes())
     data[len(data) // 2] ^= 1
     (bag / 'line_0.mcap').unlink()

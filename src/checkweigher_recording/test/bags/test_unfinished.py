@@ -14,7 +14,7 @@ from checkweigher_core.whole_file import OutputError
 from checkweigher_recording.bags.definitions import HEADER, TIME, BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.recovery import recover_bag
-from checkweigher_recording.bags.writing import BagWriter, write_bag
+from checkweigher_recording.bags.writing import BagWriter
 
 FLUSHED = 10  # messages at a time
 
@@ -24,29 +24,24 @@ class KilledError(Exception):
 
 
 @pytest.fixture
-def taped(tmp_path, recording):
+def taped(tmp_path, bag):
     """Return a function that records a line in place and breaks off after some messages."""
-    whole = tmp_path / 'whole'
-    write_bag(whole, recording.load_cell, recording)
-    with Reader(whole) as reader:
+    with Reader(bag) as reader:
         messages = [
             (next(t for t in PLAYED if connection.topic == f'/{t.name}'), stamp, data)
             for connection, stamp, data in reader.messages()
         ]
 
-    def write(bag, messages):
-        for number, message in enumerate(messages, 1):
-            bag.put(*message)
-            if number % FLUSHED == 0:
-                bag.flush()
-
-    def tape(name='bag', begin=0, end=None, extra=(), killed=True):
+    def tape(name='taped', begin=0, end=None, extra=(), killed=True):
         path = tmp_path / name
         with (
             suppress(KilledError),
             BagWriter(path, (*PLAYED, DIAGNOSTICS), in_place=True) as bag,
         ):
-            write(bag, [*extra, *messages[begin:end]])
+            for number, message in enumerate([*extra, *messages[begin:end]], 1):
+                bag.put(*message)
+                if number % FLUSHED == 0:
+                    bag.flush()
             if killed:
                 raise KilledError
         return path
@@ -191,7 +186,7 @@ def test_what_all_lanes_share_is_recovered_as_well(taped, tmp_path):
     assert counts['/diagnostics'] == 1
 
 
-def test_in_place_there_is_nothing_before_the_first_message(tmp_path, recording):
+def test_in_place_there_is_nothing_before_the_first_message(tmp_path):
     path = tmp_path / 'bag'
     with pytest.raises(KilledError), BagWriter(path, PLAYED, in_place=True):
         raise KilledError

@@ -25,12 +25,6 @@ def _files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.fixture
-def bag(tmp_path, recording):
-    write_bag(tmp_path / 'bag', recording.load_cell, recording)
-    return tmp_path / 'bag'
-
-
 def test_what_is_written_is_read(bag, recording):
     assert same(read_bag(bag), recording)
     assert same(read_bag(bag / 'line_0.mcap'), recording)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
+from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel
 from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
+from checkweigher_recording.simulation.simulator import SimulationParameters
 
 FREQUENCY, DAMPING, MASS, STEP = 38.0, 0.06, 2.5, 1 / 7680
 
@@ -54,11 +55,8 @@ def test_a_change_of_the_load_leaves_no_trace():
 
 
 def test_a_product_that_rolls_on_moves_the_platform_as_the_equation_says():
-    line = Line(
-        speed=1.5, speed_jitter=0.0, spacing=0.66, product_length=0.1, weigh_length=0.2,
-        masses=(0.25,), count=1, first_entry=0.01,
-    )  # fmt: skip
-    belt = BeltTravel(line, np.random.Generator(np.random.PCG64(1)))
+    line = SimulationParameters(speed=1.5, masses=(0.25,), count=1, lead_in=0.01)
+    belt = BeltTravel(line, STEADY, np.random.default_rng(1))
     belt.plan(-0.1, 0.5)
     time = np.arange(1920) * STEP
     middle = time + STEP / 2

@@ -22,6 +22,7 @@ and does not mean that a machine conforms.
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 import math
 
 from checkweigher_core.records import GRAMS
@@ -167,13 +168,12 @@ def smallest_interval(name: str, maximum: float) -> float:
     """
     own = AccuracyClass(name)
     _check_positive(maximum, 'Max')
-    for exponent in range(-6, math.ceil(math.log10(maximum)) + 1):
-        for digit in (1, 2, 5):
-            interval = float(f'{digit}e{exponent}')
-            fewest, most = _interval_counts(own.name, interval)
-            count = maximum / interval
-            if fewest <= count * _ON_BOUND and count <= most * _ON_BOUND:
-                return interval
+    exponents = range(-6, math.ceil(math.log10(maximum)) + 1)
+    for exponent, digit in product(exponents, (1, 2, 5)):
+        interval = float(f'{digit}e{exponent}')
+        fewest, most = _interval_counts(own.name, interval)
+        if fewest / _ON_BOUND <= maximum / interval <= most * _ON_BOUND:
+            return interval
     raise ValueError(f'class {own.name} has no verification scale interval for Max {maximum:g} kg')
 
 

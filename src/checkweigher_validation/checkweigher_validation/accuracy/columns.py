@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of the results of items, each with name, unit and value, and their CSV file."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 import csv
 from dataclasses import dataclass
 from enum import Enum
 from itertools import chain
 import math
 import re
-from typing import Any, TextIO
+from types import SimpleNamespace
+from typing import Any
 
 from checkweigher_core.records import GRAMS, NANOSECONDS
 from checkweigher_validation.accuracy.results import ItemResult
@@ -82,18 +83,19 @@ COLUMNS = (
 )
 
 
-def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
-    """Write results as CSV: one row per item; an unknown value is empty."""
+def items_as_csv(results: Iterable[ItemResult]) -> Iterator[str]:
+    """Yield the lines of a CSV file: a row per item after the header; an unknown value is empty."""
     names = [[column.name for column in COLUMNS]]
-    write_rows(file, chain(names, ([each.text(item) for each in COLUMNS] for item in results)))
+    return rows_as_csv(chain(names, ([each.text(item) for each in COLUMNS] for item in results)))
 
 
-def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows as CSV.
+def rows_as_csv(rows: Iterable[Iterable[object]]) -> Iterator[str]:
+    """Yield rows as lines of CSV.
 
     A text that a spreadsheet would evaluate, such as a folder name that begins with =, is prefixed
     with an apostrophe.
     """
+    file: Any = SimpleNamespace(write=str)  # `writerow` returns the result of `write`, the line
     writer = csv.writer(file, lineterminator='\n')
     for row in rows:
-        writer.writerow([f"'{each}" if _FORMULA.match(str(each)) else each for each in row])
+        yield writer.writerow([f"'{each}" if _FORMULA.match(str(each)) else each for each in row])

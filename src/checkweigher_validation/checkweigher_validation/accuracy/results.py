@@ -64,10 +64,11 @@ class ResultJoiner:
         del self._outfeed[: bisect_left(self._outfeed, (t1, False))]
         self._references.forget(t1)
 
-    def join(self, estimate: MassEstimate, verdict: Verdict) -> ItemResult:
+    def join(self, weighing: Weighing) -> ItemResult:
         """Return the result of one item."""
+        estimate = weighing.estimate
         reference = self._references.at(estimate.t1)
-        return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
+        return ItemResult(estimate, weighing.verdict, self._t4(estimate.t3), reference)
 
     def is_complete(self, estimate: MassEstimate, known: int) -> bool:
         """Return whether an item is complete, given all events before `known`, ns."""
@@ -99,7 +100,7 @@ def weigh(
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
     joiner = ResultJoiner(recording.edges, recording.references)
-    results = [joiner.join(each.estimate, each.verdict) for each in line.weigh_all(events)]
+    results = map(joiner.join, line.weigh_all(events))
     return sorted(results, key=lambda result: result.estimate.item_id)
 
 
@@ -133,11 +134,10 @@ def weigh_stretches(
             if not joiner.is_complete(estimate, known):
                 break
             following = estimate.item_id + 1
-            yield joiner.join(estimate, waiting.pop(0).verdict)
+            yield joiner.join(waiting.pop(0))
             if estimate.t1 is not None:
                 joiner.forget(estimate.t1)
-    for weighing in waiting:
-        yield joiner.join(weighing.estimate, weighing.verdict)
+    yield from map(joiner.join, waiting)
 
 
 TABLE_HEADER = (

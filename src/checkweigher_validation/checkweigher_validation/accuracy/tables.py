@@ -3,7 +3,6 @@
 """An evaluation as a table for a terminal, as CSV and as JSON."""
 
 from collections.abc import Iterator
-import io
 import json
 import math
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
-from checkweigher_validation.accuracy.columns import write_rows
+from checkweigher_validation.accuracy.columns import rows_as_csv
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
 from checkweigher_validation.accuracy.paper_table import comparable_index, has_paper_masses
 
@@ -43,9 +42,7 @@ def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyCla
         judged = judge(one, accuracy_class)
         limits = {'max_mean_error_kg': judged.max_error, 'max_std_dev_kg': judged.max_std_dev}
         rows.append(_csv_row(_values(one) | limits) | {'within_class': int(judged.passed)})
-    file = io.StringIO()
-    write_rows(file, [rows[0], *(row.values() for row in rows)])
-    return file.getvalue()
+    return ''.join(rows_as_csv([rows[0], *(row.values() for row in rows)]))
 
 
 def json_text(evaluation: Evaluation) -> str:
@@ -155,12 +152,11 @@ def _text_block(
         covered = (cell(100 * coverage(conditions, level), 0) for level in LEVELS)
         passed = sum(judge(one, accuracy_class).passed for one in conditions)
         paper = comparable_index(evaluation, estimator, speed)
-        row = (
+        yield (
             f'{"":>6}  {estimator:<14}'
             + ''.join(f'{cell(GRAMS * value, 3):>9}' for value in values)
             + f'{cell(means.ratio, 2):>8}'
             + ''.join(f'{share:>8}' for share in covered)
             + f'{means.faults:>8}{f"{passed}/{len(conditions)}":>8}'
             + f'{cell(GRAMS * paper, 3, unknown=""):>11}'
-        )
-        yield row.rstrip()
+        ).rstrip()

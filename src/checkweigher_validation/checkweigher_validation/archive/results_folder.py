@@ -4,12 +4,16 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields, replace
-from io import StringIO
 from pathlib import Path
 
 from checkweigher_core.printable import counted
-from checkweigher_core.whole_file import check_folder_of, output_error, write_whole
-from checkweigher_validation.accuracy.columns import write_rows
+from checkweigher_core.whole_file import (
+    check_folder_of,
+    make_output_folder,
+    output_error,
+    write_whole,
+)
+from checkweigher_validation.accuracy.columns import rows_as_csv
 from checkweigher_validation.archive.results_file import BagSummary, read_origin
 from checkweigher_validation.archive.weighing import Weighed, WeighJob, origin_of
 
@@ -30,10 +34,7 @@ class ResultsFolder:
         self._names = {job.bag: f'{name}.parquet' for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
         self._before: dict[str, BagSummary] = {}  # earlier results, by bag
-        try:
-            path.mkdir(exist_ok=True)
-        except OSError as error:
-            raise output_error(path, error) from None
+        make_output_folder(path, exist_ok=True)
         check_folder_of(path / SUMMARY)
         self.jobs = [replace(job, known=self._known(job)) for job in jobs.values()]
 
@@ -110,6 +111,4 @@ class ResultsFolder:
             values = asdict(each.summary) if each.summary else dict.fromkeys(columns)
             values['notes'] = '; '.join(values['notes'] or ())
             rows.append([each.bag, name, *values.values(), each.problem])
-        text = StringIO()
-        write_rows(text, rows)
-        write_whole(self._path / SUMMARY, text.getvalue())
+        write_whole(self._path / SUMMARY, rows_as_csv(rows))

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from checkweigher_core.changes import ALARM, RECORD
-from checkweigher_core.records import GRAMS, NANOSECONDS, Alarm, Decision, Verdict
+from checkweigher_core.records import GRAMS, Alarm, Decision, Verdict
 from checkweigher_production.alarms import alarm_of
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.batch_record import RecordError, read_events
@@ -41,8 +41,6 @@ class BatchItem:
     Raises `ValueError` if the item was accepted without a mass.
     """
 
-    number: int
-    stamp: int | None  # t3, ns
     decision: Decision
     reasons: tuple[str, ...]
     mass: float  # of the contents, kg; NaN if the item was not weighed
@@ -80,12 +78,11 @@ class Batch:
 
     def with_log(self, entries: Sequence[Entry]) -> 'Batch':
         """Return the batch with its entries in an audit log and a comparison with that log."""
-        end = self.end or '~'
         found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
         in_log = InLog.ABSENT
         if found:
             in_log = InLog.AGREES if found[-1] == self.sha256 else InLog.DIFFERS
-        during = [e for e in entries if self.begin <= e.time <= end]
+        during = [e for e in entries if self.begin <= e.time <= (self.end or '~')]
         alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
         last = {(alarm.source, alarm.reason, alarm.first): alarm for alarm in alarms}
         changes = tuple(e for e in during if e.kind != ALARM)
@@ -99,11 +96,8 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 
 
 def read_csv(path: Path, product: Product) -> Batch:
-    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if there is none."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BatchError(f'{path}: {error.strerror}') from None
+    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if it is no such file."""
+    data = path.read_bytes()
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
     needed = {'item_id', 't3', 'mass_g', 'decision', 'reasons'}
     if missing := sorted(needed - set(rows.fieldnames or ())):
@@ -114,8 +108,8 @@ def read_csv(path: Path, product: Product) -> Batch:
             items.append(_item_of_row(row, product.tare))
         except (KeyError, TypeError, ValueError) as error:
             raise BatchError(f'{path}:{rows.line_num}: is no item: {error}') from None
-    part = Part(product, tuple(items))
-    return Batch(path.stem, str(path), (part,), sha256=hashlib.sha256(data).hexdigest())
+    parts = (Part(product, tuple(items)),)
+    return Batch(path.stem, str(path), parts, sha256=hashlib.sha256(data).hexdigest())
 
 
 def read_record(path: Path) -> Batch:
@@ -154,13 +148,10 @@ def read_record(path: Path) -> Batch:
 
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:
-    mass = verdict.mass - tare
-    return BatchItem(verdict.item_id, verdict.t3, verdict.decision, verdict.reasons, mass)
+    return BatchItem(verdict.decision, verdict.reasons, verdict.mass - tare)
 
 
 def _item_of_row(row: dict[str, str], tare: float) -> BatchItem:
-    whole, _, part = row['t3'].partition('.')
-    stamp = int(whole) * NANOSECONDS + int(part.ljust(9, '0')) if whole else None
     mass = float(row['mass_g']) / GRAMS - tare if row['mass_g'] else math.nan
     reasons = tuple(filter(None, row['reasons'].split(';')))
-    return BatchItem(int(row['item_id']), stamp, Decision[row['decision']], reasons, mass)
+    return BatchItem(Decision[row['decision']], reasons, mass)

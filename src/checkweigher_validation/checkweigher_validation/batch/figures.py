@@ -3,7 +3,7 @@
 """Figures of a batch: counts, mean, rules, reference test, histogram and control chart."""
 
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
@@ -37,8 +37,8 @@ class PartFigures:
     edges: NDArray[np.float64]  # (bins + 1,), of the histogram
     counts: NDArray[np.int64]  # (bins,)
     chart: ControlChart | None
-    judgement: BatchJudgement | None = None
-    reference: ReferenceTest | None = None
+    judgement: BatchJudgement | None
+    reference: ReferenceTest | None
 
     @property
     def items(self) -> int:
@@ -68,7 +68,8 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
     reasons = Counter(why for item in rejected for why in item.reasons or (item.decision.name,))
     masses = np.array([item.mass for item in part.items if item.decision is Decision.ACCEPT])
     counts, edges = _histogram(masses)
-    figures = PartFigures(
+    judged = len(masses) > 0 and SMALLEST <= nominal <= LARGEST
+    return PartFigures(
         part.product,
         {each.name: decisions[each] for each in Decision},
         dict(reasons.most_common()),
@@ -76,11 +77,9 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
         edges,
         counts,
         control_chart(masses.tolist()),
+        judge_batch(masses, nominal) if judged else None,
+        reference_test(masses.tolist(), nominal, seed, plan) if judged else None,
     )
-    if not len(masses) or not SMALLEST <= nominal <= LARGEST:
-        return figures
-    reference = reference_test(masses.tolist(), nominal, seed, plan)
-    return replace(figures, judgement=judge_batch(masses, nominal), reference=reference)
 
 
 def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -90,8 +89,7 @@ def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[
     edges = np.histogram_bin_edges(masses, 'fd' if np.ptp(masses) > 0 else 1)
     if len(edges) > _MOST_BINS + 1:
         edges = np.histogram_bin_edges(masses, _MOST_BINS)
-    counts, edges = np.histogram(masses, edges)
-    return counts, edges
+    return np.histogram(masses, edges)
 
 
 def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:

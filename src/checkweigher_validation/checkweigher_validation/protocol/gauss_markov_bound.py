@@ -18,7 +18,7 @@ few parts in a thousand and would give an estimator almost no information.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, reduce
 import math
 from operator import mul
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangular
 from scipy.signal import StateSpace, butter, tf2ss
 
-from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
+from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel
 from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.noise import FLOOR_BAND, FLOOR_BANDWIDTH
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
@@ -77,9 +77,8 @@ def bound_of(model: PassModel) -> float:
 def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.3) -> PassModel:
     """Return response and covariance of a pass; parameters as in `bound`."""
     simulated = _SimulatedPass(parameters, mass, before)
-    response = simulated.response(simulated.load) / mass
     noise = simulated.lines() + simulated.impact() + simulated.white_noise()
-    return PassModel(simulated.sample_time(), response, noise)
+    return PassModel(simulated.sample_time(), simulated.response(simulated.load) / mass, noise)
 
 
 class _SimulatedPass:
@@ -102,17 +101,8 @@ class _SimulatedPass:
         self._entry = entry
         self._samples = entry + last
         self._t1 = entry / sample_rate
-        line = Line(
-            speed=parameters.speed,
-            speed_jitter=0.0,
-            spacing=parameters.spacing,
-            product_length=parameters.product_length,
-            weigh_length=parameters.weigh_length,
-            masses=(mass,),
-            count=1,
-            first_entry=self._t1,
-        )
-        belt = BeltTravel(line, np.random.Generator(np.random.PCG64(0)))
+        line = replace(parameters, masses=(mass,), count=1, lead_in=self._t1)
+        belt = BeltTravel(line, STEADY, np.random.default_rng(0))
         steps = np.arange(self._samples * OVERSAMPLING, dtype=np.float64)
         self._time = (steps + 0.5 - (OVERSAMPLING - 1) / 2) * self._step
         belt.plan(float(self._time[0]), float(self._time[-1]))

@@ -93,13 +93,12 @@ def run_machine(
 ) -> MachineRun:
     """Simulate one machine at one speed, and compute the attainable accuracy there."""
     eyes, without = unchecked(segmenter), protocol.without
-    masses = protocol.training_masses
-    train = passes_of(machine, speed, masses, protocol.training, 0, eyes, without)
+    train = passes_of(machine, speed, protocol.training_masses, protocol.training, 0, eyes, without)
     test = passes_of(machine, speed, MASSES, PASSES, 1, eyes, without)
     untrained = passes_of(machine, speed, MASSES, PASSES, 1, segmenter, without)
     further = passes_of(machine, speed, MASSES, protocol.further, 2, eyes, without)
-    whole = [each for each in test if each.whole]
-    errors = attainable_errors([each for each in further if each.whole], whole)
+    whole = whole_passes(test)
+    errors = attainable_errors(whole_passes(further), whole)
     weighed = np.array([each.mass for each in whole])
     attainable = []
     for mass in MASSES:

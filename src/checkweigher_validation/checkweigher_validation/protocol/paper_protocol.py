@@ -33,9 +33,8 @@ PASSES = 120  # of each mass at each speed: the first half trains, the second ha
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Passes of one nominal speed in m/s, in halves, and the parameters of their simulation."""
+    """Passes of one nominal speed, in halves, and the parameters of their simulation."""
 
-    speed: float
     train: tuple[KnownPass, ...]
     test: tuple[KnownPass, ...]
     simulation: SimulationParameters
@@ -70,7 +69,7 @@ def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameter
     )
     simulation = Simulation(parameters)
     known = tuple(known_passes(simulation.load_cell, simulation, segmenter))
-    return Run(speed, known[: len(each)], known[len(each) :], parameters)
+    return Run(known[: len(each)], known[len(each) :], parameters)
 
 
 def evaluate_protocol(
@@ -91,11 +90,11 @@ def evaluate_protocol(
     runs = run_jobs(simulations, n_jobs, 'simulating')
     computations = [partial(bound, run.simulation, mass) for run in runs for mass in MASSES]
     bounds = iter(run_jobs(computations, n_jobs, 'computing the bound'))
-    groups = [SpeedGroup(run.speed, whole_passes(run.train)) for run in runs]
+    groups = [SpeedGroup(run.simulation.speed, whole_passes(run.train)) for run in runs]
     tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
     sets = []
     for run in runs:
         bound_of = {mass: next(bounds) for mass in MASSES}
         for part, passes in (('train', run.train), ('test', run.test)):
-            sets.append(PassSet(run.speed, part, passes, bound_of))
+            sets.append(PassSet(run.simulation.speed, part, passes, bound_of))
     return evaluate_sets(sets, [tuned[name].parameters for name in estimators], n_jobs), tuned

@@ -73,7 +73,6 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
 def picture(name: str, figure: Figure, caption: str) -> Markup:
     """Return a figure with its caption; `name` is a prefix that makes its ids unique."""
     caption = Markup(' ').join(caption.split())
-    svg = Markup(to_inline_svg(figure, name, caption))
     return Markup(
         '<figure>\n<div class="scroll">{}</div>\n<figcaption>{}</figcaption>\n</figure>'
-    ).format(svg, caption)
+    ).format(Markup(to_inline_svg(figure, name, caption)), caption)

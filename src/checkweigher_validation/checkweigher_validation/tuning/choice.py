@@ -43,15 +43,13 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
         name: float(np.std(without[name] - without[best]) * math.sqrt(len(without[name]) - 1))
         for name in others
     }
+    losses = {name: f'{_percent(more[name])} +- {_percent(errors[name])}' for name in others}
     for name in names[: names.index(best)]:
         if more[name] + errors[name] <= _NEGLIGIBLE:
-            loss = f'{_percent(more[name])} +- {_percent(errors[name])}'
             why = f'simpler than {best}, whose A is smaller by next to nothing'
-            return name, f'{name}: {why}, {loss}'
-    second = others[0]
-    loss = f'{_percent(more[second])} +- {_percent(errors[second])}'
-    why = f'smallest A on held-out passes; that of {second} is larger by'
-    return best, f'{best}: {why} {loss}'
+            return name, f'{name}: {why}, {losses[name]}'
+    why = f'smallest A on held-out passes; that of {others[0]} is larger by'
+    return best, f'{best}: {why} {losses[others[0]]}'
 
 
 def _log_index(tuned: Tuned, block: int | None) -> float:

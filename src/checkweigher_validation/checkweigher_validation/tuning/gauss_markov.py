@@ -72,9 +72,8 @@ class TunedGaussMarkov(Tunable):
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
         """Return the noise model of some of the passes, with its order."""
         if not self.known.sample_rate:
-            model = GaussMarkovParameters()
             names = ('order', 'reflection', 'noise', 'impact')
-            return {name: getattr(model, name) for name in names}
+            return {name: getattr(GaussMarkovParameters(), name) for name in names}
         group = replace(self.group, passes=tuple(self.group.passes[row] for row in rows))
         order = round(values['order'])
         reflections, std_dev, impact = fit_noise(group, self.known, order)

@@ -190,9 +190,8 @@ class TunedLearned(Tunable):
                 scatter = _evidence(group, layout).select(led).scatter
                 variance = np.trace(scatter) / layout.count / np.count_nonzero(led)
                 elsewhere += scatter / max(variance, _LEAST_VARIANCE)
-        settle = self.base.segmenter.settle_time
         windows = [each.window for each in self.group.passes]
-        noise = toeplitz(empty_belt_covariances(windows, layout, settle))
+        noise = toeplitz(empty_belt_covariances(windows, layout, self.base.segmenter.settle_time))
         time = np.maximum(np.arange(layout.count) - layout.lead + 0.5, 0.0)
         deviations = [each.zero_std_dev / each.counts_per_kg for each in windows]
         zero = float(np.mean(np.square(deviations)))

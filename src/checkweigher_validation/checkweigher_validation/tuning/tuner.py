@@ -118,7 +118,11 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
-    tasks = _tasks(groups, lines)
+    tasks = [
+        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
+        for name, line in lines.items()
+        for group in groups
+    ]
     found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
     for (task, _), error in broken.items():
         failed.setdefault(task.name, error)
@@ -142,25 +146,18 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
         raise TuningError('no whole pass of known mass')
 
 
-def _tasks(groups: Sequence[SpeedGroup], lines: Mapping[str, LineParameters]) -> list[Tunable]:
-    return [
-        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
-        for name, line in lines.items()
-        for group in groups
-    ]
-
-
 def _jobs(
     tasks: Sequence[Tunable], budget: int
 ) -> dict[tuple[Tunable, int | None], Callable[[], Any]]:
     """Return the jobs by task and fold; None tunes on all passes, the others check a fold."""
-    jobs: dict[tuple[Tunable, int | None], Callable[[], Any]] = {
-        (task, None): partial(_tune_speed, task, budget) for task in tasks
+    return {
+        **{(task, None): partial(_tune_speed, task, budget) for task in tasks},
+        **{
+            (task, fold): partial(_check_fold, task, budget, fold)
+            for task in tasks
+            for fold in _folds(task.group)
+        },
     }
-    for task in tasks:
-        for fold in _folds(task.group):
-            jobs[task, fold] = partial(_check_fold, task, budget, fold)
-    return jobs
 
 
 def _run(

@@ -191,8 +191,7 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
 
 
 def _excesses(result: Result, judgement: Judgement, in_y: bool) -> Iterator[str]:
-    kind = result.attempt.step.kind
-    if kind != StepKind.REPEATABILITY:
+    if result.attempt.step.kind != StepKind.REPEATABILITY:
         if not judgement.error_passed:
             yield f'{"the error of a pass" if in_y else "the mean error"} is beyond its limit'
     elif in_y and not result.spread <= result.max_error:

@@ -116,7 +116,9 @@ def read_procedure(path: Path) -> Procedure:
         raise BagError(f'{path}: holds no verification; "verify" with a plan records one')
     try:
         plan = read_plan(texts[StepState.PLAN])
-        identity, changes = _identity(texts[StepState.IDENTITY])
+        known = json.loads(texts[StepState.IDENTITY])
+        identity = {name: known[name] for name in IDENTITY}
+        changes = known.get('changes')
     except (KeyError, ValueError) as error:
         raise BagError(f'{path}: its plan or identity cannot be used: {error}') from None
     recording = read_bag(path)
@@ -138,15 +140,8 @@ def read_procedure(path: Path) -> Procedure:
         zeros=tuple(found[ports.ZERO_SETTING.name]),
         digest=mcap_digest(path),
         faults_between=tuple(_faults_between(passes, attempts)),
-        changes=changes,
+        changes=None if changes is None else tuple(changes),
     )
-
-
-def _identity(text: str) -> tuple[dict[str, str | None], tuple[str, ...] | None]:
-    """Return the identity and the changes; KeyError if a key of the identity is missing."""
-    found = json.loads(text)
-    changes = found.pop('changes', None)
-    return {name: found[name] for name in IDENTITY}, None if changes is None else tuple(changes)
 
 
 def item_passes(

@@ -3,7 +3,6 @@
 """Results of stretches of a recording, and the summary below a table of items."""
 
 from dataclasses import astuple
-from io import StringIO
 import itertools
 import math
 
@@ -17,18 +16,18 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Reference
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
-from checkweigher_validation.accuracy.columns import write_rows
+from checkweigher_validation.accuracy.columns import rows_as_csv
 from checkweigher_validation.accuracy.results import ErrorSum, weigh, weigh_stretches
 
 MEAN = LineParameters().with_estimator('mean')
 
 
 def test_a_text_that_a_spreadsheet_would_calculate_is_written_as_text():
-    text = StringIO()
-    write_rows(
-        text, [['=HYPERLINK("x")', '@a', '-1+1', '+x'], ['-0.25', '+1e-3', 'a=b', -2.5, None]]
-    )
-    assert text.getvalue() == '"\'=HYPERLINK(""x"")",\'@a,\'-1+1,\'+x\n-0.25,+1e-3,a=b,-2.5,\n'
+    rows = [['=HYPERLINK("x")', '@a', '-1+1', '+x'], ['-0.25', '+1e-3', 'a=b', -2.5, None]]
+    assert list(rows_as_csv(rows)) == [
+        '"\'=HYPERLINK(""x"")",\'@a,\'-1+1,\'+x\n',
+        '-0.25,+1e-3,a=b,-2.5,\n',
+    ]
 
 
 def stretches(recording, seconds):

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 import shutil
 
+from lines import simulated, write_line
 import pyarrow.parquet as pq
 import pytest
 
@@ -15,8 +16,6 @@ from checkweigher_core.records import GRAMS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 from checkweigher_validation.accuracy.columns import COLUMNS
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_validation.archive import weighing
@@ -29,10 +28,7 @@ PARAMETERS = LineParameters()
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    recording = simulate(SimulationParameters(count=6))
-    path = tmp_path_factory.mktemp('bags') / 'shift1'
-    write_bag(path, recording.load_cell, recording)
-    return path
+    return write_line(tmp_path_factory.mktemp('bags') / 'shift1', simulated(count=6))
 
 
 def job(bag: Path, **changes: object) -> WeighJob:

@@ -59,19 +59,15 @@ def test_each_test_is_judged_by_its_own_limits(
 
 
 @pytest.mark.parametrize(
-    ('values', 'failures'),
+    ('plan', 'values', 'failures'),
     [
         # 1.5 e of each at 745 e: a mean of 0 does not help.
-        ({'masses': [74.36, 74.5, 74.64], 'plan': IN_Y}, ()),
-        (
-            {'masses': [74.34, 74.5, 74.66], 'plan': IN_Y},
-            ('the error of a pass is beyond its limit',),
-        ),
-        ({'masses': [74.5] * 3, 'speed': 1.06, 'plan': PLAN}, ('the belt ran at 63.6 m/min',)),
+        (IN_Y, {'masses': [74.36, 74.5, 74.64]}, ()),
+        (IN_Y, {'masses': [74.34, 74.5, 74.66]}, ('the error of a pass is beyond its limit',)),
+        (PLAN, {'masses': [74.5] * 3, 'speed': 1.06}, ('the belt ran at 63.6 m/min',)),
     ],
 )
-def test_category_y_bounds_each_pass_and_the_speed_is_that_of_the_plan(values, failures):
-    plan, values = values['plan'], {key: values[key] for key in values if key != 'plan'}
+def test_category_y_bounds_each_pass_and_the_speed_is_that_of_the_plan(plan, values, failures):
     made = procedure_of(attempt_of('passes_60_small', **values), plan=plan)
     assert outcome_of(made).results[0].failures == failures
 

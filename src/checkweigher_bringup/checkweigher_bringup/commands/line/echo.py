@@ -6,6 +6,7 @@ checkweigher echo --namespace lane1
 """
 
 import argparse
+from contextlib import closing, suppress
 import math
 import queue
 import time
@@ -27,13 +28,12 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
 
-    namespace = check_namespace(arguments.namespace)
     check_positive(arguments, 'count', 'duration')
     count, end = arguments.count or math.inf, time.monotonic() + (arguments.duration or math.inf)
-    with spinning(namespace) as spinner:
-        node, table = EchoNode(), ItemTable()
+    with spinning(check_namespace(arguments.namespace)) as spinner, closing(ItemTable()) as table:
+        node = EchoNode()
         spinner.add(node)
-        try:
+        with suppress(KeyboardInterrupt):
             while table.count < count and time.monotonic() < end:
                 try:
                     table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
@@ -41,8 +41,4 @@ def run(arguments: argparse.Namespace) -> int:
                     if time.monotonic() - node.heard > _PATIENCE:
                         node.heard = time.monotonic()
                         warn(node.silence())
-        except KeyboardInterrupt:
-            pass
-        finally:
-            table.close()
     return 0

@@ -37,8 +37,7 @@ OPTIONS = (
 
 def run(given: argparse.Namespace) -> int:
     """Serve the page until interrupted."""
-    from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.settings import check_namespace
+    from checkweigher_bringup.settings import check_namespace, refuse
     from checkweigher_core.whole_file import check_folder_of
     from checkweigher_web.access.site import Site
 
@@ -46,17 +45,13 @@ def run(given: argparse.Namespace) -> int:
     site = Site(
         given.host, given.port, given.certificate, given.key, given.users, given.origin, given.idle
     )
-    if given.trust is not None and given.bag is not None:
-        raise UserError('--trust: of a running line only; for its log there is checkweigher audit')
-    if given.keep is not None:
-        if given.bag is not None:
-            raise UserError('--keep: of a running line only; for a bag there is checkweigher keep')
-        check_folder_of(given.keep / 'item')
     if given.bag is not None:
+        refuse(given, 'of a running line only; for its log there is checkweigher audit', 'trust')
+        refuse(given, 'of a running line only; for a bag there is checkweigher keep', 'keep')
         return _serve_bag(given, site, namespace)
-    for name in ('params', 'estimator', 'report'):
-        if getattr(given, name) is not None:
-            raise UserError(f'--{name}: goes with --bag only')
+    refuse(given, 'goes with --bag only', 'params', 'estimator', 'report')
+    if given.keep is not None:
+        check_folder_of(given.keep / 'item')
     from checkweigher_production.audit_seal import public_key
     from checkweigher_web.server import serve
 

@@ -63,8 +63,7 @@ def _run_host(arguments: argparse.Namespace) -> int:
 
     if arguments.line is None or arguments.host is None:
         raise UserError('--line and --host belong together: the file, and a host of it')
-    options = vars(arguments).keys() - {'command', 'run', 'line', 'host'}
-    for name in sorted(options):
+    for name in sorted(vars(arguments).keys() - {'command', 'run', 'line', 'host'}):
         if getattr(arguments, name):
             option = name.replace('_', '-')
             raise UserError(f'--{option}: the line description says that; see docs/hosts.md')

@@ -83,9 +83,8 @@ def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None
         lines.append('nothing on /diagnostics: is the line running, and in this ROS_DOMAIN_ID?')
     width = get_terminal_size().columns
     lines += lane_table(rows, width) if lanes else table(rows, width, values=values)
-    screen = sys.stdout.isatty()
-    clear = '\033[H\033[J' if screen else ''
-    print(clear + '\n'.join(lines) + ('' if screen else '\n'), flush=True)
+    before, after = ('\033[H\033[J', '\n') if sys.stdout.isatty() else ('', '\n\n')
+    print(before + '\n'.join(lines), end=after, flush=True)
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
@@ -116,11 +115,10 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
     room = max(width - len(indent), _NARROWEST)
     for row in rows:
         text, _, hint = row.message.partition('; ')
-        begin = _COLUMNS.format(row.level.name, row.node, row.aspect, wide=wide)
         lines = textwrap.wrap(text, room) or ['']
         if hint:
             lines += textwrap.wrap('-> ' + hint, room, subsequent_indent='   ')
         if values or row.level != Level.OK:
             lines += textwrap.wrap(', '.join(f'{key} {value}' for key, value in row.values), room)
-        yield begin + lines[0]
+        yield _COLUMNS.format(row.level.name, row.node, row.aspect, wide=wide) + lines[0]
         yield from (indent + line for line in lines[1:])

@@ -33,21 +33,16 @@ OPTIONS = (
 )
 
 
-def _check(action: str, name: str | None, role: str | None) -> None:
-    """Raise UserError unless an action has exactly the options that it needs."""
-    if (name is None) != (action == 'list'):
-        raise UserError(f'{action}: must have a NAME, and only list has none')
-    if (role is None) != (action != 'add'):
-        raise UserError(f'{action}: must have a --role, and only add has one')
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Change or show the users file."""
     from checkweigher_web.access import users as accounts
 
-    path, action, name = arguments.users, arguments.action, arguments.name
-    path = path or accounts.default_users()
-    _check(action, name, arguments.role)
+    path = arguments.users or accounts.default_users()
+    action, name = arguments.action, arguments.name
+    if (name is None) != (action == 'list'):
+        raise UserError(f'{action}: must have a NAME, and only list has none')
+    if (arguments.role is None) != (action != 'add'):
+        raise UserError(f'{action}: must have a --role, and only add has one')
     if action == 'list':
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')

@@ -69,15 +69,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _read(arguments: argparse.Namespace) -> 'Batch':
     from checkweigher_bringup.batch_report import read_recorded
+    from checkweigher_bringup.settings import refuse
     from checkweigher_validation.batch.batch import read_csv
 
     if arguments.source.suffix == '.jsonl':
-        for name in ('nominal', 'recipes', 'product', 'params', 'estimator', 'lane'):
-            if getattr(arguments, name) is not None:
-                raise UserError(f'--{name}: the record of a batch has its product and its masses')
+        why = 'the record of a batch has its product and its masses'
+        refuse(arguments, why, 'nominal', 'recipes', 'product', 'params', 'estimator', 'lane')
         return read_recorded(arguments.source, arguments.audit)
-    if arguments.audit is not None:
-        raise UserError('--audit: only the record of a batch says from when to when it lasted')
+    refuse(arguments, 'only the record of a batch says from when to when it lasted', 'audit')
     product = _product(arguments)
     if arguments.source.suffix == '.csv':
         return read_csv(arguments.source, product)
@@ -93,20 +92,18 @@ def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     if arguments.recipes is not None:
         parameters = parameters.with_values(product.stage_values())
-    recording = read_with_warning(arguments.source, arguments.lane)
-    results = weigh(recording, parameters, progress=True)
+    results = weigh(read_with_warning(arguments.source, arguments.lane), parameters, progress=True)
     return of_results(arguments.source.name, str(arguments.source), results, product)
 
 
 def _product(arguments: argparse.Namespace) -> 'Product':
-    from checkweigher_bringup.settings import recipe_of
+    from checkweigher_bringup.settings import recipe_of, refuse
     from checkweigher_core.records import GRAMS
     from checkweigher_core.settings_files import settings_of
     from checkweigher_production.recipes import Product
 
     if (product := recipe_of(arguments)) is not None:
-        if arguments.nominal is not None:
-            raise UserError('--nominal: the recipe has the nominal weight; give one of both')
+        refuse(arguments, 'the recipe has the nominal weight; give one of both', 'nominal')
         return product
     if arguments.nominal is None:
         raise UserError('which product? Give --nominal, or --recipes and --product')

@@ -27,7 +27,9 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup import output
     from checkweigher_bringup.replaying import replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
+    from checkweigher_core.whole_file import write_whole
     from checkweigher_driver.devices import DriverParameters
+    from checkweigher_validation.accuracy.columns import items_as_csv
     from checkweigher_validation.accuracy.results import ResultJoiner
 
     # Raises ParameterError before anything is done.
@@ -46,8 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
         'bag.namespace': arguments.lane or '',
     }
     weighings = replay(driver, parameters, namespace, processes=arguments.processes)
-    results = [table.show(joiner.join(each.estimate, each.verdict)) for each in weighings]
+    results = [table.show(joiner.join(each)) for each in weighings]
     results.sort(key=lambda result: result.estimate.item_id)
-    output.write_results(arguments.csv, results)
+    if arguments.csv is not None:
+        write_whole(arguments.csv, items_as_csv(results))
     table.close()
     return 0

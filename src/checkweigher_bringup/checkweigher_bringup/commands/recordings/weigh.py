@@ -77,14 +77,13 @@ def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParamet
 
 def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
     """Weigh any number of bags and write the results of each; 1 if a bag was skipped."""
-    from checkweigher_bringup.settings import on_scheduler_of, places_of
+    from checkweigher_bringup.settings import on_scheduler_of, places_of, refuse
     from checkweigher_recording.archive.finding import find_bags, result_names
     from checkweigher_validation.archive.program import program
     from checkweigher_validation.archive.results_folder import ResultsFolder
     from checkweigher_validation.archive.weighing import WeighJob, weigh_bags
 
-    if arguments.csv is not None:
-        raise UserError('--csv: of one bag; --output DIR has the results of all')
+    refuse(arguments, 'of one bag; --output DIR has the results of all', 'csv')
     names = result_names(find_bags(arguments.bags))
     jobs = {
         name: WeighJob(bag, parameters, arguments.lane, program())
@@ -116,7 +115,7 @@ def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tu
     Nothing is shown before the whole bag is read, because an error at its end voids all results.
     """
     from checkweigher_bringup.output import ItemTable, with_warning
-    from checkweigher_validation.accuracy.columns import write_csv
+    from checkweigher_validation.accuracy.columns import items_as_csv
     from checkweigher_validation.accuracy.results import weigh_stretches
 
     stretches = iter(stretches)
@@ -124,7 +123,7 @@ def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tu
     table, rows = _spool(), _spool()
     shown = ItemTable(first.blocks[0].stamp, table)
     recordings = map(with_warning, chain([first], stretches))
-    write_csv(rows, map(shown.show, weigh_stretches(recordings, parameters)))
+    rows.writelines(items_as_csv(map(shown.show, weigh_stretches(recordings, parameters))))
     shown.close()
     table.seek(0)
     rows.seek(0)

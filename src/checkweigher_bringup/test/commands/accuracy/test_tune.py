@@ -3,20 +3,19 @@
 """`tune` and `evaluate` as a user runs them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 import json
 from pathlib import Path
 
 from here import refused
-from lines import simulated
+from lines import simulated, write_line
 import numpy as np
 import pytest
-from running import read_rows, run_command
+from running import Rows, Run, read_rows, run_command
 
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_recording.bags.writing import write_bag
 
-Rows = Callable[..., list[dict[str, str]]]
 Bags = dict[str, list[Path]]
 
 MASSES = (0.0745, 0.1645, 0.2545)  # kg
@@ -27,13 +26,12 @@ FAST = ('--budget', BUDGET, '--jobs', 1)
 
 def bag_of(folder: Path, name: str, **parameters: object) -> Path:
     """Write a bag of a simulated soft machine."""
-    line = simulated(**{'profile': 'soft', 'masses': MASSES, 'count': 18, **parameters})
-    write_bag(folder / name, line.load_cell, line)
-    return folder / name
+    line = {'profile': 'soft', 'masses': MASSES, 'count': 18, **parameters}
+    return write_line(folder / name, simulated(**line))
 
 
 @pytest.fixture(scope='module')
-def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Bags:
     """Bags to train on and others to test on, at two speeds."""
     folder = tmp_path_factory.mktemp('bags')
     return {
@@ -67,7 +65,7 @@ def errors(rows: list[dict[str, str]]) -> np.ndarray:
 
 @pytest.mark.parametrize('estimator', ['iswd_eksi', 'tvlpf'])
 def test_what_was_tuned_on_some_passes_weighs_others_better(
-    bags: Bags, tuned: Path, rows: Rows, tmp_path: Path, estimator: str
+    bags: Bags, tuned: Path, rows: Rows, estimator: str
 ):
     for bag in bags['test']:
         chosen = ('--estimator', estimator)
@@ -105,7 +103,7 @@ def test_between_the_speeds_it_weighs_and_outside_it_says_so(
 
 
 def test_without_a_name_the_best_of_all_on_held_out_passes_is_written(
-    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
+    checkweigher: Run, rows: Rows, tmp_path: Path
 ):
     train, test = (bag_of(tmp_path, f'{seed}', speed=1.0, count=40, seed=seed) for seed in (3, 4))
     path = tmp_path / 'machine.yaml'
@@ -169,10 +167,8 @@ def test_an_output_that_exists(bags: Bags, tmp_path: Path, refused: Refused):
 
 
 def test_a_bag_without_known_masses(tmp_path: Path, refused: Refused):
-    line = simulated(count=4)
-    write_bag(tmp_path / 'bag', line.load_cell, (*line.blocks, *line.edges))
-    message = 'no pass of known mass; the bag needs reference_mass'
-    assert message in refused('tune', tmp_path / 'bag')
+    bag = write_line(tmp_path / 'bag', replace(simulated(count=4), references=()))
+    assert 'no pass of known mass; the bag needs reference_mass' in refused('tune', bag)
 
 
 @pytest.mark.parametrize(
@@ -198,9 +194,7 @@ def test_passes_that_an_estimator_cannot_be_tuned_on(tmp_path: Path, jobs: str, 
 
 
 class TestEvaluation:
-    def test_bags_after_training_on_others(
-        self, bags: Bags, checkweigher: Callable[..., object], tmp_path: Path
-    ):
+    def test_bags_after_training_on_others(self, bags: Bags, checkweigher: Run, tmp_path: Path):
         files = {kind: tmp_path / f'result.{kind}' for kind in ('html', 'csv', 'json', 'tuned')}
         done = checkweigher(
             'evaluate', *bags['test'], '--train', *bags['train'], '--estimator', 'hann', 'tvlpf',
@@ -229,13 +223,11 @@ class TestEvaluation:
         assert parameters.identifier.estimator == 'hann'
         assert parameters.identifier.tvlpf.calibrated
 
-    def test_a_tuned_file_without_training(
-        self, bags: Bags, tuned: Path, checkweigher: Callable[..., object]
-    ):
+    def test_a_tuned_file_without_training(self, bags: Bags, tuned: Path, checkweigher: Run):
         done = checkweigher('evaluate', *bags['test'], '--params', tuned, '--jobs', 1)
         assert 'iswd_eksi' in done.stdout
 
-    def test_the_protocol_of_the_paper(self, checkweigher: Callable[..., object], tmp_path: Path):
+    def test_the_protocol_of_the_paper(self, checkweigher: Run, tmp_path: Path):
         path = tmp_path / 'result.csv'
         options = ('--passes', 12, '--estimator', 'mean', 'hann', '--csv', path, '--jobs', 1)
         done = checkweigher('evaluate', '--protocol', 'paper', *options)
@@ -245,9 +237,7 @@ class TestEvaluation:
         assert len(rows) == 5 * 5 * 2 * 2
         assert {(row['count'], row['faults']) for row in rows} == {('6', '0')}
 
-    def test_machines_beside_what_is_attainable(
-        self, checkweigher: Callable[..., object], tmp_path: Path
-    ):
+    def test_machines_beside_what_is_attainable(self, checkweigher: Run, tmp_path: Path):
         files = {kind: tmp_path / f'result.{kind}' for kind in ('csv', 'json', 'html')}
         outputs = [each for kind, path in files.items() for each in (f'--{kind}', path)]
         done = checkweigher(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recording and listening to a running graph, each in a process of its own."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 import random
@@ -10,12 +10,12 @@ import signal
 import subprocess
 
 from graph import wait_for
-from lines import counts_of, simulated
+from lines import counts_of, simulated, write_line
 import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from running import read_rows, run_command, start_command
+from running import Rows, read_rows, run_command, start_command
 import yaml
 
 from checkweigher_bringup.spinning import spinning
@@ -25,7 +25,6 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.writing import write_bag
 
 RATE = 4
 COUNT = 12
@@ -34,10 +33,7 @@ BEYOND = 40  # events that come when a recorder is killed
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    line = simulated(count=COUNT)
-    path = tmp_path_factory.mktemp('line') / 'bag'
-    write_bag(path, line.load_cell, line)
-    return path
+    return write_line(tmp_path_factory.mktemp('line') / 'bag', simulated(count=COUNT))
 
 
 @contextmanager
@@ -53,9 +49,7 @@ def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.parametrize('processes', [False, True])
-def test_a_recording_of_a_replay_is_whole(
-    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path, processes: bool
-):
+def test_a_recording_of_a_replay_is_whole(bag: Path, rows: Rows, tmp_path: Path, processes: bool):
     flags = ['--processes'] if processes else []
     with started('record', '--output', tmp_path / 'bag', '--namespace', 'taped') as recorder:
         replayed = rows(
@@ -85,7 +79,7 @@ def check_killed(line: Recording, folder: Path, moments: Sequence[int]) -> list[
     A moment is a number of events of the line: a recorder is killed when it has written so many,
     while further ones come. Return for each the items that could be weighed afterwards.
     """
-    write_bag(folder / 'line', line.load_cell, line)
+    write_line(folder / 'line', line)
     events = list(line)
     with ExitStack() as stack:
         recorders = [
@@ -217,9 +211,7 @@ def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
     assert 'no node publishes /other/load_cell/samples' in silence
 
 
-def test_passes_of_a_known_mass_are_recorded_with_it(
-    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
-):
+def test_passes_of_a_known_mass_are_recorded_with_it(bag: Path, rows: Rows, tmp_path: Path):
     with started(
         'record', '--output', tmp_path / 'bag', '--namespace', 'known', '--reference', 150,
         '--passes', 3,

@@ -51,7 +51,7 @@ def test_a_line_that_cannot_start_ends_with_its_reason(tmp_path: Path):
     assert 'there is no such' in line
 
 
-def test_of_two_lines_that_start_at_once_one_goes_on(tmp_path: Path):
+def test_of_two_lines_that_start_at_once_one_goes_on():
     words = ('run', '--namespace', 'twice')
     runs = [start_command(*words, *more) for more in ((), ('--processes',))]
     try:

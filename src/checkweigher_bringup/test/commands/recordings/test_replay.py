@@ -2,22 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The graph over real DDS against the offline path: the same rows to the last bit."""
 
-from collections.abc import Callable
 from pathlib import Path
 import subprocess
 import sys
-import time
 
-from lines import edges_of, saturated_at, simulated, without_block_at, without_edges
+from lines import (
+    edges_of,
+    saturated_at,
+    simulated,
+    without_block_at,
+    without_edges,
+    write_line,
+)
 import pytest
 from rclpy.node import Node
-from running import BAGS, PATIENCE, run_command
+from running import BAGS, PATIENCE, Rows, run_command, wait_for
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.records import NANOSECONDS
-from checkweigher_recording.bags.writing import write_bag
-
-Rows = Callable[..., list[dict[str, str]]]
 
 
 @pytest.fixture(scope='module')
@@ -29,9 +31,7 @@ def faulty_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     line = without_edges(line, *lost)
     line = without_block_at(line, edges[5]['t2'].stamp + NANOSECONDS // 20)
     line = saturated_at(line, edges[7]['t2'].stamp + NANOSECONDS // 20)
-    path = tmp_path_factory.mktemp('faulty') / 'bag'
-    write_bag(path, line.load_cell, line)
-    return path
+    return write_line(tmp_path_factory.mktemp('faulty') / 'bag', line)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_parameters_reach_the_graph_as_they_reach_offline(rows: Rows, tmp_path: 
     assert [row['mass_g'] for row in offline] != [row['mass_g'] for row in rows('weigh', bag)]
 
 
-def test_a_second_driver_on_the_same_topics_is_refused(tmp_path: Path):
+def test_a_second_driver_on_the_same_topics_is_refused():
     driver = subprocess.Popen(
         [
             *(sys.executable, '-m', 'checkweigher_driver.driver_node', '--ros-args'),
@@ -104,10 +104,7 @@ def test_a_second_driver_on_the_same_topics_is_refused(tmp_path: Path):
         with spinning('taken') as spinner:
             node = Node('observer')
             spinner.add(node)
-            end = time.monotonic() + 30
-            while node.count_publishers('/taken/load_cell/samples') == 0:
-                assert time.monotonic() < end, 'the driver did not start'
-                time.sleep(0.05)
+            wait_for(lambda: node.count_publishers('/taken/load_cell/samples'), 'the driver')
         done = run_command('replay', BAGS / 'paper_30', '--namespace', 'taken')
     finally:
         driver.terminate()
@@ -123,8 +120,7 @@ def test_a_second_driver_on_the_same_topics_is_refused(tmp_path: Path):
 
 def test_what_is_learned_on_the_way_is_the_same_in_the_graph(rows: Rows, tmp_path: Path):
     line = simulated(profile='machine:206', speed=1.0, count=40, masses=(0.1645,))
-    bag = tmp_path / 'bag'
-    write_bag(bag, line.load_cell, line)
+    bag = write_line(tmp_path / 'bag', line)
     record = tmp_path / 'of a line'
     record.write_text('that replay must neither read nor write')
     parameters = tmp_path / 'parameters.yaml'
