@@ -27,9 +27,7 @@ LIMIT, LEAST = 4.0, 1e-3
 FINEST = 2e5  # counts per kg, at least: the noise of the machines is 3 to 50 mg
 # Shares of the items, in docs/safety.md. A limiter that leaves half of a change of the load, or
 # more, is not told from a product, nor a step at t1, t2 or t3 from the slope of the load there.
-ESCAPES = {
-    'frozen': 0.005, 'stuck': 0.01, 'offset': 0.03, 'limited': 0.01, 'limited softly': 0.02,
-}  # fmt: skip
+ESCAPES = {'frozen': 0.001, 'stuck': 0.003, 'offset': 0.03, 'limited softly': 0.02}
 KINDS = ('frozen', 'stuck', 'repeated', 'offset', 'limited', 'limited softly')
 
 
