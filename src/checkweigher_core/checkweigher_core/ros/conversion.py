@@ -104,8 +104,8 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     """Return the fields of a record's message by name.
 
-    Header and times are mappings. Arrays are contiguous and of the type of the message. All
-    other fields are plain Python values.
+    Header and times are mappings. Arrays are contiguous and of the type of the message. Nested
+    records are messages of rclpy. All other fields are plain Python values.
     """
     plan = _plan(cast(Any, type(record)))
     form = plan.form

@@ -78,10 +78,8 @@ class Diagnostics:
         try:
             return list(look())
         except Exception as error:  # diagnostics must not stop the line
-            text, hint = (
-                f'{type(error).__name__}: {error}',
-                'a defect of the diagnostics; report it',
-            )
+            text = f'{type(error).__name__}: {error}'
+            hint = 'a defect of the diagnostics; report it'
             return [Finding(aspect, Level.ERROR, text, hint)]
 
     def _summary(self, findings: list[Finding]) -> Finding:

@@ -82,7 +82,8 @@ def is_plausible(window: WeighWindow) -> bool:
         return True
     limit = _OUTLIER * math.sqrt(typical)
     calmer = _is_calmer(rapid[begin - first :], np.clip(empty, -limit, limit))
-    predicted, level = math.erf(1 / math.sqrt(8 * (typical - _ROUNDING))), counts[begin - first :]
+    predicted = math.erf(1 / math.sqrt(8 * (typical - _ROUNDING)))
+    level = counts[begin - first :]
     return not (calmer or _is_repeated(counts, predicted) or _stands_still(level, predicted))
 
 

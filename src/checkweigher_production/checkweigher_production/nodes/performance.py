@@ -80,7 +80,8 @@ class LineTest:
         before, plan = self._tests.state, self._tests.plan
         ended = self._tests.take(verdict, self.clock())
         if ended is not None and plan is not None:
-            entry, author = as_entry(plan, ended, self._reason), Author(ended.who, self._reason)
+            entry = as_entry(plan, ended, self._reason)
+            author = Author(ended.who, self._reason)
             self.trail.saw(changes.TEST, before.product, None, entry, author)
         if self._tests.state is not before:
             self.publish(self._tests.state)
