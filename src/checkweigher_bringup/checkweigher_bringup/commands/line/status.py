@@ -20,11 +20,12 @@ from checkweigher_bringup.commands import DURATION
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
+    from checkweigher_core.health.findings import Level
     from checkweigher_core.ros.status_board import Row, StatusBoard
 
 _PERIOD = 1.0  # s
-_PATIENCE = 5.0  # s, for the first report of a running line
-_FIRST_LOOK = 1.5  # s after the first report, for the reports of all nodes
+_PATIENCE = 5.0  # s, for the first report of each stage of a running line
+_FIRST_LOOK = 1.5  # s after that, for the reports of the other nodes
 _NARROWEST = 40  # columns of text
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
@@ -61,9 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
+    from checkweigher_core.health.findings import Level
+
     end = time.monotonic() + (arguments.duration or math.inf)
     patience = min(time.monotonic() + _PATIENCE, end)
-    while not board.heard and time.monotonic() < patience:
+    while time.monotonic() < patience and Level.STALE in _levels(board):
         time.sleep(0.05)
     if board.heard:
         time.sleep(_FIRST_LOOK)
@@ -73,6 +76,10 @@ def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
         if shown == arguments.count or time.monotonic() >= end:
             return
         time.sleep(_PERIOD)
+
+
+def _levels(board: 'StatusBoard') -> 'set[Level]':
+    return {row.level for row in board.rows(time.monotonic())}
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None:
