@@ -30,12 +30,14 @@ MACHINE = Path(__file__).with_name('belt_machine.py')
 GOOD, LIGHT, HEAVY = 150.0, 80.0, 240.0  # g
 PARAMETERS = """
 /**/segmenter:
-  ros__parameters: {{product_length: 0.1, length_tolerance: 0.04, min_belt_speed: 0.1}}
+  ros__parameters:
+    {{product_length: 0.1, length_tolerance: 0.04, min_belt_speed: 0.1, numbers: {folder}/items}}
 /**/identifier:
   ros__parameters: {{estimator: hann}}
 /**/reject:
   ros__parameters:
-    {{lower_limit: 0.12, upper_limit: 0.2, rejector_distance: 0.5, verdict_margin: 0.2}}
+    {{lower_limit: 0.12, upper_limit: 0.2, rejector_distance: 0.5, verdict_margin: 0.2,
+      numbers: {folder}/verdicts}}
 /**/driver:
   ros__parameters:
     source: aed
@@ -80,7 +82,8 @@ class BeltLine:
         )
         assert self.machine.stdout.readline() == 'ready\n'
         text = PARAMETERS.format(
-            link=link, port=self.port, outputs=outputs, rejector=rejector, watchdog=watchdog
+            **{'link': link, 'port': self.port, 'folder': folder},
+            **{'outputs': outputs, 'rejector': rejector, 'watchdog': watchdog},
         )
         (folder / 'line.yaml').write_text(text, encoding='utf-8')
         self.log = folder / 'log'

@@ -107,14 +107,16 @@ def supervisor_killed(line: BeltLine, rng: random.Random) -> None:
     line.start()
 
 
-def record_damaged(line: BeltLine, rng: random.Random) -> None:
+def state_damaged(line: BeltLine, rng: random.Random) -> None:
+    """Damage or remove the record of the belt, or the numbers of the segmenter or of reject."""
     all_killed(line, rng)
-    data = bytearray(line.record.read_bytes())
+    path = rng.choice([line.record, line.folder / 'items', line.folder / 'verdicts'])
+    data = bytearray(path.read_bytes())
     begin, end = sorted(rng.sample(range(data.index(b'\n')), 2))
     data[begin:end] = rng.choice((b'', b'\0' * (end - begin), rng.randbytes(end - begin)))
-    line.record.write_bytes(rng.choice((b'', data[:begin], data, data)))
+    path.write_bytes(rng.choice((b'', data[:begin], data, data)))
     if rng.random() < 0.2:
-        line.record.unlink()
+        path.unlink()
     line.start()
 
 
@@ -138,7 +140,7 @@ OF_ALL = [
     deactivated('reject'),
     Fault('supervisor killed', supervisor_killed, stops=True),
     Fault('line interrupted', interrupted, stops=True),
-    Fault('line killed, record damaged', record_damaged, stops=True),
+    Fault('line killed, state damaged', state_damaged, stops=True),
 ]
 IN_ONE_PROCESS = [killed('line'), halted('line'), *OF_ALL]
 IN_PROCESSES = [

@@ -169,4 +169,5 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
         touched = {e.subject.split('.')[0] for e in entries if e.kind in ('found', 'parameter')}
         assert touched <= {f'{path}/{node}' for node in ports.NODES}
         if lane is not changed:
-            assert {entry.kind for entry in entries} == {'found', 'calibration'}
+            kinds = {entry.kind for entry in entries} - {'alarm'}  # of a busy machine
+            assert kinds == {'found', 'calibration', 'run'}
