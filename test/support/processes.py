@@ -3,6 +3,7 @@
 """Parameters and processes of a line."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from running import children
@@ -23,12 +24,12 @@ def parameter_file(path: Path, values: Values) -> Path:
 
 def pids_of(pid: int, name: str) -> list[int]:
     """Return the processes of a node, or of a whole ``line``, that a process has started."""
-    module = NODES.get(name, LINE)
-    return [
-        child
-        for child in children(pid)
-        if module in Path(f'/proc/{child}/cmdline').read_text(encoding='utf-8').split('\0')
-    ]
+    module, found = NODES.get(name, LINE), []
+    for child in children(pid):
+        with suppress(FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
+            if module in Path(f'/proc/{child}/cmdline').read_text(encoding='utf-8').split('\0'):
+                found.append(child)
+    return found
 
 
 def resident_memory(pid: int, field: str = 'VmRSS') -> int:
