@@ -136,7 +136,7 @@ class Lane:
             records.clear()
 
     def forget_signals(self) -> None:
-        """Drop samples and windows, because a gap follows while nobody looks."""
+        """Drop samples and windows; the page receives no more until a viewer connects."""
         with self._lock:
             self._blocks.clear()
             self._latest[WeighWindow].clear()

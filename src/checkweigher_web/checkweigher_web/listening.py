@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that subscribe to lanes for the page, and to signals only while somebody looks."""
+"""Nodes that subscribe to lanes for the page, and to signals while a viewer is connected."""
 
 from collections.abc import Callable
 import threading

@@ -93,7 +93,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bits(
         said, errors = process.communicate(timeout=10 * PATIENCE)
         print(
             f'\n{count} bags of {products} products: {took:.1f} s here, '
-            f'{time.monotonic() - begin:.1f} s on a cluster of 3 workers of which one was killed'
+            f'{time.monotonic() - begin:.1f} s on a cluster of 3 workers; the test killed one'
         )
         killer.join()
         assert (process.returncode, errors, found.workers) == (0, '', 2)

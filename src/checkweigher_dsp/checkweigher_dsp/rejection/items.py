@@ -69,7 +69,7 @@ class PendingItems:
         return number in self._judged or number <= self._forgotten
 
     def judged_here(self, number: int) -> bool:
-        """Return whether this process has given an item its verdict, as far as it is known."""
+        """Return whether this process gave the item its verdict; false if it forgot the number."""
         return self._judged.get(number, False)
 
     def judge(self, number: int) -> None:

@@ -145,7 +145,7 @@ class LineBatches:
             production.product = None  # it has not been selected yet
 
     def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
-        """Save product, limits and batch for the next start, if they have changed or `anew`."""
+        """Save product, limits and batch if they have changed, with `anew` in any case."""
         if self._writer is None or self.doubt:
             return
         its = self.production

@@ -82,7 +82,7 @@ class LineAudit:
             self.trail.parameters(f'{self._namespace}/{node}', values, by)
 
     def author_of(self, service: str, node: str = 'product') -> Author:
-        """Return the person who calls a service of a node, or the node if nobody does."""
+        """Return the person who calls a service of `node`; if no person does, return the node."""
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
     def on_change(self, request: Any, response: Any) -> Any:

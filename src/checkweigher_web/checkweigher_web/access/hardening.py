@@ -42,7 +42,7 @@ class PromptProtocol(HttpToolsProtocol):
 
 
 class LineHandler(logging.Handler):
-    """Log handler that writes one line a second at most, whatever a browser sends.
+    """Log handler that writes at most one line a second, even if a browser sends more.
 
     The libraries of the server log malformed input with its line ends, and with tracebacks.
     """

@@ -73,7 +73,7 @@ def test_a_person_logs_in_over_tls(tmp_path: Path):
             each['name'] != cookie['name'] for each in browser.get_cookies()
         )
         assert browser.find_element(By.NAME, 'password')
-        # Whoever trusts the certificate needs no exception.
+        # A client that trusts the certificate needs no exception.
         trusted = ssl.create_default_context(cafile=str(certificate))
         opener = build_opener(ProxyHandler({}), HTTPSHandler(context=trusted))
         with opener.open(f'https://127.0.0.1:{port}/login') as answer:

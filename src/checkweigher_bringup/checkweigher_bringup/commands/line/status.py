@@ -20,7 +20,6 @@ from checkweigher_bringup.commands import DURATION
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
-    from checkweigher_core.health.findings import Level
     from checkweigher_core.ros.status_board import Row, StatusBoard
 
 _PERIOD = 1.0  # s
@@ -63,10 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
     from checkweigher_core.health.findings import Level
+    from checkweigher_core.ros.status_board import worst
 
     end = time.monotonic() + (arguments.duration or math.inf)
     patience = min(time.monotonic() + _PATIENCE, end)
-    while time.monotonic() < patience and Level.STALE in _levels(board):
+    # STALE is the highest level.
+    while time.monotonic() < patience and worst(board.rows(time.monotonic())) == Level.STALE:
         time.sleep(0.05)
     if board.heard:
         time.sleep(_FIRST_LOOK)
@@ -76,10 +77,6 @@ def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
         if shown == arguments.count or time.monotonic() >= end:
             return
         time.sleep(_PERIOD)
-
-
-def _levels(board: 'StatusBoard') -> 'set[Level]':
-    return {row.level for row in board.rows(time.monotonic())}
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None:
