@@ -4,8 +4,7 @@
 
 The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is
 not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE, and none is below
-TU2 = nominal - 2 TNE. The directive rounds a TNE given in percent up to the next 0.1 g (quoted from
-memory). It is not rounded here, so the limits are never less strict.
+TU2 = nominal - 2 TNE. A TNE given in percent is rounded up to the next 0.1 g (2.4).
 
 Nothing here is type-approved for legal metrology. The reference test of Annex II, which draws
 samples, is in `reference_method`.
@@ -13,6 +12,7 @@ samples, is in `reference_method`.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # kg, range of the table
+_STEP = 1e-4  # kg, to which a share is rounded up
 
 # Largest nominal quantity of a row in kg, and its TNE: a share of the quantity, plus kg.
 _ROWS = (
@@ -79,7 +80,9 @@ def tolerable_negative_error(nominal: float) -> float:
             'directive has limits'
         )
     _, share, constant = next(row for row in _ROWS if nominal <= row[0] * (1 + ROUNDING))
-    return share * nominal + constant
+    # Without rounding to `ROUNDING` first, 9 % of 10 g would be 1.0 g.
+    tenths = math.ceil(share * nominal / _STEP * (1 - ROUNDING))
+    return tenths * _STEP + constant
 
 
 def limits(nominal: float) -> Limits:

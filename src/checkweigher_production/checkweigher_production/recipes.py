@@ -79,8 +79,10 @@ class Product(Settings):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
-    tu1: float = math.nan  # of 76/211/EEC; NaN if it has none for this nominal weight
-    tu2: float = math.nan
+    # NaN if 76/211/EEC has none for this nominal weight. The record of a batch keeps the limits
+    # with which the batch began.
+    tu1: float = parameter(math.nan, 'TU1, instead of that of 76/211/EEC', unit='kg', minimum=0)
+    tu2: float = parameter(math.nan, 'TU2, instead of that of 76/211/EEC', unit='kg', minimum=0)
     length: tuple[float, float] = parameter(
         (0.0, math.inf), 'smallest and largest', unit='m', minimum=0, maximum=1e3
     )
@@ -103,10 +105,11 @@ class Product(Settings):
         object.__setattr__(self, 'parameters', _parameters(self.parameters))
         if self.nominal == 0:
             raise SettingsError('must be above 0', 'nominal')
-        if math.isnan(self.tu1) and SMALLEST <= self.nominal <= LARGEST:
+        if SMALLEST <= self.nominal <= LARGEST:
             its = limits(self.nominal)
-            object.__setattr__(self, 'tu1', its.tu1)
-            object.__setattr__(self, 'tu2', its.tu2)
+            for name, limit in (('tu1', its.tu1), ('tu2', its.tu2)):
+                if math.isnan(getattr(self, name)):
+                    object.__setattr__(self, name, limit)
         object.__setattr__(self, 'lower_limit', self._lower_limit())
         for name, side, beyond in (
             ('lower_limit', 'above', self.lower_limit > self.nominal),

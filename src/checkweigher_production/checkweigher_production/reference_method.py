@@ -7,14 +7,16 @@ or two samples (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - 
 was read on legislation.gov.uk, which shows the criteria of 2.3.3 as pictures. Therefore k is taken
 from the same tables in schedule 2 of UK SI 2006/659. It equals t(0.995, n - 1) / sqrt(n) of 2.3.1.
 
-Single sampling follows OIML R 87, whose text was not available. One sample is judged, also for the
-mean, and no prepackage in it may be below TU2. The numbers of R 87 are from the Australian National
-Trade Measurement Regulations 2009, 4.34. The rule on TU2 is from the examples in the Guide to the
-Average Quantity System in Australia.
+Single sampling judges one sample. Its numbers are those of UK SI 2006/659, schedule 2, 3.3 to 3.5.
+The mean of this sample and TU2 are judged as in OIML R 87, whose text was not available: k is from
+the Australian National Trade Measurement Regulations 2009, 4.34, and the rule that no prepackage in
+the sample may be below TU2 is from the examples in the Guide to the Average Quantity System in
+Australia.
 
-A batch of fewer than 100 is tested whole (2.1.3). The directive has no numbers for that. Here, the
-mean must reach the nominal quantity (UK SI 2006/659, 4.7), and the packers' rules apply to the
-shares below TU1 and TU2. A batch at the end of the packing line may exceed 10,000 (2.1.2).
+A batch of fewer than 100 is tested whole (2.1.3). The directive has no numbers for that. UK SI
+2006/659, schedule 2, allows 5 % of it below TU1 (3.6), and its mean must reach the nominal quantity
+(4.7). None may be below TU2, because no such prepackage may be sold (76/211/EEC, Annex I, 5). A
+batch at the end of the packing line may exceed 10,000 (2.1.2).
 
 Nothing here is type-approved for legal metrology.
 """
@@ -27,16 +29,17 @@ import math
 import numpy as np
 
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
-from checkweigher_production.prepackages import MAX_SHARE_BELOW_TU1, batch_of, limits
+from checkweigher_production.prepackages import batch_of, limits
 
 WHOLE_BELOW = 100  # prepackages; a smaller batch is tested whole
+_MAX_DEFECTIVE_PERCENT = 5  # of a batch that is tested whole
 
 
 class SamplingPlan(Enum):
     """Plan for drawing samples from a batch."""
 
     DOUBLE = 'double'  # 76/211/EEC, Annex II
-    SINGLE = 'single'  # OIML R 87
+    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87
 
 
 # Largest batch of a row; then, for the first sample and for both samples together: the size, the
@@ -146,7 +149,7 @@ def reference_test(
 def _samples(defective: np.ndarray, plan: SamplingPlan) -> tuple[SampleResult, ...]:
     size = len(defective)
     if size < WHOLE_BELOW:
-        accept = math.floor(MAX_SHARE_BELOW_TU1 * size * (1 + ROUNDING))
+        accept = _MAX_DEFECTIVE_PERCENT * size // 100
         return (SampleResult(size, int(defective.sum()), accept, accept + 1),)
     rows = next(rows for most, rows in _CONTENTS[plan] if size <= most)
     first, *second = (SampleResult(n, int(defective[:n].sum()), a, r) for n, a, r in rows)

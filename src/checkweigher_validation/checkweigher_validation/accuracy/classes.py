@@ -8,19 +8,20 @@ deviation. Category Y contains all other catchweighers. A class Y(I), Y(II), Y(a
 error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with e = 0.1 g at initial
 verification; GB/T 27739 writes XIV for XIIII.
 
-Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II, for classes, factors, e, and the errors
-of both categories at initial verification. UK SI 2016/1153, Schedule 1G, repeats these; its Chapter
-II, Table 1, "Static", has the errors of category Y at rest. The errors at rest in service are from
-NI SR 2006/154, Schedule 5, Table 2. The least Min of Y(a) and Y(b) is from UK SI 2003/2761,
-Schedule 1. The errors of category Y in motion in service and the standard deviations above 300 g
-are quoted from memory and were not checked against the text of R 51. The rule for the prepackages
-that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table of the largest e
-is not used.
+Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II, for classes, factors (4.2), e, and the
+errors of both categories at initial verification. UK SI 2016/1153, Schedule 1G, repeats these; its
+Chapter II, Table 1, "Static", has the errors of category Y at rest. The errors at rest in service
+are from NI SR 2006/154, Schedule 5, Table 2. The least Min of Y(a) and Y(b) is from UK SI
+2003/2761, Schedule 1. The errors of category Y in motion in service and the standard deviations
+above 300 g are quoted from memory and were not checked against the text of R 51. The rule for the
+prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table of the
+largest e is not used.
 
 Nothing here is type-approved for legal metrology: a verdict applies to a simulation or a test run
 and does not mean that a machine conforms.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 import math
@@ -59,6 +60,14 @@ _INTERVALS = {
     'XIIII': ((5e-3, math.inf, 100, 1_000),),
 }
 
+# Class factors of each class (4.2 of the MID); R 51 allows none above 2.
+_FACTORS: dict[str, tuple[str, Callable[[float], bool]]] = {
+    'XI': ('below 1', lambda x: x < 1),
+    'XII': ('below 1', lambda x: x < 1),
+    'XIII': ('at most 1', lambda x: x <= 1),
+    'XIIII': ('above 1', lambda x: x > 1),
+}
+
 _LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # Min in e
 
 # Largest load of a row in kg; limits at initial verification and in service for x = 1, relative to
@@ -91,20 +100,23 @@ class AccuracyClass:
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
-    factor: float = 1.0  # class factor x of category X: 1, 2 or 5 times 10^k, at most 2
+    # Class factor x of category X, 1, 2 or 5 times 10^k: below 1 for XI and XII, at most 1 for
+    # XIII, above 1 and at most 2 for XIIII.
+    factor: float = 1.0
     interval: float = 0.1e-3  # verification scale interval e, kg
     in_service: bool = False  # whether limits in service apply, else at initial verification
 
     def __post_init__(self) -> None:
-        if self.name == 'XIV':
-            object.__setattr__(self, 'name', 'XIIII')
-        if self.name not in CLASSES:
-            raise ValueError(f'class {self.name!r} is none of {", ".join(CLASSES)}')
+        object.__setattr__(self, 'name', _class_name(self.name))
         _check_positive(self.factor, 'class factor x')
         if not (_is_round(self.factor) and self.factor <= 2):
             raise ValueError(f'class factor x: {self.factor:g} is not 1, 2 or 5 x 10^k up to 2')
         if self.category == 'Y' and self.factor != 1:
             raise ValueError(f'class factor x: {self.name} has none, only category X has')
+        if self.category == 'X':
+            words, allowed = _FACTORS[self.name]
+            if not allowed(self.factor):
+                raise ValueError(f'class factor x: {self.factor:g} is not {words}, for {self.name}')
         _check_positive(self.interval, 'verification scale interval e')
 
     @property
@@ -151,6 +163,14 @@ class AccuracyClass:
         return self.factor * limit * (mass if kind is _SHARE else 1.0)
 
 
+def _class_name(name: str) -> str:
+    """Return the name of R 51 for a class; `ValueError` if there is no such class."""
+    name = 'XIIII' if name == 'XIV' else name
+    if name not in CLASSES:
+        raise ValueError(f'class {name!r} is none of {", ".join(CLASSES)}')
+    return name
+
+
 def smallest_interval(name: str, maximum: float) -> float:
     """Return the smallest verification scale interval e that a class allows for a Max, both in kg.
 
@@ -166,15 +186,15 @@ def smallest_interval(name: str, maximum: float) -> float:
     >>> smallest_interval('XIII', 6.0)  # 6000 e; with 0.5 g it would be 12,000
     0.001
     """
-    own = AccuracyClass(name)
+    name = _class_name(name)
     _check_positive(maximum, 'Max')
     exponents = range(-6, math.ceil(math.log10(maximum)) + 1)
     for exponent, digit in product(exponents, (1, 2, 5)):
         interval = float(f'{digit}e{exponent}')
-        fewest, most = _interval_counts(own.name, interval)
+        fewest, most = _interval_counts(name, interval)
         if fewest / _ON_BOUND <= maximum / interval <= most * _ON_BOUND:
             return interval
-    raise ValueError(f'class {own.name} has no verification scale interval for Max {maximum:g} kg')
+    raise ValueError(f'class {name} has no verification scale interval for Max {maximum:g} kg')
 
 
 def _interval_counts(name: str, interval: float) -> tuple[float, float]:
