@@ -9,7 +9,7 @@ test passes.
 """
 
 from dataclasses import asdict, dataclass, fields, replace
-from datetime import datetime, time, timedelta, tzinfo
+from datetime import UTC, datetime, time, timedelta
 import math
 import re
 from typing import Any, ClassVar
@@ -60,28 +60,32 @@ class PerformancePlan(Parameters):
         if not (times or self.every_hours or self.every_batch):
             raise ParameterError('test: needs every_hours, shifts or every_batch')
 
-    def due(self, last: int | None, began: int, *, in_batch: bool, zone: tzinfo) -> int | None:
+    def due(self, last: int | None, began: int, *, in_batch: bool) -> int | None:
         """Return the due time of the next test in ns, None if only the next batch asks for one.
 
         `last` is the time of the last test that passed (None if none has), `began` the start of the
-        product or of the batch, both in ns. `in_batch` is whether a test has passed in this batch,
-        and `zone` the time zone of the shifts.
+        product or of the batch, both in ns. `in_batch` is whether a test has passed in this batch.
+        Shifts begin by the local time of the computer, also after a change to summer time.
         """
         if last is None:
             return began
         times = (
             began if self.every_batch and not in_batch else None,
             last + round(self.every_hours * _HOUR) if self.every_hours else None,
-            self._next_shift(last, zone) if self.shifts else None,
+            self._next_shift(last) if self.shifts else None,
         )
         return min((each for each in times if each is not None), default=None)
 
-    def _next_shift(self, after: int, zone: tzinfo) -> int:
-        moment = datetime.fromtimestamp(after / NANOSECONDS, zone)
-        times = map(time.fromisoformat, self.shifts.split())
-        starts = (datetime.combine(moment, each, zone) for each in times)
-        coming = (start if start > moment else start + timedelta(days=1) for start in starts)
-        return round(min(coming).timestamp()) * NANOSECONDS
+    def _next_shift(self, after: int) -> int:
+        moment = datetime.fromtimestamp(after / NANOSECONDS, UTC)
+        today = moment.astimezone().date()
+        starts = (
+            # `astimezone` uses the offset from UTC that holds at this start.
+            datetime.combine(today + timedelta(days), time.fromisoformat(each)).astimezone()
+            for days in (0, 1)
+            for each in self.shifts.split()
+        )
+        return round(min(each for each in starts if each > moment).timestamp()) * NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -101,12 +105,11 @@ _NEVER = LastTest(0, '', '', passed=True)  # before the first test
 class PerformanceTests:
     """State of the performance test of the product on the line.
 
-    Times are in ns of the system clock, and shifts are in the time zone `zone`. `plan` is the plan
-    of the recipe, None if the recipe asks for no test.
+    Times are in ns of the system clock. `plan` is the plan of the recipe, None if the recipe asks
+    for no test.
     """
 
-    def __init__(self, zone: tzinfo) -> None:
-        self._zone = zone
+    def __init__(self) -> None:
         # The last test and the last one that passed, by product.
         self._known: dict[str, tuple[LastTest, LastTest | None]] = {}
         self._began = 0
@@ -179,7 +182,7 @@ class PerformanceTests:
         last, passed = self._known.get(product, (_NEVER, None))
         passed_at = passed.time if passed else None
         in_batch = passed is not None and passed.batch == batch
-        due = plan.due(passed_at, self._began, in_batch=in_batch, zone=self._zone)
+        due = plan.due(passed_at, self._began, in_batch=in_batch)
         stop_at = None if due is None else due + round(plan.grace * NANOSECONDS)
         state, text = PerformanceState.IN_TIME, ''
         if not last.passed:

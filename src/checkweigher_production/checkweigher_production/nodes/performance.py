@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 import math
 
 from checkweigher_core import changes
@@ -38,7 +37,7 @@ class LineTest:
     clock: Callable[[], int]
 
     def __post_init__(self) -> None:
-        self._tests = PerformanceTests(datetime.now(UTC).astimezone().tzinfo or UTC)
+        self._tests = PerformanceTests()
         self._reason = ''
         self._rejecting = False  # whether the reject node was told that a test is running
 
