@@ -84,14 +84,26 @@ class AttemptResults:
 
     results: tuple[Result, ...]
     missing: tuple[str, ...]  # names of steps that were not made
-    departures: tuple[str, ...]  # sentences
+    gaps: tuple[str, ...]  # sentences on steps, tests and weighings that are missing
+    doubts: tuple[str, ...]  # sentences on the other departures
+
+    @property
+    def departures(self) -> tuple[str, ...]:
+        """All departures, as sentences."""
+        return self.gaps + self.doubts
 
     @property
     def verdict(self) -> str:
-        """Verdict: 'failed', 'incomplete' or 'passed', by the last attempt at each step."""
+        """Verdict: 'failed', 'incomplete', 'undecided' or 'passed'.
+
+        The last attempt at each step counts. A verification without a failure is incomplete if
+        something is missing, and undecided if there is another departure.
+        """
         if any(each.failures for each in self.last):
             return 'failed'
-        return 'incomplete' if self.missing else 'passed'
+        if self.gaps:
+            return 'incomplete'
+        return 'undecided' if self.doubts else 'passed'
 
     @property
     def last(self) -> tuple[Result, ...]:
@@ -121,7 +133,8 @@ def outcome_of(procedure: Procedure) -> AttemptResults:
             zeros.append((step.kind, reading))
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
     missing = tuple(step.name for step in steps_of(procedure.plan) if step.name not in done)
-    return AttemptResults(tuple(results), missing, tuple(_departures(procedure, results, missing)))
+    gaps = tuple(_gaps(procedure.plan, results, missing))
+    return AttemptResults(tuple(results), missing, gaps, tuple(_doubts(procedure, results)))
 
 
 def _zero_for(
@@ -250,26 +263,38 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
         yield f'{condition.count} passes got a mass'
 
 
-def _departures(
-    procedure: Procedure, results: Sequence[Result], missing: Sequence[str]
-) -> Iterator[str]:
+def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iterator[str]:
+    """Yield a sentence for each step, test and weighing that is missing."""
     yield from (f'Step {name} was not made.' for name in missing)
-    yield from _test_departures(procedure.plan)
+    yield from _missing_tests(plan)
+    for result in results:
+        if 0 < result.count < result.required:
+            yield (
+                f'Step {result.attempt.step.name} has {result.count} weighings, '
+                f'{result.required} are asked for.'
+            )
+
+
+def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
+    """Yield a sentence for each departure that leaves in doubt what was tested."""
+    yield from _warm_up_departures(procedure.plan, results)
     yield from _load_departures(procedure.plan)
     yield from _reference_departures(procedure.plan)
+    if not procedure.identity.get('audit_log_sha256'):
+        yield 'No audit log was read, which would show changes between the steps.'
     if procedure.changes is None:
         yield 'Parameters and audit log were not read again after the last step.'
     yield from procedure.changes or ()
-    yield from _late_warm_up(results)
+    zeroed = min((zero.stamp for zero in procedure.zeros), default=math.inf)
     for result in results:
-        step = result.attempt.step
+        name, attempt = result.attempt.step.name, result.attempt
+        if attempt.step.kind == StepKind.ZEROING and attempt.reading and attempt.begin < zeroed:
+            yield f'Step {name} followed no zeroing; it was compared with the zero of calibration.'
         if result.attempts > 1 and result.number == 1:
-            yield f'Step {step.name} was made {result.attempts} times; the last one counts.'
-        if 0 < result.count < result.required:
-            yield f'Step {step.name} has {result.count} weighings, {result.required} are asked for.'
+            yield f'Step {name} was made {result.attempts} times; the last one counts.'
 
 
-def _test_departures(plan: Plan) -> Iterator[str]:
+def _missing_tests(plan: Plan) -> Iterator[str]:
     tests = {
         'warm-up': plan.warm_up,
         'zero': plan.zero,
@@ -279,9 +304,6 @@ def _test_departures(plan: Plan) -> Iterator[str]:
         'loads at rest': plan.static,
     }
     yield from (f'The plan has no test of {name}.' for name, test in tests.items() if not test)
-    if plan.warm_up and plan.warm_up.minutes != WARM_UP_MINUTES:
-        given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
-        yield f'Warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
 
 
 def _load_departures(plan: Plan) -> Iterator[str]:
@@ -315,7 +337,10 @@ def _reference_departures(plan: Plan) -> Iterator[str]:
             )
 
 
-def _late_warm_up(results: Sequence[Result]) -> Iterator[str]:
+def _warm_up_departures(plan: Plan, results: Sequence[Result]) -> Iterator[str]:
+    if plan.warm_up and plan.warm_up.minutes != WARM_UP_MINUTES:
+        given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
+        yield f'Warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
     own = [each for each in results if each.attempt.step.minutes is not None]
     for result in own:
         planned, after = result.attempt.step.minutes, minutes_after(result, own[0])
