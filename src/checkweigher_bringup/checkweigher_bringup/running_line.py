@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any
 
-from checkweigher_bringup.commissioning.machine_folder import MachineFolder
+from checkweigher_bringup.commissioning.machine_folder import DEFAULTS, MachineFolder
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.hosts.description import LineDescription
 from checkweigher_bringup.listening import EchoNode
@@ -148,7 +148,7 @@ def _parameter_files(
             given.append(last)
         return lambda: given
     own = folder.parameters(params, restarts=True)
-    write_parameter_file(first, folder.defaults())
+    write_parameter_file(first, DEFAULTS)
     write_parameter_file(last, {**own, 'driver': {**own['driver'], **driver}})
     return lambda: [first, *folder.files(params), last]
 

@@ -78,7 +78,7 @@ def read_passes(
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
-    """Print the notes on a bag. Raise `UserError` if it has no passes or not this rate in Hz."""
+    """Print the notes on a bag, or raise `UserError` if its passes cannot be used."""
     for note in found.notes:
         warn(note)
     if found.cell.sample_rate != rate:
