@@ -127,7 +127,9 @@ def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
     name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.max
     if interval is not None and maximum is not None:
-        raise UserError('--interval and --max: name one of them, --max gives the interval')
+        raise UserError(
+            '--interval and --max: name one of them, because --max determines the interval'
+        )
     try:
         if maximum is not None:
             e = smallest_interval(name, maximum / GRAMS)
@@ -231,7 +233,9 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
     if len({each.window.sample_rate for each in whole}) > 1:
-        raise UserError('--train: these bags are sampled at another rate than those of the test')
+        raise UserError(
+            '--train: the sample rate of these bags differs from that of the other bags'
+        )
     groups = group_by_speed(whole)
     parts = (('train', train), ('test', test))
     return [each for part, passes in parts for each in _by_speed(part, passes, groups)]

@@ -75,16 +75,6 @@ class ResultListener(PortNode):
             self._verdicts[verdict.estimate_id] = time.monotonic(), verdict
             _forget_oldest(self._verdicts)
 
-    def pair_overdue(self, patience: float) -> None:
-        """Put verdicts into the queue whose estimate has not arrived within `patience` s.
-
-        A node that has just started may have missed the estimate of the first verdict.
-        """
-        for key, (came, verdict) in list(self._verdicts.items()):
-            if time.monotonic() - came > patience:
-                del self._verdicts[key]
-                self._pair(_estimate_of(verdict), verdict)
-
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
         self.judged += 1
@@ -116,9 +106,16 @@ class EchoNode(ResultListener):
 
     def __init__(self) -> None:
         super().__init__('echo')
-        self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
+        self.create_timer(_ESTIMATE_PATIENCE / 2, self._pair_overdue)
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
         self.listen(ports.REFERENCE_MASS, self._references.append)
+
+    def _pair_overdue(self) -> None:
+        # A node that has just started may have missed the estimate of the first verdict.
+        for key, (arrival, verdict) in list(self._verdicts.items()):
+            if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
+                del self._verdicts[key]
+                self._pair(_estimate_of(verdict), verdict)
 
     def result(self, weighing: Weighing) -> ItemResult:
         """Return a weighing with the known mass of its item, if the line published one."""

@@ -24,14 +24,14 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-_POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # s; messages of at most this time are lost if the process is killed
-_FAREWELL = 1.0  # time in s after a signal in which messages in transit are still recorded
-_PATIENCE = 5.0  # time in s without a message before a warning
-_TRAIL = 1.0  # time in s for the last product to leave the belt
 # A pass with only these reasons for a fault counts. Its window is complete, and training may remove
 # the cause of the fault.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
+_POLL_PERIOD = 0.2  # s
+_FLUSH_PERIOD = 1.0  # maximum time in s of the messages that are lost if the process is killed
+_FAREWELL = 1.0  # time in s after a signal in which messages in transit are still recorded
+_PATIENCE = 5.0  # time in s without a message before a warning
+_TRAIL = 1.0  # time in s for the last product to leave the belt
 
 
 class ReferencePasses:

@@ -48,7 +48,7 @@ class Collector(ResultListener):
         self._patience = patience
         self._waits = waits
         self._expected: int | None = None
-        self._samples = 0  # processed by the segmenter
+        self._samples = 0  # number of samples that the segmenter has processed
         self.listen(ports.SEGMENTER_STATUS, self._on_segmenter)
         self.listen(ports.DRIVER_STATUS, self._on_driver)
 

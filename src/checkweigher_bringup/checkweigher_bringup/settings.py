@@ -92,7 +92,7 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
     """
     check_positive(arguments, 'jobs')
     if arguments.scheduler != LOCAL and arguments.jobs is not None:
-        raise UserError('--jobs: a cluster has as many as its workers; leave it out')
+        raise UserError('--jobs: a cluster has one job per worker, so leave out this option')
     if arguments.scheduler != LOCAL and '://' not in arguments.scheduler:
         raise UserError(
             f'--scheduler {arguments.scheduler}: must be local, or an address as tcp://HOST:8786'

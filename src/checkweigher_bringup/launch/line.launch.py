@@ -33,7 +33,7 @@ from checkweigher_core.ros.services import OF_MACHINE
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
 
-_files = []  # temporary files, which exist until launch ends
+_files = []  # temporary files, which launch removes when it ends.
 
 # Defaults of the arguments. The default of any other argument is ''.
 DEFAULTS = {

@@ -13,9 +13,9 @@ Options = dict[str, Any]
 # Lines also differ in width and dash, because some users cannot distinguish the colours.
 RAW, DENOISED, LEVEL, REFERENCE, ALARM = '#8a94a6', '#1b5fc1', '#0b6e3b', '#7a3e9d', '#b3261e'
 _MAX_POINTS = 1200
-_ABOVE = 4  # layer of the symbols, which is above layer 3 with the lines
 # Width of a figure on a phone, and sizes of its labels, in px.
 _NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
+_ABOVE = 4  # layer of the symbols, which is above layer 3 with the lines
 
 
 def nothing(text: str) -> Options:

@@ -34,16 +34,15 @@ from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal, Stretch
 
+# Key of an item: t1 and t3 in ns. The number of an item is not unique, because a lane may count
+# from 1 again after a restart.
+Key = tuple[int | None, int | None]
 MAX_ITEMS = 500
 _MAX_WINDOWS = 50
 _MAX_EDGES = 400
 SHOWN = 20.0  # duration in s of the samples that the views need
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
 _AROUND = 3 * NANOSECONDS // 10  # time in ns before the first and after the last edge of an item
-
-# Key of an item: t1 and t3 in ns. The number of an item is not unique, because a lane may count
-# from 1 again after a restart.
-Key = tuple[int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,11 +214,7 @@ def joined(
             speed = estimate.belt_speed
 
 
-def with_window(
-    item: ShownItem,
-    window: WeighWindow | None,
-    signal: RawSignal | None,
-) -> ShownItem:
+def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal | None) -> ShownItem:
     """Return an item with its window. An item without a window, or a fault, has raw samples."""
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT

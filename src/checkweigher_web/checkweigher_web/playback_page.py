@@ -59,7 +59,6 @@ class PlaybackPage:
         shift, count = self._shift, len(self._shift.items)
         whole = shift.is_whole
         self._slider.props['max'] = max(count, 1)
-        self._slider.update()
         length = (shift.end - shift.begin) / NANOSECONDS
         faults = counted(len(shift.faults), 'fault')
         text = f'{counted(count, "item")}, {faults} in {length / 60:.1f} min'
@@ -82,7 +81,6 @@ class PlaybackPage:
 
     def _show_place(self) -> None:
         self._slider.props['value'] = self._playback.place + 1
-        self._slider.update()
         place, items = self._playback.place, self._shift.items
         if place < len(items):
             self._where.set_text(f'item {place + 1} of {len(items)}, {when(items[place].verdict)}')

@@ -52,7 +52,7 @@ def _check(arguments: argparse.Namespace) -> None:
             raise UserError(f'--{option}: must be given with --dynamic')
     settings.check_positive(arguments, 'reference', 'passes', 'budget', 'speeds')
     if arguments.source is not None or arguments.open:
-        raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
+        raise UserError('--dynamic: uses a running line, so leave out --source and --open')
     settings.check_namespace(arguments.namespace)
     settings.estimator_names([arguments.estimator or 'all'], ())
     check_output_file(arguments.output, overwrite=True)
@@ -73,7 +73,7 @@ def _record_at(
         if len(passes) < arguments.passes:
             raise UserError(
                 f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; start again, '
-                'or tune on the bags that there are'
+                'or tune on the recorded bags'
             )
         found = _MINUTE * median(each.window.belt_speed for each in passes)
         print(f'{bag}: {len(passes)} passes at {found:.2f} m/min')

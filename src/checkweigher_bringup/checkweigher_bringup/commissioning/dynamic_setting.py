@@ -200,7 +200,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         try:
             self._check_idle()
             if self._candidate() != learned:
-                raise UserError('what was learned has changed meanwhile')
+                raise UserError('the learned parameters have changed meanwhile')
             version = replace_version(self._file, self._learned)
         except (UserError, OutputError, OSError) as error:
             text = f'not taken over: {error}'
@@ -215,7 +215,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         """Request a restart of the line, which then reads the parameter file again."""
         file = self.parameters.restart_file
         if not file:
-            raise UserError('this line is started again where it was started, not from here')
+            raise UserError('this line can only be restarted where it was started')
         try:
             Path(file).touch()
         except OSError as error:
@@ -225,7 +225,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     # The child process
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """Send SIGTERM to a child process and to its own children, for which it would wait.
+        """Send SIGTERM to a child process and to the worker processes for which it waits.
 
         The signal is not SIGINT, because a child that is just starting ignores SIGINT if this
         process ignores it, as it does in the background of a shell.

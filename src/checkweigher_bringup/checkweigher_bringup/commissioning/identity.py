@@ -16,10 +16,10 @@ from checkweigher_validation.archive.program import program_digest
 NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
 _LONGEST = 80  # maximum number of characters of a value in a sentence
+_PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 # Kinds of audit log entries that change the machine. The kind `zero` is left out, because steps of
 # the verification set the zero.
 _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
-_PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 
 
 class Identity:

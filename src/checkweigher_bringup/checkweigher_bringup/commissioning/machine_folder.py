@@ -23,7 +23,8 @@ products:
     lower_limit: TU1    # of directive 76/211/EEC; or a mass
     upper_limit: 0.165
 """
-ParameterSets = dict[str, dict[str, object]]  # parameters by node and name
+# Parameters by node and name.
+ParameterSets = dict[str, dict[str, object]]
 # Defaults, which the parameter files override. A simulated line has no end.
 DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 

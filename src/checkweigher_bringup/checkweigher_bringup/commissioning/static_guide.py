@@ -32,7 +32,7 @@ from checkweigher_driver.devices import source_class
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     """Guide the technician through the masses, and write the calibration file."""
     if arguments.source is None:
-        raise UserError('--source: must name the source whose calibration it is, such as aed')
+        raise UserError('--source: must name the source that is calibrated, such as aed')
     check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
     if not arguments.mass_uncertainty >= 0:
         raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')

@@ -50,14 +50,16 @@ def procedure_of_bags(
 ) -> None:
     """Weigh the bags of the steps, and write the bag of the procedure.
 
-    The name of each bag is that of its step. The parameters cannot change between the steps, so the
-    bag has only one identity of the machine. Raises `UserError` if no step has the name of a bag,
+    The name of each bag is that of its step. All bags are weighed with the same parameters, so the
+    procedure has one identity of the machine. Raises `UserError` if no step has the name of a bag,
     if the calibration or the load of a bag is wrong, or if bags overlap in time.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
         if bag.name not in steps:
-            raise UserError(f'{bag}: is named as no step of the plan; verify --steps shows them')
+            raise UserError(
+                f'{bag}: is named as no step of the plan; verify --steps shows the steps'
+            )
     found = [(bag, steps[bag.name], read_bag(bag)) for bag in bags]
     found.sort(key=lambda each: each[2].blocks[0].stamp)
     _check_together(found)
@@ -84,7 +86,9 @@ def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
     """Raise `UserError` if bags cannot belong to one procedure."""
     for (before, _, first), (after, _, second) in itertools.pairwise(found):
         if second.blocks[0].stamp < end_of_block(first.blocks[-1], first.load_cell):
-            raise UserError(f'{after}: begins before {before} ends; they are of no one procedure')
+            raise UserError(
+                f'{after}: begins before {before} ends; bags of a procedure must not overlap'
+            )
         if second.load_cell != first.load_cell:
             raise UserError(f'{after}: has another calibration than {before}; record all again')
     for bag, step, recording in found:
@@ -137,6 +141,6 @@ def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int,
             end = end_of_block(block, recording.load_cell)
             return end - round(steadiness.duration * NANOSECONDS), end
     raise UserError(
-        f'{bag}: the load is nowhere at rest for {steadiness.duration:g} s to within '
+        f'{bag}: the load is never at rest for {steadiness.duration:g} s to within '
         f'{GRAMS * steadiness.tolerance:g} g; see rest: in the plan'
     )

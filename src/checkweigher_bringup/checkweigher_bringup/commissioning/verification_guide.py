@@ -252,7 +252,9 @@ class _Guide:
             return False
         node.tell(VerificationStep(attempt.end, step.name, StepState.DONE, attempt.begin))
         self._attempts.append(attempt)
-        found = self._judge()
+        zeros = tuple(node.zeros)
+        procedure = Procedure(self._plan, '', {}, self._cell, tuple(self._attempts), zeros, '')
+        found = outcome_of(procedure).results[-1]
         return self._operator.goes_on(number, _line(found), passed=found.passed)
 
     def _wait_for_warm_up(self, step: Step) -> None:
@@ -284,7 +286,7 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Return the passes of a step that began at `begin` in ns, once there are enough."""
+        """Wait for the passes of a step that began at `begin` in ns, and return them."""
         assert step.load is not None
         items: list[ItemPass] = []
         latest = time.monotonic()
@@ -308,12 +310,6 @@ class _Guide:
             found = found if item.weighed else ', '.join(item.reasons)
             self._operator.tell(f'pass {_count_weighed(step, items)} of {step.count}: {found}')
         return Attempt(step, begin, items[-1].stamp, tuple(items))
-
-    def _judge(self) -> Result:
-        procedure = Procedure(
-            self._plan, '', {}, self._cell, tuple(self._attempts), tuple(self._node.zeros), ''
-        )
-        return outcome_of(procedure).results[-1]
 
 
 def _count_weighed(step: Step, items: list[ItemPass]) -> int:

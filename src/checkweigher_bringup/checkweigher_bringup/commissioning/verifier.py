@@ -36,15 +36,15 @@ from checkweigher_core.whole_file import write_whole
 from checkweigher_validation.verification.plan import VERIFICATIONS, Plan, read_plan
 from checkweigher_validation.verification.steps import Step
 
-_POLL_PERIOD = 0.1  # s
-_END_PATIENCE = 20.0  # maximum time in s to complete the bag and the report when the node ends
-_LINES = 100  # maximum number of lines of a step that are published
-_LONGEST = 200  # maximum number of characters of a reason
 # Answers that are allowed in each state.
 _ANSWERS = {
     ProgressState.ASKING: (StepAnswer.MAKE, StepAnswer.SKIP),
     ProgressState.DECIDING: (StepAnswer.MAKE, StepAnswer.GO_ON),
 }
+_POLL_PERIOD = 0.1  # s
+_END_PATIENCE = 20.0  # maximum time in s to complete the bag and the report when the node ends
+_LINES = 100  # maximum number of lines of a step that are published
+_LONGEST = 200  # maximum number of characters of a reason
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,11 @@ class RemoteOperator:
         with self._lock:
             now = self._progress
             if question != now.question or now.state not in _ANSWERS:
-                raise UserError('this is not asked any more: look at what is')
+                raise UserError('this question is not asked any more: answer the present one')
             if answer not in _ANSWERS[now.state]:
-                raise UserError('a step that has failed is made again, or left as it is')
+                raise UserError('a failed step can only be repeated, or left as it is')
             if answer is StepAnswer.SKIP and not reason:
-                raise UserError('say why the step is skipped: the report says so')
+                raise UserError('give the reason why the step is skipped, for the report')
             # Further answers to this question are refused.
             self._progress = replace(now, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
@@ -223,7 +223,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         if (operator := self._busy) is None:
             raise UserError(f'no verification goes on; call {ports.BEGIN_VERIFICATION}')
         if request.answer not in tuple(StepAnswer):
-            raise UserError(f'{request.answer}: is no answer')
+            raise UserError(f'{request.answer}: is not an answer')
         reason = one_line(request.reason.strip(), _LONGEST)
         operator.answer(request.question, StepAnswer(request.answer), reason)
         return ''

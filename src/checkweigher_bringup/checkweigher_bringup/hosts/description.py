@@ -106,7 +106,7 @@ class _LaneEntry(Settings):
         if bool(self.host) == (self.nodes is not None):
             raise SettingsError('needs host (of all nodes) or nodes (by host), one of them')
         if self.product and not self.recipes:
-            raise SettingsError('needs recipes that have it', 'product')
+            raise SettingsError('needs recipes that contain it', 'product')
         if self.nodes is not None:
             _check_nodes(self.nodes)
 
@@ -187,7 +187,9 @@ def read_line(path: Path) -> LineDescription:
 
 def _check_name(name: str, *place: object) -> None:
     if not _NAME.fullmatch(name):
-        raise SettingsError(f'{name!r} is no name: a letter, then letters, digits and _', *place)
+        raise SettingsError(
+            f'{name!r} is no name, which is a letter, then letters, digits and _', *place
+        )
 
 
 def _file(path: Path, *place: object) -> Path:

@@ -85,6 +85,6 @@ def check_pair(certificate: Path, key: Path) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, 'reason', None) or error
         raise CertificateError(
-            f'{certificate} and {key}: no certificate with its key, in PEM and without a '
-            f'password: {reason}'
+            f'{certificate} and {key}: must be a certificate and its key, in PEM and '
+            f'without a password: {reason}'
         ) from None

@@ -3,6 +3,7 @@
 """Guard of the page, which refuses requests without a login and from other web sites."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
@@ -48,16 +49,16 @@ _UNANSWERED = 'No response returned.'  # message of Starlette if the browser has
 
 
 class Access:
-    """Users and sessions of a site, by which each page has the role of its user."""
+    """Users and sessions of a site, which determine the role of each page."""
 
     def __init__(self, site: Site) -> None:
         self.site = site
         self.users = UserFile(site.users or default_users())
         self.sessions = Sessions(self.users, 60 * site.idle)
         self.throttle = Throttle()
-        self._ended: set[str] = set()  # clients whose session had ended at the last `expel`
         # Browsers send a cookie to all ports of a host, so the name of the cookie has the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
+        self._ended: set[str] = set()  # clients whose session had ended at the last `expel`
 
     def session_of(self, client: Client) -> Session | None:
         """Return the session of a page, or None if it has ended or never existed."""
@@ -183,25 +184,26 @@ def bind_events(access: Access) -> None:
     handlers = core.sio.handlers['/']
     del handlers['log']  # By this event, a browser could write to the log of the server.
     for name in ('event', 'javascript_response', 'ack'):
-        core.sio.on(name, _from_its_socket(handlers[name], access))
+        core.sio.on(name, partial(_handle, name, handlers[name], access))
 
 
-def _from_its_socket(
-    handle: Callable[[str, dict[str, Any]], None], access: Access
-) -> Callable[[str, dict[str, Any]], None]:
-    event = handle is core.sio.handlers['/']['event']
-
-    def take(socket: str, message: object = None, *_: object) -> None:
-        given = message if isinstance(message, dict) else {}
-        client = Client.instances.get(str(given.get('client_id')))
-        if client is None or client.id not in core.sio.rooms(socket):
-            return
-        if event:
-            access.sessions.find(_identifier(client), used=True)
-        if access.role_of(client) is not None:
-            handle(socket, given)
-
-    return take
+def _handle(
+    name: str,
+    handler: Callable[[str, dict[str, Any]], None],
+    access: Access,
+    socket: str,
+    message: object = None,
+    *_: object,
+) -> None:
+    """Call the handler of an event if the socket belongs to the page that the message names."""
+    given = message if isinstance(message, dict) else {}
+    client = Client.instances.get(str(given.get('client_id')))
+    if client is None or client.id not in core.sio.rooms(socket):
+        return
+    if name == 'event':
+        access.sessions.find(_identifier(client), used=True)
+    if access.role_of(client) is not None:
+        handler(socket, given)
 
 
 def _with_headers(send: Send, path: str, site: Site) -> Send:

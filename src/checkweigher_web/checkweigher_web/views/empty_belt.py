@@ -21,10 +21,10 @@ _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
 _SURROUNDING = 10  # number of bins at each side of a line for the median
 _MAX_LINES = 6
-_FLOOR = 12.0  # maximum frequency in Hz of the vibrations of buildings
-_MAINS = (50.0, 60.0, 100.0, 120.0)  # frequencies in Hz of the mains and of its second harmonic
 # Maximum relative differences of a line from the frequencies of the mains and of the platform.
 _NEAR, _PLATFORM = 0.02, 0.15
+_FLOOR = 12.0  # maximum frequency in Hz of the vibrations of buildings
+_MAINS = (50.0, 60.0, 100.0, 120.0)  # frequencies in Hz of the mains and of its second harmonic
 _HIGHEST = 150.0  # maximum frequency in Hz of the vibrations of machines
 
 

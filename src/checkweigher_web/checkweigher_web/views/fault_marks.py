@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 import math
 
@@ -73,7 +74,7 @@ class Scene:
         return self.force[(begin <= time) & (time <= end)]
 
     def mean(self, begin: int, end: int) -> float:
-        """Return the mean of the signal from `begin` to `end` in ns in kg, or NaN if it is empty."""
+        """Return the mean in kg of the signal from `begin` to `end` in ns, or NaN if empty."""
         force = self.between(begin, end)
         return float(np.mean(force)) if len(force) else math.nan
 
@@ -128,16 +129,14 @@ def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]]
 Finder = Callable[[Scene], Iterable[Mark]]
 
 
-def _over(first: str, last: str, describe: Callable[[Scene, int, int], str]) -> Finder:
-    """Return a finder that marks the time between two edges, unless `describe` returns ''."""
-
-    def find(scene: Scene) -> Iterator[Mark]:
-        span = scene.span(first, last)
-        text = '' if span is None else describe(scene, *span)
-        if span is not None and text:
-            yield Mark(text, *span)
-
-    return find
+def _over(
+    first: str, last: str, describe: Callable[[Scene, int, int], str], scene: Scene
+) -> Iterator[Mark]:
+    """Mark the time between two edges by the text of `describe`, unless the text is empty."""
+    span = scene.span(first, last)
+    text = '' if span is None else describe(scene, *span)
+    if span is not None and text:
+        yield Mark(text, *span)
 
 
 def _missing_edges(scene: Scene) -> Iterator[Mark]:
@@ -182,7 +181,7 @@ def _expected_times(scene: Scene) -> dict[str, int]:
 
 
 def _two_products(scene: Scene) -> list[Mark]:
-    return [*_neighbours(scene)] or [*_over('t2', 't3', _change)(scene)]
+    return [*_neighbours(scene)] or [*_over('t2', 't3', _change, scene)]
 
 
 def _neighbours(scene: Scene) -> Iterator[Mark]:
@@ -265,24 +264,20 @@ def _saturation(scene: Scene) -> Iterator[Mark]:
             yield Mark(text, int(time[begin]), int(time[end - 1]))
 
 
-def _sample(place: int, text: str) -> Finder:
-    """Return a finder that marks the sample with an index."""
-
-    def find(scene: Scene) -> list[Mark]:
-        stamp = int(scene.stretch.time[place])
-        return [Mark(text, stamp, stamp)]
-
-    return find
+def _sample(place: int, text: str, scene: Scene) -> list[Mark]:
+    """Mark the sample with the index `place`."""
+    stamp = int(scene.stretch.time[place])
+    return [Mark(text, stamp, stamp)]
 
 
-def _load(text: str) -> Finder:
-    """Return a finder that marks the time from t2 to t3 by a text with the mean load."""
+def _load(text: str, scene: Scene) -> Iterator[Mark]:
+    """Mark the time from t2 to t3 by a text with the mean load and the capacity in g."""
 
     def describe(scene: Scene, begin: int, end: int) -> str:
         load, capacity = GRAMS * scene.mean(begin, end), GRAMS * scene.load_cell.capacity
         return '' if math.isnan(load) else text.format(load=load, capacity=capacity)
 
-    return _over('t2', 't3', describe)
+    return _over('t2', 't3', describe, scene)
 
 
 def _zero(scene: Scene) -> Iterator[Mark]:
@@ -332,28 +327,32 @@ def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]
 
 
+_LENGTH = partial(_over, 't1', 't2', _length)
+_SPEED = partial(_over, 't1', 't3', _speed)
 # Finders of the reasons that are visible in the signal.
 _FINDERS: dict[Reason, Finder] = {
     Reason.DISTANCE_FAULT: _two_products,
     Reason.MISSING_EDGE: _missing_edges,
     Reason.CHATTERING_EYE: _chatter,
-    Reason.PRODUCT_TOO_LONG: _over('t1', 't2', _length),
-    Reason.PRODUCT_TOO_SHORT: _over('t1', 't2', _length),
-    Reason.PRODUCT_ASKEW: _over('t1', 't2', _length),
-    Reason.BELT_SPEED: _over('t1', 't3', _speed),
-    Reason.BELT_SPEED_CHANGED: _over('t1', 't3', _speed),
-    Reason.BELT_STOPPED: _over('t1', 't3', _speed),
-    Reason.SPEED_NOT_TRAINED: _over('t1', 't3', _speed),
-    Reason.WINDOW_TOO_SHORT: _over('t2', 't3', _short_window),
+    Reason.PRODUCT_TOO_LONG: _LENGTH,
+    Reason.PRODUCT_TOO_SHORT: _LENGTH,
+    Reason.PRODUCT_ASKEW: _LENGTH,
+    Reason.BELT_SPEED: _SPEED,
+    Reason.BELT_SPEED_CHANGED: _SPEED,
+    Reason.BELT_STOPPED: _SPEED,
+    Reason.SPEED_NOT_TRAINED: _SPEED,
+    Reason.WINDOW_TOO_SHORT: partial(_over, 't2', 't3', _short_window),
     Reason.SAMPLES_LOST: _lost_samples,
     Reason.CLOCK_JUMP: _lost_samples,
     Reason.SATURATION: _saturation,
-    Reason.STREAM_ENDED: _sample(-1, 'the samples end here'),
-    Reason.SOURCE_RESTARTED: _sample(-1, 'the source began again after this'),
-    Reason.START_UP: _sample(0, 'the samples begin here'),
-    Reason.NO_LOAD: _load('the load is {load:.1f} g: nothing rests on the belt'),
-    Reason.OVERLOAD: _load('the load is {load:.1f} g, the capacity of the cell {capacity:.0f} g'),
-    Reason.NO_CONVERGENCE: _load('no level was found here; the mean is {load:.1f} g'),
+    Reason.STREAM_ENDED: partial(_sample, -1, 'the samples end here'),
+    Reason.SOURCE_RESTARTED: partial(_sample, -1, 'the source began again after this'),
+    Reason.START_UP: partial(_sample, 0, 'the samples begin here'),
+    Reason.NO_LOAD: partial(_load, 'the load is {load:.1f} g: nothing rests on the belt'),
+    Reason.OVERLOAD: partial(
+        _load, 'the load is {load:.1f} g, the capacity of the cell {capacity:.0f} g'
+    ),
+    Reason.NO_CONVERGENCE: partial(_load, 'no level was found here; the mean is {load:.1f} g'),
     Reason.ZERO_OUT_OF_RANGE: _zero,
     Reason.LATE_EDGE: _late_edges,
     Reason.EDGE_MISMATCH: _mismatch,

@@ -167,10 +167,7 @@ def _add_rows_of_eyes(figure: Options, shown: tuple[float, float], name: str) ->
     lower = upper | {'gridIndex': 1, 'name': name}
     eyes = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1}
     sides = {'left': 80, 'right': 30}
-    figure['grid'] = [
-        sides | {'top': 40, 'bottom': 110},
-        sides | {'height': 50, 'bottom': 45},
-    ]
+    figure['grid'] = [sides | {'top': 40, 'bottom': 110}, sides | {'height': 50, 'bottom': 45}]
     figure['xAxis'] = [upper | {'axisLabel': {'show': False}}, lower]
     figure['yAxis'] = [figure['yAxis'], eyes | {'axisTick': {'show': False}}]
 

@@ -65,7 +65,11 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
     """
     found, hold, seals = _sealed(log, read_log(log), key)
     sought = wanted.strip().casefold()
-    shown = [entry for entry in reversed(found.entries) if _has(entry, sought)]
+    shown = [
+        entry
+        for entry in reversed(found.entries)
+        if not sought or sought in f'{one_line(entry.source)} {" ".join(_row(entry))}'.casefold()
+    ]
     return AuditView(
         whole=found.whole,
         conclusion=conclusion(found),
@@ -91,10 +95,6 @@ def _sealed(
         return found, None, f'{text}: start it with --trust PUBLIC, or run {command}'
     seals, found = hold_to_seals(found, path, key)
     return found, found.whole, sealing(seals, found.entries) if found.whole else ''
-
-
-def _has(entry: Entry, sought: str) -> bool:
-    return not sought or sought in f'{one_line(entry.source)} {" ".join(_row(entry))}'.casefold()
 
 
 def _count(found: Verification, matching: int, wanted: str) -> str:

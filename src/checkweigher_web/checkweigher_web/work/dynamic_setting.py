@@ -27,10 +27,7 @@ _STATES = {
     DynamicSetting.TUNING: 'training',
     DynamicSetting.FAILED: 'failed',
 }
-_ENDINGS = {
-    DynamicSetting.RECORDING: 'End recording',
-    DynamicSetting.TUNING: 'End training',
-}
+_ENDINGS = {DynamicSetting.RECORDING: 'End recording', DynamicSetting.TUNING: 'End training'}
 _HEADS = 'estimator', 'm/min', 'passes', 'A trained g', 'A held out g'
 
 
@@ -132,7 +129,9 @@ class DynamicSettingGuide(Guide):
 
         async def take_over() -> str:
             if await self._trained() != seen:
-                raise ActionRefusedError('what was trained is not what the table shows: look again')
+                raise ActionRefusedError(
+                    'the trained parameters have changed: look at the table again'
+                )
             return await self.services.message(ports.ACCEPT_TUNED)
 
         await self.perform('take over the trained parameters', take_over)

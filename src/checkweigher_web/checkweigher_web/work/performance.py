@@ -47,10 +47,7 @@ def text_of(test: PerformanceTest | None) -> str:
     if test.text:
         text += f' ({test.text})'
     if test.errors or test.state is PerformanceState.RUNNING:
-        errors = ', '.join(_error(each) for each in test.errors)
-        text += f'. {len(test.errors)} of {test.passes} passes: {errors or "none yet"}'
+        errors = ('no mass' if math.isnan(e) else f'{GRAMS * e:+.2f} g' for e in test.errors)
+        known = ', '.join(errors) or 'none yet'
+        text += f'. {len(test.errors)} of {test.passes} passes: {known}'
     return text
-
-
-def _error(error: float) -> str:
-    return 'no mass' if math.isnan(error) else f'{GRAMS * error:+.2f} g'

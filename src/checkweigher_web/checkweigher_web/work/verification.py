@@ -141,7 +141,10 @@ class VerificationGuide(Guide):
             self._found.set_text(counted(len(steps), 'step'))
         except ParameterError as error:
             self._found.set_text(f'the plan: {error}')
-        self._table.show((step.name, _asked(step)) for step in steps)
+        self._table.show(
+            (step.name, f'{step.count} passes: {step.to_do}' if step.count else step.to_do)
+            for step in steps
+        )
 
     # What is done
 
@@ -172,10 +175,6 @@ def _state(said: VerificationProgress) -> str:
         return said.text
     at = f'{said.step + 1}/{len(said.steps)} {said.steps[said.step]}: ' if said.steps else ''
     return f'{at}{_STATES.get(said.state, "")}{said.text}'
-
-
-def _asked(step: Step) -> str:
-    return f'{step.count} passes: {step.to_do}' if step.count else step.to_do
 
 
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:

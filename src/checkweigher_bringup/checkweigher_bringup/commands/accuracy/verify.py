@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(EXAMPLE, end='')
         return 0
     if (arguments.plan is None) == (arguments.procedure is None):
-        raise UserError('a PLAN, or with --from BAG none; verify --example shows a plan')
+        raise UserError('give a PLAN, or with --from BAG none; verify --example shows a plan')
     if arguments.steps:
         return _show_steps(arguments.plan)
     if arguments.output is None:

@@ -38,7 +38,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print tables until a signal. Return 1 if a node has an error or is silent, otherwise 0."""
+    """Print tables until interrupted. Return 1 if a node has an error or is silent, otherwise 0."""
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
     from checkweigher_core.health.findings import Level
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_core.ros.status_board import StatusBoard, worst
 
     if arguments.all and arguments.namespace:
-        raise UserError('--all: is of all lanes; leave --namespace away')
+        raise UserError('--all: shows all lanes, so leave out --namespace')
     check_positive(arguments, 'count', 'duration')
     board = StatusBoard(check_namespace(arguments.namespace))
     with spinning() as spinner:

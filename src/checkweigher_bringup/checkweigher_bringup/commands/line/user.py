@@ -40,9 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
     path = arguments.users or accounts.default_users()
     action, name = arguments.action, arguments.name
     if (name is None) != (action == 'list'):
-        raise UserError(f'{action}: must have a NAME, and only list has none')
+        raise UserError(f'{action}: needs a NAME, except for list')
     if (arguments.role is None) != (action != 'add'):
-        raise UserError(f'{action}: must have a --role, and only add has one')
+        raise UserError(f'{action}: must have a --role if it is add, and none otherwise')
     if action == 'list':
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
