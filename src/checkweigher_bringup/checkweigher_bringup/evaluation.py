@@ -127,9 +127,7 @@ def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
     name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.max
     if interval is not None and maximum is not None:
-        raise UserError(
-            '--interval and --max: name one of them, because --max determines the interval'
-        )
+        raise UserError('--interval and --max: name one of them; --max sets the interval')
     try:
         if maximum is not None:
             e = smallest_interval(name, maximum / GRAMS)
@@ -233,9 +231,7 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
     if len({each.window.sample_rate for each in whole}) > 1:
-        raise UserError(
-            '--train: the sample rate of these bags differs from that of the other bags'
-        )
+        raise UserError('--train: these bags differ from the others in sample rate')
     groups = group_by_speed(whole)
     parts = (('train', train), ('test', test))
     return [each for part, passes in parts for each in _by_speed(part, passes, groups)]

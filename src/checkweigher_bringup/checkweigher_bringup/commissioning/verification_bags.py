@@ -57,9 +57,7 @@ def procedure_of_bags(
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
         if bag.name not in steps:
-            raise UserError(
-                f'{bag}: is named as no step of the plan; verify --steps shows the steps'
-            )
+            raise UserError(f'{bag}: is named as no step of the plan; verify --steps lists them')
     found = [(bag, steps[bag.name], read_bag(bag)) for bag in bags]
     found.sort(key=lambda each: each[2].blocks[0].stamp)
     _check_together(found)
@@ -86,9 +84,7 @@ def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
     """Raise `UserError` if bags cannot belong to one procedure."""
     for (before, _, first), (after, _, second) in itertools.pairwise(found):
         if second.blocks[0].stamp < end_of_block(first.blocks[-1], first.load_cell):
-            raise UserError(
-                f'{after}: begins before {before} ends; bags of a procedure must not overlap'
-            )
+            raise UserError(f'{after}: begins before {before} ends; bags must not overlap')
         if second.load_cell != first.load_cell:
             raise UserError(f'{after}: has another calibration than {before}; record all again')
     for bag, step, recording in found:

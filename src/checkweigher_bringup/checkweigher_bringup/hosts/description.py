@@ -187,9 +187,7 @@ def read_line(path: Path) -> LineDescription:
 
 def _check_name(name: str, *place: object) -> None:
     if not _NAME.fullmatch(name):
-        raise SettingsError(
-            f'{name!r} is no name, which is a letter, then letters, digits and _', *place
-        )
+        raise SettingsError(f'{name!r} is no name (a letter, then letters, digits and _)', *place)
 
 
 def _file(path: Path, *place: object) -> Path:

@@ -129,9 +129,7 @@ class DynamicSettingGuide(Guide):
 
         async def take_over() -> str:
             if await self._trained() != seen:
-                raise ActionRefusedError(
-                    'the trained parameters have changed: look at the table again'
-                )
+                raise ActionRefusedError('the trained parameters have changed: see the table again')
             return await self.services.message(ports.ACCEPT_TUNED)
 
         await self.perform('take over the trained parameters', take_over)

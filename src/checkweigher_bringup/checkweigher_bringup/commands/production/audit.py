@@ -60,9 +60,7 @@ def _noted_hash(given: str | None) -> str:
     noted = given.strip().lower()
     # An unset shell variable gives an empty text, which must not disable the check.
     if not re.fullmatch('[0-9a-f]{64}', noted):
-        raise UserError(
-            f'--hash {given!r}: is no hash of an entry, which has 64 hexadecimal digits'
-        )
+        raise UserError(f'--hash {given!r}: is no hash of an entry (64 hexadecimal digits)')
     return noted
 
 
