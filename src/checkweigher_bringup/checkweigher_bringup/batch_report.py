@@ -39,8 +39,8 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
         return batch
     found = read_log(log)
     if not found.whole:
-        where = f'{log}: line {found.bad_line}'
-        warn(f'the audit log is not whole: {where}: {found.problem}: {found.reason}')
+        reason = f'{found.problem}: {found.reason}'
+        warn(f'the audit log is not whole: {log}: line {found.bad_line}: {reason}')
     return batch.with_log(found.entries)
 
 

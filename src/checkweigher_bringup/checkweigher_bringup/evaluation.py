@@ -139,7 +139,6 @@ def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Raise `UserError` if options cannot be used."""
     if bool(arguments.bags) == bool(arguments.protocol):
         raise UserError('name bags, or --protocol paper or machines to simulate')
     settings.check_positive(arguments, 'budget', 'jobs', 'nominal')
@@ -233,8 +232,7 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     if len({each.window.sample_rate for each in whole}) > 1:
         raise UserError('--train: these bags differ from the others in sample rate')
     groups = group_by_speed(whole)
-    parts = (('train', train), ('test', test))
-    return [each for part, passes in parts for each in _by_speed(part, passes, groups)]
+    return [*_by_speed('train', train, groups), *_by_speed('test', test, groups)]
 
 
 def _by_speed(

@@ -26,16 +26,9 @@ class ResultListener(PortNode):
     """Node that pairs each verdict of a lane with its mass estimate.
 
     The subscriptions also request earlier messages, because a node may publish a result before it
-    discovers the subscription.
-
-    Attributes
-    ----------
-    weighings : queue.Queue of Weighing
-        Pairs, which may be read from any thread.
-    judged : int
-        Number of pairs so far.
-    heard : float
-        Arrival time of the latest record, in s of the monotonic clock.
+    discovers the subscription. Any thread may read the pairs from the queue `weighings`. `judged`
+    is the number of pairs, and `heard` is the arrival time of the latest record in s of the
+    monotonic clock.
     """
 
     def __init__(self, name: str) -> None:

@@ -134,7 +134,6 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     # Services
 
     def _check_idle(self) -> None:
-        """Raise `UserError` while passes are recorded or parameters are trained."""
         if self._child is not None:
             raise UserError(f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}')
 

@@ -266,7 +266,6 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _read(self, step: Step) -> Attempt:
-        """Return the reading of the load at rest on the belt."""
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')

@@ -98,16 +98,9 @@ def spectrum(
 ) -> Spectrum | None:
     """Compute the spectrum of the empty belt, or return None if there are too few samples.
 
-    Parameters
-    ----------
-    force : array of shape (n,)
-        Samples of the empty belt in kg.
-    sample_rate : float
-        Sample rate in Hz.
-    belt_speed : float, optional
-        Belt speed in m/s, which gives the diameter of a roller that causes a line.
-    platform : float, optional
-        Natural frequency of the weighing platform in Hz.
+    The samples `force` (n,) are in kg, and the sample rate is in Hz. The belt speed in m/s gives the
+    diameter of a roller that may cause a line. `platform` is the natural frequency in Hz of the
+    weighing platform.
     """
     count = len(force)
     if count < _LEAST:

@@ -265,7 +265,6 @@ def _saturation(scene: Scene) -> Iterator[Mark]:
 
 
 def _sample(place: int, text: str, scene: Scene) -> list[Mark]:
-    """Mark the sample with the index `place`."""
     stamp = int(scene.stretch.time[place])
     return [Mark(text, stamp, stamp)]
 

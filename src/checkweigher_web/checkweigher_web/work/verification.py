@@ -134,7 +134,6 @@ class VerificationGuide(Guide):
                 self.tell(Outcome(False, f'{name}: {error}'))
 
     def _show_plan(self) -> None:
-        """Show the steps of the plan, or its error."""
         steps: tuple[Step, ...] = ()
         try:
             steps = steps_of(read_plan(str(self._plan.value or '')))

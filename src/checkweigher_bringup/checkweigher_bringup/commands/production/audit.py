@@ -90,7 +90,6 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
 
 
 def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
-    """Yield the header of the table, and a line for each changed value."""
     from checkweigher_core.printable import one_line
     from checkweigher_production.audit_words import changes, shortened
 

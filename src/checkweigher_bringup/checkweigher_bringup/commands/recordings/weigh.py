@@ -98,7 +98,6 @@ def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
 
 
 def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
-    """Print a line on a weighed bag, and print its warnings on stderr."""
     for note in weighed.summary.notes if weighed.summary else ():
         warn(f'{weighed.bag}: {note}')
     if weighed.problem:
