@@ -45,9 +45,9 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a c
 class _Ended(KeyboardInterrupt):
     """Exception for a signal that ends the command.
 
-    The exception is not a plain KeyboardInterrupt. Python kills itself by SIGINT after a plain
-    KeyboardInterrupt in code that `exec` runs, even if the exception is caught. The definition of a
-    dataclass is such code.
+    The class differs from KeyboardInterrupt, because Python kills itself by SIGINT after a plain
+    KeyboardInterrupt in code that `exec` runs, even if the exception is caught. Python defines a
+    dataclass by `exec`.
     """
 
 

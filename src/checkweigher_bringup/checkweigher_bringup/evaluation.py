@@ -224,7 +224,7 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     """Return the passes to train on and the passes to test on, grouped by belt speed.
 
-    The same groups of speed are used for both, so that the results can be compared.
+    The speeds of the groups are common, so that the results of training and test can be compared.
     """
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):

@@ -38,7 +38,7 @@ class ResultListener(PortNode):
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.judged = 0
-        # Records that wait for their other half, by the number of the estimate.
+        # Estimates without a verdict, and verdicts without an estimate, by the estimate number.
         self._estimates: dict[int, MassEstimate] = {}
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # arrival time in s, verdict
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)

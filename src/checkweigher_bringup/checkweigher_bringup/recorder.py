@@ -24,8 +24,8 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-# A pass with only these reasons for a fault counts. Its window is complete, and training may remove
-# the cause of the fault.
+# A pass with only these reasons for a fault counts. The window of the pass is complete, and
+# training may remove the cause of the fault.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # maximum time in s of the messages that are lost if the process is killed

@@ -137,8 +137,8 @@ def _results(
     collector: Collector, children: Sequence[Process], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
-        # This property is read before the queue, because all results are in the queue once it is
-        # true.
+        # If `finished` is true, all results are in the queue. The property is therefore read before
+        # the queue.
         finished = collector.finished
         with suppress(queue.Empty):
             while True:

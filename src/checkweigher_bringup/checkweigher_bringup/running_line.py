@@ -33,7 +33,7 @@ from checkweigher_web.access.users import UserFile, default_users
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
 _MODULE = 'checkweigher_bringup.line'
-# Nodes that run beside the line. The line works without them.
+# Nodes that run beside the line. The line does not need these nodes.
 BESIDE = {
     'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
     'verifier': 'checkweigher_bringup.commissioning.verifier',
@@ -70,7 +70,7 @@ def run_line(
             names = (*ports.NODES, *processes)
             whole = processes.get('line')
             _listen(node, {f'{lane}/{name}': processes.get(name, whole) for name in names})
-            # If two lines start at the same time, only one of them gets the place.
+            # If two lines start at the same time, only one line gets the place.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)

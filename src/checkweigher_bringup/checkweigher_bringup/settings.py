@@ -34,7 +34,7 @@ def line_parameters(
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product of the options `--recipes` and `--product`, or None without them.
+    """Return the product of the options `--recipes` and `--product`, or None without the options.
 
     Raises `UserError` if only one of the options is given or the file lacks the product, and
     `SettingsError` if the file cannot be used.

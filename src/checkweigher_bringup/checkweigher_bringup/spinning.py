@@ -104,15 +104,15 @@ def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, objec
 def start_process(words: Sequence[str]) -> Process:
     """Start a process that ends when this process ends.
 
-    The process does not receive Ctrl-C of the terminal. This process receives it, and then ends
-    the others in order.
+    The new process does not receive Ctrl-C of the terminal. The present process receives Ctrl-C,
+    and then ends its child processes in order.
     """
     return subprocess.Popen(words, env=child_environment(), process_group=0)
 
 
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands during a block. Their processes end by SIGTERM in the same order."""
+    """Run commands during a block. At the end, the processes get SIGTERM in the same order."""
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():
@@ -126,7 +126,7 @@ def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[st
 
 
 def end_process(process: Process) -> bool:
-    """Wait until a process ends. Kill it if it does not end in time, and then return false."""
+    """Wait until a process ends. Return false if the process had to be killed after some time."""
     try:
         process.wait(timeout=_PROCESS_PATIENCE)
     except subprocess.TimeoutExpired:

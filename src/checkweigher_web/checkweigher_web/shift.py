@@ -35,7 +35,9 @@ from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
 _BELT = 20 * NANOSECONDS  # time in ns before an item in which the empty belt is searched
-_AROUND = NANOSECONDS  # margin in ns around a window, whose samples may be late
+_AROUND = (
+    NANOSECONDS  # margin in ns around a window, because its stamp is not exact
+)
 
 _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of the samples
 
@@ -139,7 +141,7 @@ class Playback:
         return self._moves, min(len(self.shift.items), self.place + 1)
 
     def go(self, place: int) -> None:
-        """Set the index of the item. It is limited to the range of the weighed items."""
+        """Set the index of the item. The index is limited to the range of the weighed items."""
         self.place = min(max(place, 0), max(len(self.shift.items) - 1, 0))
         self._moves += 1
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-Option = tuple[Any, ...]  # arguments of `_add` after the first: usage, kind, help, default
+Option = tuple[Any, ...]  # usage, kind, help and default of an option, see `_add`
 REQUIRED = {'required': True}  # mark of an option that has no default and must be given
 
 PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
@@ -43,7 +43,7 @@ TUNING: tuple[Option, ...] = (
 
 
 def bags(text: str) -> Option:
-    """Return the argument for one or more bags. Its help text begins with `text`."""
+    """Return the argument for one or more bags. The help text begins with `text`."""
     where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with bags in it'
     return 'bags BAG', [str], f'{text}: {where}'
 

@@ -70,7 +70,7 @@ class DynamicSettingParameters(Parameters):
 
 
 class DynamicSettingNode(StageNode[DynamicSettingParameters]):
-    """Node that records passes and trains on them. Both run in child processes."""
+    """Node that records passes and trains estimators in child processes."""
 
     _child: subprocess.Popen[bytes] | None = None
 

@@ -12,8 +12,8 @@ from checkweigher_bringup.errors import UserError
 def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[[Any, Any], Any]:
     """Return the callback of a service that answers with a message.
 
-    The function or coroutine function `callback` is called with the request and the response. It
-    returns the message, or raises `UserError` with the reason why the call is refused.
+    The function or coroutine function `callback` is called with the request and the response.
+    The function returns the message, or raises `UserError` with the reason of a refusal.
     """
 
     async def answer(request: Any, response: Any) -> Any:

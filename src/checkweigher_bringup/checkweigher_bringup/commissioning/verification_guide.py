@@ -76,7 +76,7 @@ class Operator(Protocol):
         """Set the steps of the procedure."""
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for the step `number`, from 0. Return '', or the reason why it is skipped."""
+        """Ask for a step, and return the reason why the step is skipped, or ''."""
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
         """Show the result of a step, and return false if the step must be repeated."""
@@ -99,7 +99,7 @@ class Terminal:
         self._steps = steps
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step. Return '', or the reason why it is skipped."""
+        """Ask for a step, and return the reason why the step is skipped, or ''."""
         show('')
         title = f'{number + 1}/{len(self._steps)} {step.name}'
         return ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
@@ -142,7 +142,8 @@ def procedure_on_line(
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
                 _Guide(node, plan, cell, operator).run()
-            # A line that ends may not answer. The report then says that the changes are unknown.
+            # A line that is about to end may not answer. The report then says that the changes are
+            # unknown.
             with suppress(UserError, InvalidHandle):
                 if spinner.alive:
                     what = identity.at_end(_parameters(node, _LAST_PATIENCE))
@@ -285,7 +286,7 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Wait for the passes of a step that began at `begin` in ns, and return them."""
+        """Wait for the passes of a step that began at `begin` in ns, and return all passes."""
         assert step.load is not None
         items: list[ItemPass] = []
         latest = time.monotonic()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node for verifications with the operator at the page.
 
-The procedure is the same as at the terminal. It runs in its own thread, which waits for the answers
-of the operator.
+The procedure is the same as at the terminal. The procedure runs in a thread that waits for the
+answers of the operator.
 """
 
 from collections.abc import Callable, Sequence
@@ -79,7 +79,7 @@ class RemoteOperator:
         self._change(steps=tuple(step.name for step in steps), results=('',) * len(steps))
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step, and wait for the answer. Return '', or the reason why it is skipped."""
+        """Ask for a step, and return the reason why the step is skipped, or ''."""
         known = self._progress
         # The lines of a failed attempt explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
@@ -91,7 +91,7 @@ class RemoteOperator:
         return ''
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Publish the result of a step. If it failed, ask whether the step must be repeated."""
+        """Publish the result of a step. If the step failed, ask whether it must be repeated."""
         self._set_result(number, found)
         if passed:
             return True
@@ -161,7 +161,7 @@ class RemoteOperator:
         self._answers.put((answer, reason))
 
     def break_off(self) -> None:
-        """End the procedure. Its report has the steps so far."""
+        """End the procedure. The report has the steps so far."""
         self._broken_off.set()
 
 

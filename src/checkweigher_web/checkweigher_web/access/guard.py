@@ -95,11 +95,11 @@ def _identifier(client: Client) -> str:
 
 
 class Guard:
-    """ASGI application that passes requests with their session to another one, or refuses them.
+    """ASGI application that passes requests to another application, or refuses the requests.
 
     Another web site could let a browser open the page under a host name that the site points to
-    this machine, or it could open a socket to the page. Both are refused, so that the site cannot
-    read the data of the line.
+    this machine, or it could open a socket to the page. Such requests are refused, so that the site
+    cannot read the data of the line.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:

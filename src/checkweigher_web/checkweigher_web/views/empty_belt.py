@@ -98,9 +98,9 @@ def spectrum(
 ) -> Spectrum | None:
     """Compute the spectrum of the empty belt, or return None if there are too few samples.
 
-    The samples `force` (n,) are in kg, and the sample rate is in Hz. The belt speed in m/s gives the
-    diameter of a roller that may cause a line. `platform` is the natural frequency in Hz of the
-    weighing platform.
+    The samples `force` (n,) are in kg, and the sample rate is in Hz. The belt speed in m/s gives
+    the diameter of a roller that may cause a line. `platform` is the natural frequency of the
+    weighing platform in Hz.
     """
     count = len(force)
     if count < _LEAST:

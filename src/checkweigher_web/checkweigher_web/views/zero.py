@@ -31,8 +31,8 @@ class ZeroView(FigureView):
 def _read_empty_belts(drawing: Drawing) -> dict[Key, float]:
     """Return the reading of the empty belt before each item with a zero out of range.
 
-    The readings are in kg, or NaN without samples of the empty belt. They are kept for all viewers,
-    because the lane soon drops its samples.
+    The readings are in kg, or NaN without samples of the empty belt. All viewers share the
+    readings, because the lane soon drops its samples.
     """
     readings: dict[Key, float] = drawing.once('readings', None, dict)
     cell = drawing.lane.load_cell

@@ -28,7 +28,7 @@ class AuditView:
     conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
     seals_hold: bool | None = None  # None if the seals were not verified
     seals: str = ''  # state of the seals, '' if the conclusion contains it
-    count: str = ''  # number of entries, and which of them are shown
+    count: str = ''  # text on the number of entries
     rows: tuple[tuple[str, ...], ...] = ()  # cells for HEADS of each entry, the latest entry first
 
 

@@ -18,7 +18,7 @@ from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-# In such a number, the comma may separate thousands or be the decimal mark.
+# Numbers in which the comma may separate thousands or be the decimal mark.
 _THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')
 Action = Callable[[], Awaitable[str]]
 
@@ -180,7 +180,7 @@ def ask(
     """Open a dialog that asks for confirmation of an action, and return the body of the dialog.
 
     Each function in `fields` adds a field and returns its element. The function `plan` gets these
-    elements. It returns the name of the action in the audit log and the action, or raises
+    elements. `plan` returns the name of the action in the audit log and the action, or raises
     `ActionRefusedError` if a field is not valid. `role` is the lowest role that may confirm.
     """
     dialog = Dialog(title, 'Cancel')

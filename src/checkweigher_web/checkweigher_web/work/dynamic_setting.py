@@ -14,7 +14,7 @@ from checkweigher_web.work.dialogs import Desk, Guide, field, number_in, reason_
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _PERIOD = 0.2  # s
-_MANY = 100_000  # limit of the number of passes
+_MANY = 100_000  # upper limit of the number of passes, exclusive
 _STEPS = (
     'Set a belt speed, record passes of one known mass, and let that product pass as often; then '
     'the same at the next speed. Train on all that was recorded: it takes minutes, and the line '

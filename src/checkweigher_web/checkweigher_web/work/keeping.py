@@ -20,7 +20,7 @@ _ELSE = 'record the line, and cut the item out with checkweigher keep'
 
 
 class Keeper:
-    """Writer of items to a folder. It writes one item at a time, because it weighs each again."""
+    """Writer of items to a folder. One item is written at a time, because it is weighed again."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -61,8 +61,8 @@ class Keeper:
             write_bag(path, part.load_cell, part, lane)
         except KeepError:
             raise ActionRefusedError(
-                f'{held}, and item {verdict.item_id} is weighed another way in it: what it needs '
-                f'came before, or a parameter was changed since; {_ELSE}'
+                f'{held}, in which item {verdict.item_id} gets another result: earlier samples are '
+                f'missing, or a parameter was changed since; {_ELSE}'
             ) from None
         except OutputError as error:
             raise ActionRefusedError(str(error)) from None

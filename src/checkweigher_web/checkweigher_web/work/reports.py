@@ -52,7 +52,7 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports. Each report has a name for its address, and a text."""
+    """Show links to reports. A report is given by its name in the address and by a text."""
     for name, text in reports:
         with ui.element('li'):
             ui.label(f'{text}: ')

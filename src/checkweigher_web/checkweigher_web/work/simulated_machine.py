@@ -20,7 +20,7 @@ _TEXT = (
 
 
 async def operate(desk: Desk, services: LaneServices) -> None:
-    """Ask for the settings of the simulated machine, and set them."""
+    """Open a dialog with the settings of the simulated machine."""
     now = await actions.operation(services)
 
     def value(label: str, given: float, unit: str) -> ui.input:

@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the hash of the option, or '' without the option. Raise `UserError` if it is wrong."""
+    """Return the hash of an option, or '' without it. Raise `UserError` if the hash is wrong."""
     if given is None:
         return ''
     noted = given.strip().lower()

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import NEW_BAG
 
-# The names of the options are those of `ImportParameters`, which has their defaults. They are
-# repeated here, so that --help does not import it.
+# The names of the options are those of `ImportParameters`, which has their defaults. The names are
+# repeated here, so that --help does not import `ImportParameters`.
 OPTIONS = (
     ('log CSV', Path, 'one sample a row'),
     NEW_BAG,
