@@ -35,9 +35,7 @@ from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
 _BELT = 20 * NANOSECONDS  # time in ns before an item in which the empty belt is searched
-_AROUND = (
-    NANOSECONDS  # margin in ns around a window, because its stamp is not exact
-)
+_AROUND = NANOSECONDS  # margin in ns around a window, whose stamp is not exact
 
 _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of the samples
 
