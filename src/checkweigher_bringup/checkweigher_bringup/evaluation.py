@@ -230,7 +230,7 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
     if len({each.window.sample_rate for each in whole}) > 1:
-        raise UserError('--train: these bags differ from the others in sample rate')
+        raise UserError('--train: these bags are sampled at another rate than the others')
     groups = group_by_speed(whole)
     return [*_by_speed('train', train, groups), *_by_speed('test', test, groups)]
 

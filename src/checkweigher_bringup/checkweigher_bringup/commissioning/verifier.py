@@ -155,7 +155,7 @@ class RemoteOperator:
             if answer not in _ANSWERS[now.state]:
                 raise UserError('a failed step can only be repeated, or left as it is')
             if answer is StepAnswer.SKIP and not reason:
-                raise UserError('give the reason why the step is skipped, for the report')
+                raise UserError('say why the step is skipped; the report contains the reason')
             # Further answers to this question are refused.
             self._progress = replace(now, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
