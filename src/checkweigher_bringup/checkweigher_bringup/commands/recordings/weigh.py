@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_recording.archive.finding import find_bags
 
     if arguments.jobs is not None or arguments.scheduler != 'local':
-        raise UserError('--jobs, --scheduler: need --output DIR, because a single bag is one job')
+        raise UserError('--jobs, --scheduler: of --output DIR; one bag is one job')
     bag, *others = find_bags(arguments.bags)
     if others:
         raise UserError('several bags: add --output DIR, for a file with the results of each')
