@@ -238,7 +238,7 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
 def _by_speed(
     part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
 ) -> Iterator[PassSet]:
-    """Yield the passes of each speed. A pass without a belt speed has that of the pass before."""
+    """Yield the passes of each speed. A fault has the speed of the pass before it."""
     speeds = {id(each): group.speed for group in groups for each in group.passes}
     chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
     speed = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)

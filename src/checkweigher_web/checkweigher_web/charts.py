@@ -73,7 +73,7 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
 
 
 def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
-    """Return red areas. Each span has the name, the begin and the end of an area on the x axis."""
+    """Return red areas. Each span has the name, the start and the end of an area on the x axis."""
     return {
         'silent': True,
         'itemStyle': {'color': ALARM, 'opacity': 0.15},

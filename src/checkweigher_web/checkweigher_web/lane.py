@@ -187,7 +187,7 @@ class Lane:
         return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
-        """Return the samples and edges since both are complete, or None without samples."""
+        """Return the samples and edges of the time for which both are held, or None."""
         (references,) = self._of(Reference)
         signal = self._signal()
         if signal is None:
@@ -224,7 +224,7 @@ def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal |
 
 
 def _span_of(item: ShownItem, load_cell: LoadCell) -> tuple[int, int]:
-    """Return the begin and end of the signal around an item in ns.
+    """Return the start and end of the signal around an item in ns.
 
     If an eye missed the item, the time at that eye is computed from the usual belt speed.
     """

@@ -66,7 +66,7 @@ class RawSignal:
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the begin and end in ns of the longest time without an item on the belt."""
+    """Return the start and end in ns of the longest time without an item on the belt."""
     longest, since = (begin, begin), begin
     for edge in edges:
         if edge.eye == Eye.INFEED and edge.blocked:

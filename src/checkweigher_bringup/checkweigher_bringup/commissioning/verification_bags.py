@@ -50,7 +50,7 @@ def procedure_of_bags(
 ) -> None:
     """Weigh the bags of the steps, and write the bag of the procedure.
 
-    The name of each bag is that of its step. All bags are weighed with the same parameters, so the
+    Each bag has the name of its step. All bags are weighed with the same parameters, so the
     procedure has one identity of the machine. Raises `UserError` if no step has the name of a bag,
     if the calibration or the load of a bag is wrong, or if bags overlap in time.
     """
@@ -130,7 +130,7 @@ def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
 
 
 def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
-    """Return the begin and end in ns of the first segment in which the load is at rest."""
+    """Return the start and end in ns of the first segment in which the load is at rest."""
     reading = RestReading(recording.load_cell, steadiness)
     for block in recording.blocks:
         if reading.add(block) is not None:

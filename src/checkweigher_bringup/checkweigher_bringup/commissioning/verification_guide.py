@@ -219,7 +219,7 @@ class _Guide:
         self._operator = operator
         self._steadiness = Steadiness(plan.rest.duration_s, plan.rest.tolerance)
         self._attempts: list[Attempt] = []
-        self._warm: int | None = None  # begin of the warm-up in ns
+        self._warm: int | None = None  # start of the warm-up in ns
 
     def run(self) -> None:
         """Guide the operator through all steps."""

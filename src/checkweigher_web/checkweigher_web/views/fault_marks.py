@@ -97,7 +97,7 @@ def fault_marks(scene: Scene) -> list[Mark]:
 
 
 def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
-    """Return the begin and end in ns of the empty belt before an item, and its mean in kg.
+    """Return the start and end in ns of the empty belt before an item, and its mean in kg.
 
     The mean is relative to the zero of calibration. Returns None if no samples are available.
     """
@@ -321,7 +321,7 @@ def _rise(scene: Scene, t1: int, t2: int, t3: int) -> RiseLag:
 
 
 def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the begin and the end of each run of true values. The end is exclusive."""
+    """Return the start and the end of each run of true values. The end is exclusive."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]
 

@@ -177,7 +177,7 @@ def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_
 
     The `edges` are in order of time and include missing ones. The position of the bars on the y
     axis is `row`. The time axis covers the range `shown` in ms. `was_seen` says whether the eye
-    detected the begin of a bar at the left end.
+    detected the start of a bar at the left end.
     """
     bars: Bars = {True: [], False: []}
     since = (shown[0], was_seen) if edges and not edges[0][1] else None

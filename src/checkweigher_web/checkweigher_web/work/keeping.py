@@ -15,7 +15,7 @@ from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import ShownItem
 from checkweigher_web.work.services import ActionRefusedError
 
-HELD = 120.0  # duration in s of the samples that the page holds, so that users have some time
+HELD = 120.0  # duration in s of the samples that the page holds for users who keep an item
 _ELSE = 'record the line, and cut the item out with checkweigher keep'
 
 
@@ -31,9 +31,9 @@ class Keeper:
     ) -> str:
         """Write an item with the samples on which its mass depends, and return a text on the bag.
 
-        The recording has the samples and edges that the page holds, or is None without samples. The
-        parameters are the present ones of the lane. Raises `ActionRefusedError` if the recording is
-        too short for the item, or if the bag cannot be written.
+        The recording has the samples and edges that the page holds, or is None without samples.
+        `parameters` has the present parameters of the lane. Raises `ActionRefusedError` if the
+        recording is too short for the item, or if the bag cannot be written.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)

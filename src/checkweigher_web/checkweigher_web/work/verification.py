@@ -39,7 +39,7 @@ _STATES = {
     ProgressState.ASKING: 'do this, then press Make: ',
     ProgressState.DECIDING: 'failed: make it again, or go on? ',
 }
-# The browser reads only the begin of a file that is too long for a plan.
+# The browser reads only the start of a file that is too long for a plan.
 _READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(t => emit(t))'
 
 
