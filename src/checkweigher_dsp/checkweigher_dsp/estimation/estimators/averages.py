@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Means of the window, which every other estimator must beat."""
+"""Estimators that average the window. Other estimators are compared with them."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,14 +15,14 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 @dataclass(frozen=True)
 class MeanParameters(EstimatorParameters):
-    """Parameters of the plain mean, which has none of its own."""
+    """Parameters of the plain mean."""
 
     node: ClassVar[str] = 'identifier.mean'
 
 
 @dataclass(frozen=True)
 class HannParameters(EstimatorParameters):
-    """Parameters of the Hann-weighted mean, which has none of its own."""
+    """Parameters of the Hann-weighted mean."""
 
     node: ClassVar[str] = 'identifier.hann'
 
@@ -30,8 +30,8 @@ class HannParameters(EstimatorParameters):
 class Mean(Average):
     """Mean of the raw window.
 
-    It is unbiased for a constant load. A line vanishes over whole periods, but may remain with its
-    full amplitude over less than one.
+    The mean is unbiased for a constant load. It removes an oscillation with whole periods in the
+    window, but not an oscillation whose period is longer than the window.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class Mean(Average):
 
 
 class Hann(Average):
-    """Hann-weighted mean of the raw window, see `hann_mean`.
+    """Hann-weighted mean of the raw window; see `hann_mean`.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the pass of one item of unknown mass."""
+"""Parts of the pass of an item of unknown mass."""
 
 from dataclasses import dataclass
 import math
@@ -22,16 +22,15 @@ from checkweigher_dsp.estimation.estimators.learned import (
 )
 from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
 
-MOST_LEAD = 48  # parts before t1
+MOST_LEAD = 48  # largest number of parts before t1
 
 
 @dataclass(frozen=True)
 class PassParts(Settings):
-    """The parts of a pass, with the load that the chosen estimator found in it.
+    """Parts of a pass, with the load that the chosen estimator found.
 
-    `parts`, in kg with shape (lead + PARTS,), are computed by `pass_features`. The first `lead`
-    parts are before t1, and the last `quiet` of these are free of the ring-down of the previous
-    item.
+    `parts`, (lead + PARTS,) in kg, are computed by `pass_features`. The first `lead` parts are
+    before t1. The last `quiet` of them contain no ring-down of the previous item.
     """
 
     parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
@@ -58,16 +57,16 @@ class PassParts(Settings):
 
 
 def rise_parts_of(window: WeighWindow) -> int:
-    """Return the number of parts of a pass from t1 to t2; 0 if its times are not known."""
+    """Return the number of parts of a pass from t1 to t2, or 0 if a time is unknown."""
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0
     return rise_parts(share) if 0 < share < 1 else 0
 
 
 def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> PassParts | None:
-    """Return the pass of a window, with `rise` parts from t1 to t2.
+    """Return the parts of the pass in a window, with `rise` parts from t1 to t2.
 
-    Returns None if the previous item was still on the belt, or the estimator found no load.
+    Returns None if the previous item was on the belt at t1, or the estimator found no load.
     """
     duration, alone = transit(window) / PARTS, seconds_alone(window)
     if not (load.mass > 0 and alone >= 0 and duration > 0):
