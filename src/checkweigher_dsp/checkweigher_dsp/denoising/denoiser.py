@@ -9,7 +9,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, Parameters, check_cost, parameter
 from checkweigher_core.records import WeighWindow
@@ -30,6 +29,7 @@ from checkweigher_dsp.denoising.window_batch import (
     padded_length,
 )
 from checkweigher_dsp.items.failures import PRINTED, Failures
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _gain = partial(parameter, minimum=0, maximum=10)
@@ -147,17 +147,16 @@ class DenoiseParameters(Parameters):
             (self.lambda5, self.lambda6, self.lambda7),
         )
 
-    def platform(self, speed: NDArray[np.float64]) -> tuple[Any, Any]:
+    def platform(self, speed: Array) -> tuple[Any, ...]:
         """Return the natural frequency in Hz and the damping ratio of the empty platform.
 
         `speed`, (windows, 1), are belt speeds in m/s. A result is a float if it does not depend on
         the speed, otherwise it has the shape of `speed`.
         """
-        frequency, damping = (
+        return tuple(
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
             for values in (self.natural_frequency, self.damping_ratio)
         )
-        return frequency, damping
 
 
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
@@ -225,11 +224,8 @@ class Denoiser:
         return result
 
 
-def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
-    """Denoise windows of equal shape.
-
-    The result in kg has the shape of ``batch.force``. It is NaN where `Denoiser.denoise` says so.
-    """
+def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> Array:
+    """Denoise windows of equal shape. The result in kg has the shape of ``batch.force``."""
     begin = batch.begin
     result = np.full(batch.force.shape, math.nan)
     if parameters.surround == 'continuation':
@@ -243,7 +239,7 @@ def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[
     return result
 
 
-def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
+def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> Array:
     force, begin = batch.force, batch.begin
     count = force.shape[-1] - begin
     length = padded_length(parameters.stretch, count)
@@ -278,7 +274,7 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
 
 def _noise_remover(
     measured: slice, batch: WindowBatch, parameters: DenoiseParameters
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+) -> Callable[[Array], Array]:
     """Return the function that denoises the padded windows of a batch."""
     if parameters.method == 'shrinkage':
         details = parameters.table.at(batch.belt_speed, parameters.threshold_unit)
@@ -292,11 +288,8 @@ def _noise_remover(
 
 
 def pad(
-    samples: NDArray[np.float64],
-    min_length: int,
-    method: str = 'level',
-    before: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], int]:
+    samples: Array, min_length: int, method: str = 'level', before: Array | None = None
+) -> tuple[Array, int]:
     """Pad windows (..., n) on both sides to a length that suits the wavelet transform.
 
     Returns the padded windows, (..., m), and the position of the first sample of a window. The

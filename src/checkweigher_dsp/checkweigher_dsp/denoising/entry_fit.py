@@ -18,11 +18,11 @@ variance u^2 / 3. The signals are block means. A prediction-error filter makes n
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import block_responses
 from checkweigher_dsp.denoising.window_batch import WindowBatch
+from checkweigher_dsp.signal import Array
 
 _LEAST_SAMPLES = 8  # least number of white samples for the fit of the three unknowns
 # The variance of n is that of the whole signal in the first round, and then that of the residual.
@@ -42,9 +42,9 @@ class EntryFit:
         self,
         batch: WindowBatch,
         uncertainty: float,
-        level: NDArray[np.float64],
-        natural_frequency: NDArray[np.float64],
-        damping_ratio: NDArray[np.float64],
+        level: Array,
+        natural_frequency: Array,
+        damping_ratio: Array,
     ) -> None:
         self._batch = batch
         self._uncertainty = uncertainty
@@ -67,9 +67,7 @@ class EntryFit:
         self._rows[:, 2:, empty:] = responses[1:].swapaxes(0, 1)
         self._platform_taps = platform_taps(width, natural_frequency, damping_ratio)
 
-    def times(
-        self, taps: NDArray[np.float64] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def times(self, taps: Array | None) -> tuple[Array, Array]:
         """Return the corrected time of each sample since t1 in s and the corrected rise time.
 
         The times are (windows, n), and the rise time t2 - t1 is (windows, 1). See `shift` for the
@@ -79,7 +77,7 @@ class EntryFit:
         t1, t2 = shift[:, :1], shift[:, 1:]
         return batch.time - t1, batch.rise_time + t2 - t1
 
-    def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    def shift(self, taps: Array | None) -> Array:
         """Return the delays of t1 and t2 relative to the photo-eyes in s, (windows, 2).
 
         `taps`, (windows, p + 1), are prediction-error filters for the block means of the
@@ -95,11 +93,7 @@ class EntryFit:
         return shift
 
 
-def platform_taps(
-    interval: NDArray[np.float64],
-    natural_frequency: NDArray[np.float64],
-    damping_ratio: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def platform_taps(interval: Array, natural_frequency: Array, damping_ratio: Array) -> Array:
     """Return the filters, (windows, 3), that whiten the motion of platforms under white forces.
 
     The sampling interval in s, the natural frequency in Hz and the damping ratio are (windows, 1).
@@ -118,7 +112,7 @@ def platform_taps(
     return taps
 
 
-def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
+def _fit(white: Array, uncertainty: float) -> tuple[float, float]:
     """Estimate the shifts of t1 and t2 in s, which are 0 if the signal does not determine them.
 
     The rows of `white`, (4, n), are the response, the signal, and the derivatives of the signal

@@ -10,8 +10,8 @@ some tens spans the period of a slow line.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # Hz
@@ -20,8 +20,8 @@ _PREDICTED_AT_ONCE = 4  # maximum number of samples per step of `predict`
 
 
 def extrapolate(
-    disturbances: NDArray[np.float64], before: int, after: int, order: int, block: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    disturbances: Array, before: int, after: int, order: int, block: int
+) -> tuple[Array, Array]:
     """Extrapolate disturbances to both sides.
 
     The models are fitted by Burg's method. They are stable, so the extrapolation does not grow. The
@@ -69,7 +69,7 @@ def extrapolate(
     return result, taps
 
 
-def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
+def block_means(signal: Array, block: int) -> Array:
     """Return the means (..., n // block) of successive blocks of signals (..., n).
 
     Samples before the first full block are ignored.
@@ -84,9 +84,7 @@ def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     return np.asarray(used.reshape(*signal.shape[:-1], count, block).mean(axis=-1))
 
 
-def predict(
-    signals: NDArray[np.float64], taps: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
+def predict(signals: Array, taps: Array, count: int) -> Array:
     """Predict the next `count` samples of signals.
 
     Each window has m signals, (windows, m, n), that share a model. `taps`, (windows, p + 1), are
@@ -118,7 +116,7 @@ def predict(
     return result[:, order : order + count].swapaxes(1, 2)
 
 
-def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+def _twice_as_far(weights: Array) -> Array:
     """Return the weights (windows, 2 n, p) that predict 2 n samples from the last p samples.
 
     The given weights (windows, n, p) predict n samples. They are applied twice: n of the p samples
@@ -130,7 +128,7 @@ def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([weights, further], axis=1)
 
 
-def _between_centres(means: NDArray[np.float64], block: int) -> NDArray[np.float64]:
+def _between_centres(means: Array, block: int) -> Array:
     """Return the samples after the first block, interpolated linearly between block centres.
 
     The values at the centres are `means` (..., blocks). The last sample is at the last centre.

@@ -9,13 +9,14 @@ rests on the belt rises linearly from 0 to 1. The platform responds to this rise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from checkweigher_dsp.signal import Array
 
 _SHORTEST_RISE = 1e-9  # rise time in s that is used for a step
 _SHORTEST_FITTED_RISE = 1e-4  # shortest rise time in s for derivatives without rounding errors
 
 
-def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
+def load_share(time: Array, rise_time: Any) -> Array:
     """Return the share of a product that rests on the belt, which is 0 up to t1 and 1 after t2.
 
     `time`, (..., n), is the time since t1 in s. `rise_time` is t2 - t1 in s; if it is not positive,
@@ -26,14 +27,10 @@ def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]
     >>> load_share(np.array([-0.1, 0.0, 0.05, 0.3]), 0.1).tolist()
     [0.0, 0.0, 0.5, 1.0]
     """
-    share: NDArray[np.float64] = time / np.maximum(rise_time, _SHORTEST_RISE)
-    np.maximum(share, 0.0, out=share)
-    return np.minimum(share, 1.0, out=share)
+    return np.clip(time / np.maximum(rise_time, _SHORTEST_RISE), 0.0, 1.0)
 
 
-def load_response(
-    time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
-) -> NDArray[np.float64]:
+def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any) -> Array:
     r"""Return the response of a platform at rest to a product of unit mass that enters.
 
     The equation of the platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`. The
@@ -70,8 +67,8 @@ def load_response(
 
 
 def block_responses(
-    time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
-) -> NDArray[np.float64]:
+    time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any
+) -> Array:
     r"""Return the block means of a response, and their derivatives with respect to t1 and t2.
 
     The rows of the result, (3, ..., n), are the mean of `load_response` in each block, and its
@@ -108,7 +105,7 @@ def block_responses(
     )
 
 
-def _since_both_ends(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
+def _since_both_ends(time: Array, rise_time: Any) -> Array:
     """Return the times in s since a rise began and since it ended, (2, ...), not below 0."""
     since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
     since[0] = time

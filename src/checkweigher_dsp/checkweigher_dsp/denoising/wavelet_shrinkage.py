@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 import pywt
 
+from checkweigher_dsp.signal import Array
+
 WAVELET = 'db16'
 LEVELS = 7
 
@@ -40,7 +42,7 @@ class Shrinkage:
         return isinstance(self.threshold, float) and self.threshold == 0
 
 
-def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[np.float64]:
+def shrink(coefficients: Array, shrinkage: Shrinkage) -> Array:
     r"""Apply the shrinkage soft threshold.
 
     .. math:: d' = \operatorname{sgn}(d) \gamma (|d| - \lambda) \text{ if } |d| \ge \lambda,
@@ -98,7 +100,7 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 
 @lru_cache(maxsize=8)
-def _syntheses(length: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
     """Return the responses of the inverse SWT bands, and the part of each band in a unity gain."""
     responses = band_responses(length)
     # The inverse averages the 2**j shifted bases of level j, which explains the powers of two.
@@ -109,9 +111,7 @@ def _syntheses(length: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]
     return syntheses, powers
 
 
-def denoise_periodic(
-    stretch: NDArray[np.float64], details: Sequence[Shrinkage | None]
-) -> NDArray[np.float64]:
+def denoise_periodic(stretch: Array, details: Sequence[Shrinkage | None]) -> Array:
     """Denoise periodic signals by shrinkage of the detail bands.
 
     A band without a threshold is applied as a gain at each frequency. Only bands with a threshold
@@ -162,12 +162,8 @@ def denoise_periodic(
 
 
 def threshold_universally(
-    stretch: NDArray[np.float64],
-    *,
-    hard: bool,
-    measured: slice = slice(None),
-    each_level: bool = False,
-) -> NDArray[np.float64]:
+    stretch: Array, *, hard: bool, measured: slice = slice(None), each_level: bool = False
+) -> Array:
     r"""Denoise periodic signals by hard or soft thresholding of all details, for comparison.
 
     The universal threshold is :math:`\lambda = \sigma \sqrt{2 \ln n}` with

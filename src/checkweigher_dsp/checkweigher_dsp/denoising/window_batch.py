@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow, seconds
 from checkweigher_dsp.denoising.extrapolation import PREDICTION_RATE
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
+from checkweigher_dsp.signal import Array
 
 _PERIOD = 2**LEVELS
 # The number of used samples before t2 is a multiple of this number, which limits the variety of
@@ -30,16 +30,16 @@ class WindowBatch:
     """Windows of equal shape, from the empty belt before t1 up to t3."""
 
     positions: tuple[int, ...]  # positions in the list of windows
-    force: NDArray[np.float64]  # signal in kg, (windows, n)
-    time: NDArray[np.float64]  # time since t1 in s, (windows, n)
-    rise_time: NDArray[np.float64]  # t2 - t1 in s, (windows, 1)
-    belt_speed: NDArray[np.float64]  # belt speed in m/s, (windows, 1)
+    force: Array  # signal in kg, (windows, n)
+    time: Array  # time since t1 in s, (windows, n)
+    rise_time: Array  # t2 - t1 in s, (windows, 1)
+    belt_speed: Array  # belt speed in m/s, (windows, 1)
     entry: int  # column of the first sample at or after t1
     begin: int  # column of the first sample at or after t2
     block: int  # number of samples in a block of the extrapolation
 
     @property
-    def share(self) -> NDArray[np.float64]:
+    def share(self) -> Array:
         """Share of the product on the belt at each sample, (windows, n)."""
         return load_share(self.time, self.rise_time)
 
@@ -91,7 +91,7 @@ def padded_length(min_length: int, count: int) -> int:
     return _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
 
 
-def _used_time(window: WeighWindow, min_length: int) -> tuple[int, NDArray[np.float64]]:
+def _used_time(window: WeighWindow, min_length: int) -> tuple[int, Array]:
     """Return the number of used samples before t2, and the times of all used samples in s."""
     begin, count = window.window_begin, window.window_end - window.window_begin
     room = (padded_length(min_length, count) - count) // 2
@@ -114,9 +114,7 @@ def transit(window: WeighWindow) -> float:
     return seconds(window.t3 - window.t1)
 
 
-def time_since_entry(
-    window: WeighWindow, begin: int = 0, end: int | None = None
-) -> NDArray[np.float64]:
+def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None) -> Array:
     """Return the time since t1 in s of the samples with positions in [begin, end).
 
     The sample at ``window_begin`` is taken to be within one interval after t2, even if its stamp is
@@ -129,7 +127,7 @@ def time_since_entry(
     return since + np.arange(begin - first, end - first, dtype=np.float64) * interval
 
 
-def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def denoised_pass(window: WeighWindow) -> tuple[Array, Array]:
     """Return the denoised signal of a window in kg and the share of the product on the belt.
 
     Both are (n,), from the first denoised sample up to t3. The share is 1 after t2.

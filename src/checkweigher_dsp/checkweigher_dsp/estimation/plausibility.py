@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
+from checkweigher_dsp.signal import Array
 
 # The filter is a seventh difference, equalised above a quarter of the sample rate. It reduces an
 # oscillation at 1/20 of the sample rate, at which a platform may ring, to 2e-5.
@@ -70,11 +71,7 @@ def is_plausible(window: WeighWindow) -> bool:
     if not typical:
         return True  # The converter has no noise.
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
-    explained = np.full(len(loaded), _STRIKE * window.belt_speed * load * _STEP_GAIN)
-    # The slope of the load changes where the load begins to rise, is complete, and begins to fall.
-    for corner in (0, begin - entry, end - entry):
-        near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
-        explained[near] += load / max(begin - entry, 1) * _SLOPE_GAIN
+    explained = _impact(load, window.belt_speed, begin - entry, end - entry, len(loaded))
     if np.any(np.abs(loaded) > np.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), explained)):
         return False
     if typical < 2 * _ROUNDING or known is loaded:
@@ -86,7 +83,20 @@ def is_plausible(window: WeighWindow) -> bool:
     return not (calmer or _is_repeated(counts, predicted) or _stands_still(level, predicted))
 
 
-def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
+def _impact(load: float, speed: float, entered: int, leaves: int, count: int) -> Array:
+    """Return the largest e that a product causes in each of `count` samples after t1, (count,).
+
+    `load` is in counts and `speed` in m/s. `entered` and `leaves` are the samples at t2 and t3.
+    """
+    largest = np.full(count, _STRIKE * speed * load * _STEP_GAIN)
+    # The slope of the load changes where the load begins to rise, is complete, and begins to fall.
+    for corner in (0, entered, leaves):
+        near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
+        largest[near] += load / max(entered, 1) * _SLOPE_GAIN
+    return largest
+
+
+def _is_calmer(level: Array, empty: Array) -> bool:
     """Return whether an F test shows that a signal has less variance than the empty belt.
 
     The approximation of Paulson (1942) converts the ratio to a standard normal deviate.

@@ -40,11 +40,7 @@ _NO_MASSES = 3  # number of successive items without a mass that causes an error
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
-    """Return the concerns about failed items.
-
-    Several successive failed items cause an error, and a large share of failed items a warning.
-    `what` describes the failure.
-    """
+    """Return an error for successive failed items, and a warning for a large share of them."""
     in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
     hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
     return [
@@ -209,10 +205,7 @@ class VerdictTiming:
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the aspect Verdicts.
-
-        `verdict_margin`, in s, and `deadlines` are the parameters of the reject stage.
-        """
+        """Return the aspect Verdicts. The arguments are parameters of the reject stage."""
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         latency, margin = 1e3 * self._latency.median, self._margin.smallest
@@ -241,10 +234,7 @@ class VerdictTiming:
         return conclude('Verdicts', well, concerns, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the aspect Line.
-
-        `missing` is the name of a stage that is not running, or empty if all stages are running.
-        """
+        """Return the aspect Line. `missing` is the name of a stage that does not run, or empty."""
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}

@@ -20,11 +20,7 @@ _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 def learning_finding(
     known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
-    """Return the aspect Learning.
-
-    `on` is whether learning is enabled. `trouble` is the reason why the learned state cannot be
-    stored in a file, or empty.
-    """
+    """Return the aspect Learning. `trouble` is why the learned state cannot be stored, or empty."""
     if not on:
         return Finding('Learning', Level.OK, 'off')
     concerns = [

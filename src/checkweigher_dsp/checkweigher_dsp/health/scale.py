@@ -5,7 +5,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.health.findings import (
     MINUTE,
@@ -17,6 +16,7 @@ from checkweigher_core.health.findings import (
 )
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.segmentation.zero_tracking import Zero
+from checkweigher_dsp.signal import Array
 
 _HOUR = 3600.0  # one hour in s
 _DRIFT_SPAN = 1800.0  # longest period for the measurement of the drift in s
@@ -132,7 +132,7 @@ class BeltNoiseWatch:
         self._power = np.zeros(_SPECTRUM // 2 + 1)
         self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
-    def add(self, now: float, force: NDArray[np.float64]) -> None:
+    def add(self, now: float, force: Array) -> None:
         """Add a segment of the empty belt, (n,) in kg. A short segment is ignored."""
         if len(force) < _FEWEST_SAMPLES:
             return

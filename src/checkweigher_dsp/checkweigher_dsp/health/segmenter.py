@@ -23,10 +23,7 @@ _FEWEST = 10  # least number of items
 
 
 class SegmenterWatch:
-    """Statistics of the inputs and outputs of a segmenter.
-
-    `began` is the time in s at which its node was started.
-    """
+    """Statistics of a segmenter whose node was started at the time `began` in s."""
 
     def __init__(self, parameters: SegmenterParameters, began: float) -> None:
         self._parameters = parameters

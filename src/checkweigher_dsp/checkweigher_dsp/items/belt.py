@@ -3,7 +3,8 @@
 """State of item tracking: the items on the belt and the items that have left it."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
@@ -17,10 +18,7 @@ _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye
 
 
 class UsualTransit:
-    """Usual transit of the items, which is the time that an item takes from eye to eye.
-
-    The parameters are described at `ItemTracker`.
-    """
+    """Usual time that an item takes from eye to eye. `ItemTracker` describes the parameters."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -78,6 +76,7 @@ class UsualTransit:
         )
 
 
+@dataclass(eq=False)
 class Belt:
     """State of item tracking, which `checkweigher_dsp.items.transitions` updates by each edge.
 
@@ -85,17 +84,12 @@ class Belt:
     whether the scale shows that all items that entered after `since` had left by `stamp`.
     """
 
-    def __init__(
-        self,
-        eyes: Eyes,
-        transit: UsualTransit,
-        count: int,
-        unloaded: Callable[[int, int], bool] = lambda since, stamp: False,
-    ) -> None:
-        self.eyes = eyes
-        self.transit = transit
-        self.unloaded = unloaded
-        self.count = count
+    eyes: Eyes
+    transit: UsualTransit
+    count: int  # number of the last item
+    unloaded: Callable[[int, int], bool] = lambda since, stamp: False
+
+    def __post_init__(self) -> None:
         self.items: list[TrackedItem] = []  # items on the belt in the order of their entry
         self.given_up: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.abandoned: deque[TrackedItem] = deque()
@@ -190,8 +184,7 @@ class Belt:
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
         self.fault_all(Reason.MISSING_EDGE)
-        for item in self.items:
-            item.state = State.GONE
+        _set_state(self.items, State.GONE)
         self.finished += self.items
         self.items, self.at_infeed, self.freed = [], None, stamp
 
@@ -203,11 +196,9 @@ class Belt:
 
     def abandon(self, reason: Reason) -> None:
         """Give up all items with a reason, because the stream has ended."""
-        for item in filter(None, (*self.abandoned, self.at_outfeed)):
-            item.state = State.GONE
+        _set_state(filter(None, (*self.abandoned, self.at_outfeed)), State.GONE)
         self.fault_all(reason)
-        for item in self.items:
-            item.state = State.ABANDONED
+        _set_state(self.items, State.ABANDONED)
         self.finished += self.items
         self.abandoned, self.items = deque(self.items), []
         self.runs_on = reason is Reason.CLOCK_JUMP
@@ -221,8 +212,7 @@ class Belt:
         """
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
-        for item in self.given_up:
-            item.state = State.ABANDONED
+        _set_state(self.given_up, State.ABANDONED)
         self.abandoned += self.given_up
         self.given_up.clear()
         self.transit.forget()
@@ -236,10 +226,7 @@ class Belt:
             item.fault(reason)
 
     def clear(self, edge: EyeEdge) -> None:
-        """Remove the item at the eye that an edge clears.
-
-        An item at the outfeed eye has left, so the items behind it are alone on the belt from then.
-        """
+        """Remove the item at the eye of an edge. Items behind it at the outfeed are then alone."""
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
             return
@@ -249,13 +236,14 @@ class Belt:
                 item.left_before = edge.stamp
 
     def drop_given_up(self) -> bool:
-        """Remove the items that were given up.
-
-        Returns whether an item that leaves now may be one of the removed items.
-        """
+        """Remove the given-up items. Returns whether one of them may be leaving now."""
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
-        for item in (*self.given_up, *self.abandoned):
-            item.state = State.GONE
+        _set_state((*self.given_up, *self.abandoned), State.GONE)
         self.given_up.clear()
         self.abandoned.clear()
         return ambiguous
+
+
+def _set_state(items: Iterable[TrackedItem], state: State) -> None:
+    for item in items:
+        item.state = state

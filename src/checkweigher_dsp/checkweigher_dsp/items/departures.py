@@ -9,10 +9,7 @@ from checkweigher_dsp.items.item import TrackedItem
 
 
 def departure_before(belt: Belt, stamp: int) -> int | None:
-    """Return the time in ns at which the item ahead leaves, or None if it is unknown.
-
-    `stamp` is the time in ns at which the following item enters.
-    """
+    """Return the departure in ns of the item ahead of one that enters at `stamp`, or None."""
     if belt.covered:
         return None
     if belt.at_outfeed is not None:

@@ -47,9 +47,8 @@ class EdgeQueue:
 
     def admit_strays(self) -> None:
         """Add the strays as late edges, because the clock has not gone back."""
-        if self._strays:
-            strays, self._strays = self._strays, []
-            self.put_back(strays)
+        strays, self._strays = self._strays, []
+        self.put_back(strays)
 
     def pop_while(self, condition: Callable[[EyeEdge], bool]) -> list[EyeEdge]:
         """Remove and return the edges before the first edge that does not meet a condition."""
@@ -70,10 +69,7 @@ class EdgeQueue:
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Remove and return the edges after a jump of the clock.
-
-        `stamp` is the first time in ns after the jump, and `forward` the direction of the jump.
-        """
+        """Remove and return the edges after a jump of the clock to the time `stamp` in ns."""
         if forward:
             position = bisect_left(self._edges, stamp, key=_STAMP)
             new, self._edges = self._edges[position:], self._edges[:position]

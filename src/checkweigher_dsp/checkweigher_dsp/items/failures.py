@@ -35,10 +35,7 @@ class Failures:
         items: Iterable[A],
         *more: Iterable[Any],
     ) -> list[B]:
-        """Process items one by one and return the results.
-
-        `more` contains the further arguments of `work` for each item.
-        """
+        """Process items one by one, with `more` arguments for each, and return the results."""
         results = []
         for item, *others in zip(items, *more, strict=True):
             try:

@@ -75,10 +75,7 @@ class TrackedItem:
         self.faults.update(dict.fromkeys(reasons))
 
     def accounts_for(self, stamp: int, debounce: int) -> bool:
-        """Return whether this item can have blocked the infeed eye at `stamp`.
-
-        `stamp` and `debounce`, the debounce time of the eye, are in ns.
-        """
+        """Return whether the item can have blocked the infeed eye at `stamp`; times are in ns."""
         if self.t1 is None:
             return stamp < self.entered
         if self.t2 is None and Reason.CHATTERING_EYE in self.faults:

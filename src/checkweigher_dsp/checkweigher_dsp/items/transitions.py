@@ -237,8 +237,7 @@ def _cover(belt: Belt, switch: Switch) -> bool:
 
 def _leave_again(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Continue the departure of the last item if it is still at the eye."""
-    item = _last_at_outfeed(belt, switch)
-    if item is not None:
+    if item := _last_at_outfeed(belt, switch):
         item.t4 = None
     return item
 
@@ -315,8 +314,7 @@ def _uncover(belt: Belt, switch: Switch) -> bool:
 
 def _go_again(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Move the clearing edge of the last item if it was still at the eye."""
-    item = _last_at_outfeed(belt, switch)
-    if item is not None:
+    if item := _last_at_outfeed(belt, switch):
         belt.freed = item.t4 = switch.stamp
     return item
 
@@ -355,38 +353,37 @@ def _free(belt: Belt, switch: Switch) -> bool:
     return True
 
 
-_Case, _S = Transition, State
 _MISSING, _DISTANCE = Reason.MISSING_EDGE, Reason.DISTANCE_FAULT
 _CHATTER, _TOO_LONG, _START_UP = Reason.CHATTERING_EYE, Reason.PRODUCT_TOO_LONG, Reason.START_UP
 
 TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
     (Eye.INFEED, True): (
-        _Case(_reopen_entry, _S.ENTERING, (_CHATTER,)),
-        _Case(_enter, _S.ENTERING, (_CHATTER, _MISSING, _DISTANCE)),
+        Transition(_reopen_entry, State.ENTERING, (_CHATTER,)),
+        Transition(_enter, State.ENTERING, (_CHATTER, _MISSING, _DISTANCE)),
     ),
     (Eye.INFEED, False): (
-        _Case(_end_entry, _S.ON_BELT),
-        _Case(_show_state),
-        _Case(_keep_first),
-        _Case(_extend_entry, _S.ON_BELT, (_CHATTER,)),
-        _Case(_end_reported),
-        _Case(_enter_unseen, _S.ON_BELT, (_MISSING, _DISTANCE)),
+        Transition(_end_entry, State.ON_BELT),
+        Transition(_show_state),
+        Transition(_keep_first),
+        Transition(_extend_entry, State.ON_BELT, (_CHATTER,)),
+        Transition(_end_reported),
+        Transition(_enter_unseen, State.ON_BELT, (_MISSING, _DISTANCE)),
     ),
     (Eye.OUTFEED, True): (
-        _Case(_cover),
-        _Case(_leave_again, _S.LEAVING),
-        _Case(_leave_again_beside, _S.LEAVING, (_MISSING,)),
-        _Case(_leave_late, _S.LEAVING, (_DISTANCE,)),
-        _Case(_leave, _S.LEAVING, (_DISTANCE, _TOO_LONG, _MISSING)),
-        _Case(_leave_unseen, _S.LEAVING, (_MISSING, _DISTANCE)),
+        Transition(_cover),
+        Transition(_leave_again, State.LEAVING),
+        Transition(_leave_again_beside, State.LEAVING, (_MISSING,)),
+        Transition(_leave_late, State.LEAVING, (_DISTANCE,)),
+        Transition(_leave, State.LEAVING, (_DISTANCE, _TOO_LONG, _MISSING)),
+        Transition(_leave_unseen, State.LEAVING, (_MISSING, _DISTANCE)),
     ),
     (Eye.OUTFEED, False): (
-        _Case(_go, _S.GONE),
-        _Case(_uncover),
-        _Case(_go_again, _S.GONE),
-        _Case(_go_beside, None, (_START_UP, _DISTANCE)),
-        _Case(_go_unseen, _S.GIVEN_UP, (_START_UP, _MISSING)),
-        _Case(_free),
+        Transition(_go, State.GONE),
+        Transition(_uncover),
+        Transition(_go_again, State.GONE),
+        Transition(_go_beside, None, (_START_UP, _DISTANCE)),
+        Transition(_go_unseen, State.GIVEN_UP, (_START_UP, _MISSING)),
+        Transition(_free),
     ),
 }
 

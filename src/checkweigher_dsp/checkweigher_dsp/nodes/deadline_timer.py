@@ -37,10 +37,7 @@ class DeadlineTimer:
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to the earlier of two deadlines in ns, or clear it if both are None.
-
-        `due` is on the clock of arrivals, and `stamp` on the clock of the stamps.
-        """
+        """Set the timer to the earlier of an arrival and a stamp, or clear it if both are None."""
         times = [due if self.clock.running else None]
         if stamp is not None:
             times.append(self.clock.reaches(stamp, time.monotonic_ns()))

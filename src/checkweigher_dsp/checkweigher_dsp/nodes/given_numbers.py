@@ -70,10 +70,7 @@ class GivenNumbers:
             self._fail(error)
 
     def _begin(self, file: int, run: str) -> bool:
-        """Read the numbers of this run, or create the file in its full size.
-
-        Returns whether the file belongs to this run and is not damaged.
-        """
+        """Read the file, or create it for a new run. Returns whether the numbers were intact."""
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
         places = data[_LINE:].splitlines() if data.startswith(line) else []

@@ -165,8 +165,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_external_reject(self, reject: ExternalReject) -> None:
         if self._stops.active:
-            stage = self._stage
-            stage.inspections.add(reject, stage.weigh_length, time.monotonic_ns())
+            weigh_length = self._stage.weigh_length
+            self._stage.inspections.add(reject, weigh_length, time.monotonic_ns())
             self.count('external rejects')
             self._update()
 

@@ -46,10 +46,7 @@ class BatchTally:
         return self.product, self.batch
 
     def has_room(self, quota: float) -> bool:
-        """Return whether the next accepted item may be below TU1.
-
-        `quota` is the largest share of such items.
-        """
+        """Return whether the next accepted item may be below TU1 for a `quota` of such items."""
         return self.below_tu1 + 1 <= quota * (self.accepted + 1) * (1 + ROUNDING)
 
 

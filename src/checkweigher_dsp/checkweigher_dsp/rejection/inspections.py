@@ -98,10 +98,7 @@ class Inspections:
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
-        """Set whether all devices are running at `stamp`, according to the machine conditions.
-
-        `heard` is whether a node publishes rejects.
-        """
+        """Set whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
         # The outage may have begun before the latest edges arrived.

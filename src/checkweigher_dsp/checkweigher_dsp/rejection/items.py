@@ -150,10 +150,9 @@ class EarlyEstimates:
 
     def advance(self, now: int) -> None:
         """Remove the estimates that have expired by `now`."""
-        for number, (_, until) in list(self._waiting.items()):
-            if until is not None and until <= now:
-                del self._waiting[number]
-                self.unknown += 1
+        kept = {n: each for n, each in self._waiting.items() if each[1] is None or each[1] > now}
+        self.unknown += len(self._waiting) - len(kept)
+        self._waiting = kept
 
     def clear(self) -> None:
         """Remove all estimates."""

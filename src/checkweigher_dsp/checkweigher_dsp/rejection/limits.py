@@ -61,10 +61,7 @@ def refused(verdict: Verdict) -> Verdict:
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
-    """Return the reasons to reject a weighed item, apart from the limits of its mass.
-
-    An unknown length or speed is outside any limited range.
-    """
+    """Return the reasons to reject a weighed item, apart from the limits of its mass."""
     length = estimate.product_length
     found = [] if _is_certain(estimate) else [Reason.NO_CONVERGENCE]
     if limits.needed and not limits.product:

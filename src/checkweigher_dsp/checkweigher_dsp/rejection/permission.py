@@ -53,14 +53,10 @@ class PermissionRule:
         self._signs[stage] = now
 
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
-        """Return whether the line may run at `now`.
-
-        `present` is whether the inputs ``eyes`` and ``load cell`` have a publisher, and `stopped`
-        whether a stop is requested.
-        """
+        """Return whether the line may run; `present` is whether each input has a publisher."""
         old = now - self._fresh_time
-        fresh = {name: sign is not None and sign >= old for name, sign in self._signs.items()}
-        self._missing = tuple(name for name, well in {**present, **fresh}.items() if not well)
+        signs = {name: sign is not None and sign >= old for name, sign in self._signs.items()}
+        self._missing = tuple(name for name, well in {**present, **signs}.items() if not well)
         self._given = not stopped and not (self._missing and self.deadlines)
         return self._given
 

@@ -110,10 +110,7 @@ class RejectStage:
     def take(
         self, record: Item | EyeEdge | MassEstimate | StreamStatus, now: int | None = None
     ) -> list[Verdict]:
-        """Process a record and return the verdicts that follow from it.
-
-        A `StreamStatus` must be that of the segmenter.
-        """
+        """Process a record and return verdicts; a `StreamStatus` must be that of the segmenter."""
         if isinstance(record, Item):
             return self._add_item(record, now)
         if isinstance(record, MassEstimate):

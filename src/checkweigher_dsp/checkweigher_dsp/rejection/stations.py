@@ -83,10 +83,7 @@ def _range(name: str, word: str) -> tuple[float, float]:
 
 
 def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verdict:
-    """Return a verdict with the station that removes the item, and the time of its signal.
-
-    `speed` is the belt speed in m/s, or NaN.
-    """
+    """Return a verdict with the station that removes the item; `speed` is in m/s or NaN."""
     if verdict.t3 is None or not speed > 0 or not _NO_PLACE.isdisjoint(verdict.reasons):
         return verdict
     for number, station in enumerate(stations, start=1):

@@ -41,10 +41,7 @@ class StreamClock:
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return the arrival time, not before `now`, at which the clock shows `stamp`.
-
-        Returns None if the clock shows this time only after another message.
-        """
+        """Return the arrival time at which the clock shows `stamp`, or None without a message."""
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
             return None

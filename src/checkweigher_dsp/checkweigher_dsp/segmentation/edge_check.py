@@ -20,7 +20,7 @@ _SURE = 4.0  # standard deviations by which a significant value differs from 0
 _LIKELY = 2.5
 _ALIKE = 1.0
 _LEAST_SHIFT = 6e-4  # smallest shift of a window in s; the lags of platforms differ by up to 5e-4
-_SHARE = 0.02  # variation of the rise time from item to item, as a share of it
+_SHARE = 0.02  # variation of the rise time between items, as a share of the rise time
 # Largest distance from the stated lag. The first term, in s, allows for filters and displaced eyes.
 # The second term, a share of the rise time, allows for products whose load rises unevenly.
 _FURTHEST = 0.01
@@ -134,10 +134,7 @@ class EdgeCheck:
         return median(last) if len(last) == _LAST else math.nan
 
     def _bend(self) -> tuple[float, float]:
-        """Return the part of the lag due to an uneven rise of the load, and its standard deviation.
-
-        This part does not shift a window. A measured lag already includes it.
-        """
+        """Return the part of the lag due to an uneven rise, and its standard deviation."""
         if self.is_stated:
             return 0.0, 0.0
         bend = median(each.bend for each in self._first)

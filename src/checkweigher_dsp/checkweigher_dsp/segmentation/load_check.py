@@ -11,6 +11,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
+
 # Largest change as a share of the load. The ring-down after the entry explains up to 6 %.
 _SHARE = 0.08
 _VIBRATION = 6.0  # largest change due to vibration, in median changes of the empty belt
@@ -76,25 +78,18 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
     return bool(loads[-1] <= _SHARE * loads.max())
 
 
-def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return the difference of two means for each segment of `size` samples, (n - size + 1,).
-
-    The means are those of the last quarter and of the first half of the segment.
-    """
+def _changes(counts: Array, size: int) -> Array:
+    """Return the mean of the last quarter minus that of the first half of each `size` samples."""
     half, quarter = size // 2, size // 4
-    number = len(counts) - size + 1
-    sums = np.zeros(len(counts) + 1)
-    np.add.accumulate(counts - counts[0], out=sums[1:])
-    changes = sums[size:] - sums[size - quarter : len(sums) - quarter]
-    changes /= quarter
+    sums = np.append(0.0, np.cumsum(counts - counts[0]))
+    number = len(sums) - size
+    last = sums[size:] - sums[size - quarter : size - quarter + number]
     first = sums[half : half + number] - sums[:number]
-    first /= half
-    changes -= first
-    return changes
+    return last / quarter - first / half
 
 
 @lru_cache(maxsize=64)
-def _time(size: int) -> tuple[NDArray[np.float64], float]:
+def _time(size: int) -> tuple[Array, float]:
     """Return evenly spaced times from -1 to 1, (size,), and the sum of their squares."""
     time = np.linspace(-1.0, 1.0, size)
     time.flags.writeable = False

@@ -72,10 +72,7 @@ class SampleBuffer:
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 
     def index_at(self, stamp: int) -> int:
-        """Return the index of the first sample at or after `stamp`, a time in ns.
-
-        The sample need not have arrived.
-        """
+        """Return the index of the first sample, possibly a future one, at or after a time in ns."""
         position = max(bisect_right(self._anchors, stamp, key=attrgetter('stamp')) - 1, 0)
         anchor = self._anchors[position]
         offset = (stamp - anchor.stamp) * self.sample_rate / NANOSECONDS
@@ -140,8 +137,7 @@ class SampleBuffer:
         """Remove the anchors and gaps before the oldest sample."""
         while len(self._anchors) > 1 and self._anchors[1].first_index <= self.start:
             del self._anchors[0]
-        while self._gaps and self._gaps[0][1] <= self.start:
-            del self._gaps[0]
+        self._gaps = [gap for gap in self._gaps if gap[1] > self.start]
 
     def is_whole(self, begin: int, end: int) -> bool:
         """Return whether the buffer contains all samples with an index in [begin, end)."""

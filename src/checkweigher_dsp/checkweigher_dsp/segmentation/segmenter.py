@@ -101,10 +101,7 @@ class Segmenter:
         return not self._source.queue.is_empty
 
     def take_announced(self) -> list[Item]:
-        """Return the announcements of items since the last call.
-
-        The announcement of an item precedes its window.
-        """
+        """Return the announcements of items since the last call, which precede the windows."""
         return self._source.take_announced()
 
     def take(self, record: SampleBlock | EyeEdge) -> list[WeighWindow]:
@@ -122,10 +119,7 @@ class Segmenter:
         return self.cutter.cut()
 
     def idle_belt(self) -> NDArray[np.int32]:
-        """Return the last samples of an empty belt after the ring-down, (n,).
-
-        There are no samples, n = 0, if an item is on the belt.
-        """
+        """Return the last samples of an empty belt after the ring-down, (n,), or n = 0 samples."""
         begin, end = self._empty_span() or (0, 0)
         begin = max(begin, end - round(self._parameters.zero_time * self.load_cell.sample_rate))
         whole = begin < end and self._buffer.is_whole(begin, end)
@@ -156,10 +150,7 @@ class Segmenter:
         return windows
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
-        """Clear the buffer if the source has started again or its clock has jumped.
-
-        Returns the windows of the items that are lost, as faults.
-        """
+        """Begin a new stream if a block is from one, and return the lost items as faults."""
         buffer = self._buffer
         if len(block.counts) == 0 or buffer.empty:
             return []
@@ -196,10 +187,7 @@ class Segmenter:
         return self.cutter.cut(wait=False) if late else []
 
     def _empty_span(self) -> Span | None:
-        """Return the span of the samples of an empty belt after the ring-down.
-
-        Returns None if an item may be on the belt.
-        """
+        """Return the span of samples of an empty belt after the ring-down, or None."""
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:
             return None

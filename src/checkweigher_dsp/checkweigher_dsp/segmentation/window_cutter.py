@@ -50,13 +50,6 @@ class WindowCutter:
 
     An item waits until its samples have arrived. Before its window is cut, the zero is updated by
     the empty belt before the item.
-
-    Attributes
-    ----------
-    count : int
-        Number of windows so far.
-    jumped : bool
-        Whether the buffer was cleared because of a jump of the clock.
     """
 
     def __init__(
@@ -76,8 +69,8 @@ class WindowCutter:
         self.edge_check = EdgeCheck(parameters)
         self._load_check = LoadCheck()
         self._waiting: list[TrackedItem] = []
-        self.count = 0
-        self.jumped = False
+        self.count = 0  # number of windows so far
+        self.jumped = False  # whether the samples begin after a jump of the clock
 
     def take(self, items: Iterable[TrackedItem]) -> None:
         """Add items, which wait for their samples."""
@@ -90,20 +83,14 @@ class WindowCutter:
         self.motion.check(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
-        """Add a fault to the waiting items that entered before a time in ns.
-
-        Returns whether there are such items.
-        """
+        """Add a fault to items that entered before a time in ns. Returns whether there are any."""
         late = [item for item in self._waiting if item.entered < before]
         for item in late:
             item.fault(reason)
         return bool(late)
 
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
-        """Return the windows of the items whose samples have arrived.
-
-        With `wait`, an item also waits for samples after it has begun to leave.
-        """
+        """Return the windows of items whose samples, with `wait` also those after t3, have come."""
         found = self._failures.each(
             partial(self._cut, wait=wait),
             lambda item: self._fault(item, Reason.STAGE_FAILED),
@@ -205,10 +192,7 @@ class WindowCutter:
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
     def _check_rise(self, item: TrackedItem, place: _Place) -> Reason | None:
-        """Set the shift of an item by the rise of its load.
-
-        Returns a reason if the rise contradicts the edges, otherwise None.
-        """
+        """Set the shift of an item by the rise of its load, or return why the two contradict."""
         if not self._parameters.rise_lag_tolerance or item.shift is not None:
             return None
         buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1

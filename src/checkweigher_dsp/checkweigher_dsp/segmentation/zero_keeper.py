@@ -25,13 +25,7 @@ class ZeroAnswer:
 
 
 class ZeroKeeper:
-    """Zero of the scale.
-
-    Attributes
-    ----------
-    answer : ZeroAnswer or None
-        Answer to the last request, or None while the request waits.
-    """
+    """Zero of the scale, with the requests to set it."""
 
     def __init__(
         self, load_cell: LoadCell, parameters: SegmenterParameters, buffer: SampleBuffer
@@ -51,7 +45,7 @@ class ZeroKeeper:
         )
         self._requested: int | None = None  # index of the first sample after the request
         self._why_not = ''
-        self.answer: ZeroAnswer | None = None
+        self.answer: ZeroAnswer | None = None  # answer to the last request, None while it waits
 
     @property
     def zero(self) -> Zero:

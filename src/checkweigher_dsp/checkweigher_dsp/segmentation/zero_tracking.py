@@ -9,6 +9,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _SHORTEST_AVERAGE = 0.1  # duration in s, above the periods of the vibration of the belt
@@ -210,9 +211,7 @@ class ZeroTracker:
             self._follow(readings, settled, allowed)
         return self.zero
 
-    def _follow(
-        self, counts: NDArray[np.float64], settled: bool, allowed: tuple[float, float]
-    ) -> None:
+    def _follow(self, counts: Array, settled: bool, allowed: tuple[float, float]) -> None:
         known = self._scatter, self._degrees
         reading, noise = self._measure(counts, settled)
         if self._is_doubtful(reading, noise):
@@ -239,7 +238,7 @@ class ZeroTracker:
         rest = reading - self._value
         self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
-    def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
+    def _is_at_rest(self, counts: Array) -> bool:
         """Return whether a segment is stable and has no outliers."""
         means = self._parts(counts, _SHORTEST_AVERAGE)
         if max(means) - min(means) > self._limits.stability:
@@ -252,7 +251,7 @@ class ZeroTracker:
         least = _LEAST_OUTLYING * math.sqrt(self._initial_variance)
         return max(off) <= _OUTLYING * median(off) + least
 
-    def _parts(self, counts: NDArray[np.float64], duration: float) -> list[float]:
+    def _parts(self, counts: Array, duration: float) -> list[float]:
         """Return the means of at least two parts of a segment, with a duration in s."""
         number = self._number(counts, duration)
         size = len(counts) // number
@@ -261,7 +260,7 @@ class ZeroTracker:
         parts = counts[len(counts) - number * size :].reshape(number, size)
         return [float(mean) for mean in hann_mean(parts)]
 
-    def _number(self, counts: NDArray[np.float64], duration: float) -> int:
+    def _number(self, counts: Array, duration: float) -> int:
         return max(2, int(len(counts) / (duration * self._sample_rate)))
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
@@ -285,7 +284,7 @@ class ZeroTracker:
         """Return whether a zero of `reading` counts is within the range."""
         return abs(reading - self._initial) <= self._limits.range
 
-    def _measure(self, counts: NDArray[np.float64], settled: bool) -> tuple[float, float]:
+    def _measure(self, counts: Array, settled: bool) -> tuple[float, float]:
         """Return the reading of a segment in counts and its variance in counts^2."""
         least = _LEAST_NOISE * self._initial_variance
         if not settled:

@@ -9,15 +9,14 @@ disturbance e to the innovation w, which is white noise.
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
+
+from checkweigher_dsp.signal import Array
 
 # The recursion of an energy restarts below this share, at which three digits are lost.
 _LEFT = 1e-3
 
 
-def burg(
-    signal: NDArray[np.float64], order: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def burg(signal: Array, order: int) -> tuple[Array, Array]:
     r"""Fit an AR model by Burg's method.
 
     The method minimises the sum of the forward and backward prediction errors:
@@ -94,7 +93,7 @@ def burg(
     return turned[end - order - 1 : end], np.array(reflections)
 
 
-def akaike_order(powers: NDArray[np.float64], count: int) -> int:
+def akaike_order(powers: Array, count: int) -> int:
     """Choose the order of an AR model by Akaike's information criterion.
 
     The criterion of order m is n ln(power) + 2 m, for a model that was fitted to n = `count`
@@ -119,9 +118,7 @@ def akaike_order(powers: NDArray[np.float64], count: int) -> int:
 _ROUNDING = 1e-28
 
 
-def pooled_autocovariance(
-    segments: Iterable[NDArray[np.float64]], count: int
-) -> NDArray[np.float64]:
+def pooled_autocovariance(segments: Iterable[Array], count: int) -> Array:
     """Return the biased autocovariance of several segments of the same process, about zero.
 
     Parameters

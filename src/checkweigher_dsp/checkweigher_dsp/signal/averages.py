@@ -7,12 +7,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from checkweigher_dsp.signal import Array
 
 BATCHES = 10  # number of batches in the method of batch means
 
 
-def batch_mean_std_error(samples: NDArray[np.float64]) -> float:
+def batch_mean_std_error(samples: Array) -> float:
     """Return the standard error of the mean of successive samples with coloured noise.
 
     The method of batch means is used, because the means of ten successive batches are nearly
@@ -32,7 +33,7 @@ def batch_mean_std_error(samples: NDArray[np.float64]) -> float:
     return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
 
 
-def hann_mean(samples: NDArray[np.float64]) -> Any:
+def hann_mean(samples: Array) -> Any:
     """Compute the Hann-weighted mean of windows. The weights exclude the zeros of a Hann window.
 
     The mean is unbiased for a constant load. An oscillation with two or more periods in the window
@@ -58,8 +59,8 @@ def hann_mean(samples: NDArray[np.float64]) -> Any:
 
 
 @lru_cache(maxsize=256)
-def _hann_weights(count: int) -> tuple[NDArray[np.float64], float]:
+def _hann_weights(count: int) -> tuple[Array, float]:
     """Return the weights of a Hann window without its zeros, (count,), and their sum."""
-    weights: NDArray[np.float64] = np.hanning(count + 2)[1:-1].astype(np.float64)
+    weights: Array = np.hanning(count + 2)[1:-1].astype(np.float64)
     weights.flags.writeable = False
     return weights, float(np.add.reduce(weights))

@@ -15,6 +15,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
+
 
 @dataclass(frozen=True, slots=True)
 class Noise:
@@ -30,13 +32,13 @@ class Noise:
 class Identification:
     """Coefficients and steady state of the platform in each window. All arrays are (windows,)."""
 
-    a1: NDArray[np.float64]
-    a2: NDArray[np.float64]
-    b1: NDArray[np.float64]  # in the unit of the signal
-    gain: NDArray[np.float64]  # steady state in the unit of the signal, NaN if it does not exist
-    variance: NDArray[np.float64]  # variance of `gain` by first-order error propagation
+    a1: Array
+    a2: Array
+    b1: Array  # in the unit of the signal
+    gain: Array  # steady state in the unit of the signal, NaN if it does not exist
+    variance: Array  # variance of `gain` by first-order error propagation
 
-    def in_unit(self, scale: NDArray[np.float64]) -> Self:
+    def in_unit(self, scale: Array) -> Self:
         """Return the result for signals that are larger by the factors `scale`, (windows,)."""
         return replace(
             self, b1=scale * self.b1, gain=scale * self.gain, variance=scale * scale * self.variance
@@ -44,11 +46,11 @@ class Identification:
 
 
 def identify(
-    samples: NDArray[np.float64],
-    variance: NDArray[np.float64],
+    samples: Array,
+    variance: Array,
     noise: Noise,
     *,
-    inputs: NDArray[np.float64] | None = None,
+    inputs: Array | None = None,
     counts: NDArray[np.int64] | None = None,
     rise: Any = 1.0,
     start_from_samples: bool = False,
@@ -137,7 +139,7 @@ def identify(
 _LEAST_MEASUREMENT = 1e-14
 
 
-def _by_sample(values: NDArray[np.float64]) -> Any:
+def _by_sample(values: Array) -> Any:
     """Return the values (windows, n) of each sample as an array, or as floats for one window.
 
     The arithmetic on floats gives the same bits as that on arrays of one number, 20 times as fast.

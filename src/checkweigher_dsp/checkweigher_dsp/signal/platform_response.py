@@ -18,7 +18,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from checkweigher_dsp.signal import Array
 
 # Number of stairs at each end of the belt. With 8 stairs, the error of the moving mass is at most
 # 1/16 of the mass of the product, and 0 on average.
@@ -47,9 +48,7 @@ class Crossing:
     off_end: float = math.inf
 
 
-def responses(
-    platform: Platform, mass: float, crossing: Crossing, time: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) -> Array:
     """Return five responses, (5, n), whose linear combination is the signal of a pass.
 
     `mass` is the mass of the product in kg. `time`, (n,) in s, ascends and begins no later than
@@ -85,11 +84,13 @@ def responses(
     angles = dampeds * since
     cosines, sines = envelopes * np.cos(angles), envelopes * np.sin(angles)
     loaded, free, kicked = (waves[k] * cosines + waves[k + 1] * sines for k in (0, 2, 4))
-    result[0, entry:] = loaded + forces + rates * since
-    result[1, entry:] = one * free + slopes[0] * kicked
-    result[2, entry:] = other * free + slopes[1] * kicked
-    result[3, entry:] = free
-    result[4, entry:] = kicked
+    result[:, entry:] = (
+        loaded + forces + rates * since,
+        one * free + slopes[0] * kicked,
+        other * free + slopes[1] * kicked,
+        free,
+        kicked,
+    )
     return result
 
 

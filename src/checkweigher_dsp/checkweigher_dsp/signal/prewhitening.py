@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import burg
 
 
@@ -36,7 +36,7 @@ class Prewhitener:
     [0.866, 1.5, 2.0]
     """
 
-    def __init__(self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float) -> None:
+    def __init__(self, reflections: Sequence[float] | Array, std_dev: float) -> None:
         order = len(reflections)
         self._order = order
         # Row m predicts sample m from all samples before it, for m below the order.
@@ -52,7 +52,7 @@ class Prewhitener:
             taps[1 : m + 2] += reflection * reverse
         self._taps = taps / std_dev
 
-    def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
+    def whiten(self, signals: Array) -> Array:
         """Return the filtered signals (..., n), in units of the standard deviation of the noise."""
         result = np.empty(signals.shape)
         begin = min(self._order, signals.shape[-1])
@@ -60,9 +60,7 @@ class Prewhitener:
         self.whiten_again(signals, result, begin)
         return result
 
-    def whiten_again(
-        self, signals: NDArray[np.float64], whitened: NDArray[np.float64], begin: int
-    ) -> None:
+    def whiten_again(self, signals: Array, whitened: Array, begin: int) -> None:
         """Update `whitened` after a change of `signals`, both (..., n), from sample `begin` on."""
         if begin < min(self._order, signals.shape[-1]):
             whitened[:] = self.whiten(signals)
@@ -74,9 +72,7 @@ class Prewhitener:
             whitened[..., begin:] = np.reshape(filtered, (*signals.shape[:-1], -1))
 
 
-def pooled_reflections(
-    segments: Sequence[NDArray[np.float64]], order: int
-) -> tuple[NDArray[np.float64], float]:
+def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, float]:
     """Fit an autoregressive model to several segments of the same noise by Burg's method.
 
     Each reflection coefficient is computed from the forward and backward prediction errors of all

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow, seconds
+from checkweigher_dsp.signal import Array
 
 PLATFORM_LAG = 5e-4  # lag 2 xi / omega of the default platform in s
 _TAPER = 0.05  # longest taper of a in s
@@ -61,9 +61,7 @@ class RiseLag:
         return not math.isnan(self.lag)
 
 
-def rise_lag(
-    force: NDArray[np.float64], time: NDArray[np.float64], rise_time: float, transit: float
-) -> RiseLag:
+def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> RiseLag:
     """Return the lag of the rise of the load, with its bend and their standard deviations.
 
     Parameters
@@ -136,8 +134,8 @@ def lag_of(window: WeighWindow) -> RiseLag:
 
 
 def _weights(
-    time: NDArray[np.float64], rise_time: float, transit: float, lag: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    time: Array, rise_time: float, transit: float, lag: float
+) -> tuple[Array, Array, Array] | None:
     """Return the weights of the samples in z, in M, and in M times the error of the lag.
 
     The weights are (n,) each. Returns None if there are too few samples of the empty belt or of the
@@ -160,12 +158,12 @@ def _weights(
     return zero, level, zero * np.add.reduce(area) + level * (area @ share) - area
 
 
-def _bell(time: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
-    """Return the values of a Hann window from `begin` to `end` at some times."""
+def _bell(time: Array, begin: float, end: float) -> Array:
+    """Return the values of a Hann window from `begin` to `end` at the given times."""
     return np.sin(math.pi * np.clip((time - begin) / (end - begin), 0.0, 1.0)) ** 2
 
 
-def _noise(force: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+def _noise(force: Array, weights: Array) -> float:
     """Return the root mean square of a weighted sum of noise like that of `force`, (n,).
 
     The noise is tapered, so that it may be shorter than the weights, (m,).

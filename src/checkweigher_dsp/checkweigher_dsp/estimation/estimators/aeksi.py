@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_dsp.estimation.estimators.aid import (
@@ -21,6 +20,7 @@ from checkweigher_dsp.estimation.estimators.aid import (
     prefilter_adaptively,
 )
 from checkweigher_dsp.estimation.estimators.base import Axis, PlotStyle
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.extended_kalman import Noise, identify
 from checkweigher_dsp.signal.platform_poles import is_stable
 
@@ -64,26 +64,20 @@ class Aeksi(Aid):
     )
 
     def settings(self, speed: float) -> tuple[AdaptiveSettings, Noise]:
-        """Return the settings of the prefilter and the variances of the Kalman filter.
-
-        `speed` is the belt speed in m/s.
-        """
+        """Return the settings of prefilter and Kalman filter at a belt speed in m/s."""
         known = self.parameters
         names = 'measurement_noise', 'process_noise', 'coefficient_variance'
         return known.settings(speed), Noise(*(known.at(name, speed) for name in names))
 
     def identify(
-        self,
-        samples: NDArray[np.float64],
-        settings: tuple[AdaptiveSettings, Noise],
-        sample_rate: float,
+        self, samples: Array, settings: tuple[AdaptiveSettings, Noise], sample_rate: float
     ) -> AdaptiveIdentification:
         """Identify the platform in windows (windows, n) of raw samples in kg."""
         return identify_adaptive_by_ekf(samples, *settings, sample_rate)
 
 
 def identify_adaptive_by_ekf(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, noise: Noise, sample_rate: float
+    samples: Array, settings: AdaptiveSettings, noise: Noise, sample_rate: float
 ) -> AdaptiveIdentification:
     """Identify the platform by an extended Kalman filter on adaptively prefiltered windows (AEKSI).
 

@@ -43,6 +43,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.extended_kalman import Identification
@@ -147,7 +148,7 @@ class Aid(Estimator):
         return self.parameters.settings(speed)
 
     def identify(
-        self, samples: NDArray[np.float64], settings: Any, sample_rate: float
+        self, samples: Array, settings: Any, sample_rate: float
     ) -> 'AdaptiveIdentification':
         """Identify the platform in windows (windows, n) of raw samples in kg."""
         return identify_adaptive(samples, settings, sample_rate)
@@ -172,7 +173,7 @@ class AdaptiveIdentification(Identification):
 
 
 def identify_adaptive(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
+    samples: Array, settings: AdaptiveSettings, sample_rate: float
 ) -> AdaptiveIdentification:
     """Identify the platform by least squares on adaptively prefiltered windows (AID).
 
@@ -201,8 +202,8 @@ def identify_adaptive(
 
 
 def prefilter_adaptively(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    samples: Array, settings: AdaptiveSettings, sample_rate: float
+) -> tuple[Array, Array, Array]:
     """Return the prefiltered windows of the last iteration of `identify_adaptive`.
 
     See `identify_adaptive` for the parameters. Returns three arrays: the prefiltered signals,
@@ -215,7 +216,7 @@ def prefilter_adaptively(
     return filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1)
 
 
-def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:
+def prefilter(samples: Array, taps: Array) -> Array:
     """Return the outputs of a FIR filter for which all taps are within the window.
 
     The samples are (windows, n) and the outputs (windows, n - t + 1). The taps are (t,) for all
@@ -229,7 +230,7 @@ def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArra
     return result
 
 
-def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
+def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
     """Return the taps of a Hann low-pass filter of unity gain; the -3 dB cut-off is in Hz."""
     count = max(1, round(min(_HANN_CUTOFF * sample_rate / cutoff, _MOST_TAPS)) - 1)
     taps = np.hanning(count + 2)[1:-1]
@@ -237,8 +238,8 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
 
 
 def _prefiltered(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], AdaptiveIdentification]:
+    samples: Array, settings: AdaptiveSettings, sample_rate: float
+) -> tuple[Array, Array, AdaptiveIdentification]:
     """Return the windows after the last prefilter, their means, and the previous identification.
 
     The windows are divided by their means, (windows,). A mean that is 0 or not finite becomes NaN.
@@ -258,7 +259,7 @@ def _prefiltered(
     return filtered, scale, found
 
 
-def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:
+def _start(x: Array) -> AdaptiveIdentification:
     """Return the initial identification, for a platform that follows the load without delay."""
     mass = hann_mean(x)
     none = 0 * mass
@@ -266,7 +267,7 @@ def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:
     return AdaptiveIdentification(none, none, mass, mass, np.var(x, axis=-1), np.isinf(mass))
 
 
-def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
+def _least_squares(x: Array) -> AdaptiveIdentification:
     """Fit a1, a2 and b1 for u = 1. The means are subtracted, which eliminates b1."""
     now, one, two = x[..., 2:], x[..., 1:-1], x[..., :-2]
     level0, level1, level2 = (np.mean(part, axis=-1) for part in (now, one, two))
@@ -293,17 +294,14 @@ def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
     )
 
 
-def _residual(x: NDArray[np.float64], fit: AdaptiveIdentification) -> NDArray[np.float64]:
+def _residual(x: Array, fit: AdaptiveIdentification) -> Array:
     """Return the residual n of the difference equation, (windows, m - 2)."""
     response = x[:, 2:] + fit.a1[:, None] * x[:, 1:-1] + fit.a2[:, None] * x[:, :-2]
     return np.asarray(response - fit.b1[:, None])
 
 
-def _whitening(residual: NDArray[np.float64], max_order: int) -> NDArray[np.float64]:
-    """Return the taps, with sum 1, of the filter that makes each residual white.
-
-    Taps of a lower order are padded with zeros.
-    """
+def _whitening(residual: Array, max_order: int) -> Array:
+    """Return taps with sum 1 that make each residual white, padded with zeros."""
     count = residual.shape[-1]
     max_order = min(max_order, count // 3)
     taps = np.zeros((len(residual), max_order + 1))

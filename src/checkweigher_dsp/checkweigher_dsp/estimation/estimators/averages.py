@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters, PlotStyle
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 
@@ -42,7 +42,7 @@ class Mean(Average):
     parameters = MeanParameters()
     look = PlotStyle('Window mean', 's', '#8b929c', '#8b929c')
 
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the mean."""
         return float(np.mean(samples))
 
@@ -59,6 +59,6 @@ class Hann(Average):
     parameters = HannParameters()
     look = PlotStyle('Hann mean', 'D', '#4d5560', '#c4cad2')
 
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the Hann-weighted mean."""
         return float(hann_mean(samples))

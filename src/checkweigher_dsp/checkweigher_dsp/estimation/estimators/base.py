@@ -11,10 +11,10 @@ import math
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import WeighWindow
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _std_dev = partial(parameter, unit='kg', minimum=0, maximum=1e3)
@@ -91,7 +91,7 @@ class EstimatorParameters(Parameters):
         common = {entry.name: entry.default for entry in fields(EstimatorParameters)}
         return replace(self, **{**common, 'speeds': (speed,), **lists})
 
-    def row_at(self, name: str, speed: float) -> NDArray[np.float64]:
+    def row_at(self, name: str, speed: float) -> Array:
         """Return the values at a belt speed in m/s of a list with several values per speed."""
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
@@ -120,10 +120,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class PlotStyle:
-    """Style of an estimator in plots.
-
-    The style consists of a name, a marker of matplotlib, and colours for light and dark pages.
-    """
+    """Name and marker of an estimator in plots, with colours for light and dark pages."""
 
     label: str
     marker: str
@@ -172,11 +169,7 @@ class Estimator(ABC):
 
     @classmethod
     def learn(
-        cls,
-        known: Any,
-        windows: Sequence[WeighWindow],
-        masses: NDArray[np.float64],
-        values: Mapping[str, float],
+        cls, known: Any, windows: Sequence[WeighWindow], masses: Array, values: Mapping[str, float]
     ) -> dict[str, tuple[float, ...]]:
         """Learn lists of parameters from passes at one belt speed, and return them by name.
 
@@ -190,7 +183,7 @@ class Average(Estimator):
     """Estimator that averages the raw samples from t2 to t3."""
 
     @abstractmethod
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the average of the samples of a window, (n,) in kg, or NaN without an average."""
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
@@ -199,12 +192,12 @@ class Average(Estimator):
         return LoadEstimate(float(self.average(samples, window)), rough_variance(samples))
 
 
-def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
+def raw_samples(window: WeighWindow) -> Array:
     """Return the raw signal from t2 to t3 in kg without the zero, (n,) float64."""
     return window.force_between(window.window_begin, window.window_end)
 
 
-def rough_variance(samples: NDArray[np.float64]) -> float:
+def rough_variance(samples: Array) -> float:
     """Estimate the variance of an average in kg^2 without training.
 
     The estimate uses the difference between the averages of the two halves of the samples, (n,) in

@@ -16,7 +16,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -27,6 +26,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 
 _KNOTS = 24  # default number of knots
 # The default curve is a Hann window.
@@ -66,7 +66,7 @@ class FirModel(Average):
     folds = 5
     fewest = 2
 
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the weighted sum, with weights interpolated between the training speeds."""
         curve = self.parameters.row_at('weights', window.belt_speed)
         try:
@@ -79,7 +79,7 @@ class FirModel(Average):
         cls,
         known: FirModelParameters,
         windows: Sequence[WeighWindow],
-        masses: NDArray[np.float64],
+        masses: Array,
         values: Mapping[str, float],
     ) -> dict[str, tuple[float, ...]]:
         """Return the curve with the smallest error for the smoothness ``ridge`` in `values`."""
@@ -87,7 +87,7 @@ class FirModel(Average):
         return {'weights': tuple(fit_fir(samples, masses, known.knots, values['ridge']).tolist())}
 
 
-def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def fir_weights(knots: Array, count: int) -> Array:
     """Return the weights of `count` samples, with sum 1.
 
     The weights are interpolated linearly between the values `knots`, (k,), which are equally spaced
@@ -113,12 +113,7 @@ def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 _LEAST_SUM = 1e-9
 
 
-def fit_fir(
-    samples: Sequence[NDArray[np.float64]] | NDArray[np.float64],
-    masses: NDArray[np.float64],
-    count: int,
-    ridge: float,
-) -> NDArray[np.float64]:
+def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: float) -> Array:
     r"""Learn the weights with the smallest error on training passes, at unity gain.
 
     Knot j contributes z_j to the weighted sum of a window, and c_j for a load of 1. The regression
@@ -172,7 +167,7 @@ _LEAST_RIDGE = 1e-9
 
 
 @lru_cache(maxsize=64)
-def _basis(count: int, knots: int) -> NDArray[np.float64]:
+def _basis(count: int, knots: int) -> Array:
     """Return the share of each knot in each sample, (count, knots)."""
     position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)
     basis = np.maximum(0, 1 - abs(position[:, None] - np.arange(knots)))

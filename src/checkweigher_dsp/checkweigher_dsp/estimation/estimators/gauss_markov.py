@@ -23,7 +23,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, parameter
 from checkweigher_core.records import WeighWindow, seconds
@@ -35,6 +34,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
@@ -122,8 +122,8 @@ class GaussMarkovParameters(EstimatorParameters):
 class PassSignal:
     """Signal of a pass, including the empty belt before it. Times are in s since t1."""
 
-    time: NDArray[np.float64]  # times of the samples, (n,)
-    signal: NDArray[np.float64]  # signal in kg without the zero, (n,)
+    time: Array  # times of the samples, (n,)
+    signal: Array  # signal in kg without the zero, (n,)
     crossing: Crossing  # times of the rise and the fall of the load
 
 
@@ -203,7 +203,7 @@ class GaussMarkov(Estimator):
 
 
 def least_squares(
-    signal: NDArray[np.float64], columns: NDArray[np.float64], std_devs: tuple[float, ...]
+    signal: Array, columns: Array, std_devs: tuple[float, ...]
 ) -> tuple[float, float, float]:
     """Estimate the first coefficient of a regression with white noise of variance 1.
 

@@ -8,7 +8,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -22,6 +21,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     raw_samples,
 )
 from checkweigher_dsp.estimation.estimators.untrained import doubt
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
 
 
@@ -112,10 +112,7 @@ class IswdEksi(Estimator):
 
 
 def identify_passes(
-    passes: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    removed_variance: NDArray[np.float64],
-    noise: Noise,
-    rise: Any,
+    passes: Sequence[tuple[Array, Array]], removed_variance: Array, noise: Noise, rise: Any
 ) -> Identification:
     """Identify the platform from denoised passes.
 

@@ -13,7 +13,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 import pywt
 
 from checkweigher_core.parameters import parameter
@@ -26,6 +25,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _WAVELET, _LEVELS = 'db16', 7
@@ -82,7 +82,7 @@ class IswdEksiPaper(Estimator):
         )
 
 
-def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[np.float64]:
+def denoise(samples: Array, speed: float, unit: float) -> Array:
     """Return a window (n,) after improved stationary wavelet denoising (section 2).
 
     Details 1 to 4 are set to 0. Details 5 to 7 are shrunk by the gains and thresholds of Table 1 at
@@ -102,11 +102,11 @@ def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[
             soft = np.sign(detail) * shrinkage.gain * (size - shrinkage.threshold)
             kept = np.where(size >= shrinkage.threshold, soft, 0.0)
         shrunk.append(kept)
-    denoised: NDArray[np.float64] = pywt.iswt([approximation, *shrunk], _WAVELET, norm=False)
+    denoised: Array = pywt.iswt([approximation, *shrunk], _WAVELET, norm=False)
     return denoised[begin : begin + len(samples)]
 
 
-def identify(signal: NDArray[np.float64], measurement: float, process: float) -> Any:
+def identify(signal: Array, measurement: float, process: float) -> Any:
     """Return the Kalman filter of filterpy after all samples of a signal (n,) (section 3).
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
@@ -134,5 +134,5 @@ def _move_on(platform: Any, u: float = 0) -> None:
     platform.x = np.array([[-a1 * x - a2 * last + b1], [x], [a1], [a2], [b1]])
 
 
-def _observed(_: Any) -> NDArray[np.float64]:
+def _observed(_: Any) -> Array:
     return np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])

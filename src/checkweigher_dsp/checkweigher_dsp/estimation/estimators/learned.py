@@ -18,7 +18,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -31,6 +30,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     raw_samples,
     rough_variance,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 # A deviation of t2 below this share of t3 - t1 is considered as jitter of an eye, and t2 is then
@@ -124,9 +124,7 @@ class Learned(Estimator):
         return LoadEstimate(float(load), rough_variance(samples))
 
 
-def _between(
-    speed: float, speeds: tuple[float, ...], table: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _between(speed: float, speeds: tuple[float, ...], table: Array) -> Array:
     position = float(np.interp(speed, speeds, np.arange(len(speeds))))
     before = min(int(position), max(len(speeds) - 2, 0))
     after = min(before + 1, len(speeds) - 1)
@@ -143,7 +141,7 @@ def seconds_alone(window: WeighWindow) -> float:
     return -float(time_since_entry(window, window.empty_begin, window.empty_begin + 1)[0])
 
 
-def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
+def pass_features(window: WeighWindow, layout: Layout) -> Array:
     """Return the means of the signal in the parts of a pass in kg, (layout.count,).
 
     Each sample represents the interval around its time. All means are NaN if the signal begins

@@ -17,7 +17,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -27,6 +26,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     EstimatorParameters,
     PlotStyle,
 )
+from checkweigher_dsp.signal import Array
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Tvlpf(Average):
         Axis('half_life', 0.02, 2.0, 0.1, logarithmic=True),
     )
 
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the output of the filter at t3."""
         known, speed, count = self.parameters, window.belt_speed, len(samples)
         weights = lowpass_weights(
@@ -92,7 +92,7 @@ def lowpass_weights(
     final_cutoff: float,
     decay: float,
     sample_rate: float,
-) -> NDArray[np.float64]:
+) -> Array:
     r"""Return the weight of each sample in the last output of the filter.
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with

@@ -10,12 +10,12 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry, transit
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate, is_in_window, raw_samples
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
@@ -120,13 +120,13 @@ def lag_doubt(window: WeighWindow) -> float:
     return math.hypot(seen.lag - PLATFORM_LAG, seen.std_dev) if seen.is_known else 0.0
 
 
-def _empty_belt(window: WeighWindow) -> NDArray[np.float64]:
+def _empty_belt(window: WeighWindow) -> Array:
     """Return the signal of the empty belt in kg between the last ring-down and an item."""
     entry = int(np.searchsorted(time_since_entry(window), 0.0))
     begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)
     return window.force_between(min(begin, entry), entry)
 
 
-def _means(signal: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+def _means(signal: Array, size: int) -> Array:
     """Return the means of successive parts of `size` samples, aligned to the end of a signal."""
     return np.asarray(signal[len(signal) % size :].reshape(-1, size).mean(axis=1))

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
+from checkweigher_dsp.signal import Array
 
 RECENT = 20  # number of items that show a change
 _ALIKE = 1.25  # largest ratio between the load of a compared item and the learned loads
@@ -52,7 +52,7 @@ def is_comparable(known: Fit, load: float) -> bool:
 
 
 def find_change(
-    known: Fit, residuals: Sequence[NDArray[np.float64]], duration: float, item_id: int
+    known: Fit, residuals: Sequence[Array], duration: float, item_id: int
 ) -> Change | None:
     """Return the change of the machine that residuals show, or None without a change.
 
@@ -83,15 +83,12 @@ def find_change(
 
 
 def strongest_frequency(known: Fit, duration: float) -> float:
-    """Return the frequency of the strongest residual in Hz.
-
-    `duration` is the duration of a part of the pass in s.
-    """
+    """Return the frequency of the strongest residual in Hz for parts of `duration` in s."""
     line = 1 + int(np.argmax(known.spectrum[1:]))
     return _peak(known.spectrum, line) / (len(known.weights) * duration)
 
 
-def _peak(power: NDArray[np.float64], line: int) -> float:
+def _peak(power: Array, line: int) -> float:
     """Return the position of the peak of a spectrum around a line, interpolated between lines."""
     around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
     share = np.maximum(power[around], 0.0)

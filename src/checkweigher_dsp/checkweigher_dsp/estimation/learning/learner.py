@@ -6,26 +6,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
 from checkweigher_core.records import WeighWindow
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
 from checkweigher_dsp.estimation.estimators.learned import PARTS
-from checkweigher_dsp.estimation.learning.change import (
-    RECENT,
-    Change,
-    find_change,
-    is_comparable,
-)
-from checkweigher_dsp.estimation.learning.passage import (
-    PassParts,
-    passage_of,
-    rise_parts_of,
-)
+from checkweigher_dsp.estimation.learning.change import RECENT, Change, find_change, is_comparable
+from checkweigher_dsp.estimation.learning.passage import PassParts, passage_of, rise_parts_of
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
+from checkweigher_dsp.signal import Array
 
 _SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # largest relative differences within a kind of items
 _STEP = 5  # number of items from one fit to the next
@@ -83,9 +72,7 @@ class ItemKind(Settings):
     items: int = parameter(0, 'items that were seen', minimum=0)
     passages: tuple[PassParts, ...] = parameter((), 'passes that teach')
     fit: Fit | None = parameter(None, 'what they have taught')
-    recent: tuple[NDArray[np.float64], ...] = parameter(
-        (), 'residuals of the last items', unit='kg'
-    )
+    recent: tuple[Array, ...] = parameter((), 'residuals of the last items', unit='kg')
     change: Change | None = parameter(None, 'change of the machine since then')
 
     def __post_init__(self) -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.records import WeighWindow
@@ -21,6 +20,7 @@ from checkweigher_dsp.estimation.estimators.learned import (
     seconds_alone,
 )
 from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
+from checkweigher_dsp.signal import Array
 
 MOST_LEAD = 48  # largest number of parts before t1
 
@@ -33,7 +33,7 @@ class PassParts(Settings):
     before t1. The last `quiet` of them contain no ring-down of the previous item.
     """
 
-    parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
+    parts: Array = parameter(text='parts of the pass', unit='kg')
     quiet: int = parameter(text='parts without ring-down', minimum=0)
     duration: float = parameter(text='duration of a part', unit='s', minimum=0)
     load: float = parameter(text='load by the estimator', unit='kg', minimum=0)
@@ -50,10 +50,6 @@ class PassParts(Settings):
     def lead(self) -> int:
         """Number of parts before t1."""
         return len(self.parts) - PARTS
-
-    def last(self, count: int) -> NDArray[np.float64]:
-        """Return the last parts, (count,)."""
-        return self.parts[-count:]
 
 
 def rise_parts_of(window: WeighWindow) -> int:

@@ -24,6 +24,7 @@ from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, PassParts
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # Grid of a, b and c.
@@ -38,7 +39,7 @@ _APART_STD_DEVS = 6.0  # least distance between clusters in standard deviations 
 # ratio may then be small by chance.
 _GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
 _ALIKE = 0.8  # largest ratio of standard deviations for products of about the same mass
-_LEARNED = 5.0  # degrees of freedom of the weights and the grid
+_LEARNED = 5.0  # number of degrees of freedom that the weights and the grid use
 _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # natural frequencies of platforms in Hz
 _DAMPING = 0.05  # damping ratio of platforms
 _FADING = 0.1  # decay time of ringing in s
@@ -56,10 +57,10 @@ class Fit(Settings):
     kg^2.
     """
 
-    curve: NDArray[np.float64] = parameter(text='parts of a load of 1')
-    weights: NDArray[np.float64] = parameter(text='of the parts in the mass')
-    noise: NDArray[np.float64] = parameter(text='deviation of a part', unit='kg', minimum=0)
-    spectrum: NDArray[np.float64] = parameter(text='power', unit='kg^2', minimum=0)
+    curve: Array = parameter(text='parts of a load of 1')
+    weights: Array = parameter(text='of the parts in the mass')
+    noise: Array = parameter(text='deviation of a part', unit='kg', minimum=0)
+    spectrum: Array = parameter(text='power', unit='kg^2', minimum=0)
     variance: float = parameter(text='of masses that were held out', unit='kg^2', minimum=0)
     variance_before: float = parameter(text='by the estimator', unit='kg^2', minimum=0)
     zero_variance: float = parameter(text='mean, of the zero', unit='kg^2', minimum=0)
@@ -83,20 +84,20 @@ class Fit(Settings):
         """Number of parts before t1."""
         return len(self.weights) - PARTS
 
-    def residual(self, passage: PassParts) -> NDArray[np.float64]:
+    def residual(self, passage: PassParts) -> Array:
         """Return the last k parts of a pass without the load in kg, (k,)."""
-        return np.asarray(passage.last(len(self.weights)) - self.mass(passage) * self.curve)
+        return passage.parts[-len(self.weights) :] - self.mass(passage) * self.curve
 
     def mass(self, passage: PassParts) -> float:
         """Return the weighted sum of the last k parts of a pass in kg."""
-        return float(np.add.reduce(self.weights * passage.last(len(self.weights))))
+        return float(np.add.reduce(self.weights * passage.parts[-len(self.weights) :]))
 
 
 def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
     """Learn weights from items. Returns None if too few of the items have similar masses."""
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
-    parts = np.array([each.last(lead + PARTS) for each in used])
+    parts = np.array([each.parts[-lead - PARTS :] for each in used])
     loads = np.array([each.load for each in used])
     deviation = float(np.median(np.sqrt([each.variance for each in used])))
     clusters = _clusters(loads, max(_APART * float(np.median(loads)), _APART_STD_DEVS * deviation))
@@ -126,22 +127,14 @@ def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
     )
 
 
-def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the median power of n residuals (n, k) by frequency, (k // 2 + 1,).
-
-    A Hann window is applied to the residuals.
-    """
+def usual_power(residuals: Array) -> Array:
+    """Return the median power of n Hann-weighted residuals (n, k) by frequency, (k // 2 + 1,)."""
     taper = np.hanning(residuals.shape[1] + 2)[1:-1]
     spectra = np.fft.rfft(residuals * (taper / np.sqrt(taper @ taper)))
     return np.asarray(np.median(spectra.real**2 + spectra.imag**2, axis=0))
 
 
-def held_out(
-    covariance: NDArray[np.float64],
-    curve: NDArray[np.float64],
-    within: NDArray[np.float64],
-    others: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def held_out(covariance: Array, curve: Array, within: Array, others: Array) -> tuple[Array, Array]:
     """Return the weights, (k,), and the held-out error of each item, (n,).
 
     A held-out error is computed with the weights that are learned from the other items. `curve` is
@@ -171,12 +164,12 @@ class _Items:
 
     def __init__(
         self,
-        parts: NDArray[np.float64],
-        loads: NDArray[np.float64],
+        parts: Array,
+        loads: Array,
         clusters: NDArray[np.int_],
         freedom: int,
-        noise: NDArray[np.float64],
-        ringing: NDArray[np.float64],
+        noise: Array,
+        ringing: Array,
     ) -> None:
         sizes = np.bincount(clusters)[clusters]
         means = np.bincount(clusters, loads)[clusters] / sizes
@@ -193,16 +186,16 @@ class _Items:
         self._scatter = self.within.T @ self.within
         self._noise, self._ringing = noise, ringing
 
-    def rms(self, errors: NDArray[np.float64]) -> float:
+    def rms(self, errors: Array) -> float:
         """Return the standard deviation of held-out errors, (n,), within the clusters."""
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
-    def plain_weights(self) -> NDArray[np.float64]:
+    def plain_weights(self) -> Array:
         """Return the weights for a covariance without R, (k,)."""
         weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 
-    def learn(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def learn(self) -> tuple[Array, Array]:
         """Return the weights, (k,), and the held-out errors of the items in kg, (n,)."""
         found = [
             held_out(self._prior(each) + self._scatter, self.curve, self.within, self.others)
@@ -214,24 +207,21 @@ class _Items:
         counts = likelihoods / likelihoods.sum()
         return counts @ weights, counts @ errors
 
-    def _prior(self, shares: tuple[float, float, float]) -> NDArray[np.float64]:
+    def _prior(self, shares: tuple[float, float, float]) -> Array:
         belt, white, ringing = shares
         own = white * np.eye(len(self.curve)) + ringing * self._ringing
         return np.asarray(self._freedom * (belt * self._noise + self._variance * own))
 
 
-def _clusters(loads: NDArray[np.float64], width: float) -> NDArray[np.int_]:
-    """Return the number of the cluster of each load, (n,).
-
-    Clusters are separated by gaps above `width`, in the unit of the loads.
-    """
+def _clusters(loads: Array, width: float) -> NDArray[np.int_]:
+    """Return the cluster of each load, (n,). Gaps above `width` separate the clusters."""
     order = np.argsort(loads, kind='stable')
     result = np.empty(len(loads), dtype=np.int_)
     result[order] = np.append(0, np.cumsum(np.diff(loads[order]) > width))
     return result
 
 
-def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray[np.float64]:
+def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> Array:
     """Return the covariance of parts of the empty belt in kg^2, (count, count).
 
     It is computed about zero, so that it includes the error of the zero. It is 0 at lags that are
@@ -242,7 +232,7 @@ def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray
     return pooled_autocovariance(segments, count)[abs(np.subtract.outer(places, places))]
 
 
-def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
+def _ringing(lead: int, rise: int, duration: float) -> Array:
     """Return the covariance of the ringing of a platform, (k, k), scaled to a mean variance of 1.
 
     The amplitude is largest while a product enters, and half as large before and long after this.
