@@ -175,12 +175,11 @@ class Denoiser:
     methods.
 
     The padding ``continuation`` is an own derivation. The response of the platform to the load is
-    subtracted from the signal, which leaves the disturbance from the empty belt before the item up
-    to t3. The disturbance is extrapolated to both sides by linear prediction, the load is added as
-    a constant, and the result is denoised. A wrong load would leave a step in the disturbance, so
-    the load is estimated again from the denoised signal. If t1 and t2 are uncertain, they are
-    estimated from the signal. At last, the rise of the load is restored from the times of the
-    photo-eyes.
+    subtracted from the signal. The remaining disturbance is extrapolated to both sides by linear
+    prediction, the load is added as a constant, and the result is denoised. A wrong load would
+    leave a step in the disturbance, so the load is estimated again from the denoised signal. If t1
+    and t2 are uncertain, they are estimated from the signal. Finally the rise of the load is
+    restored by the times of the photo-eyes.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:

@@ -51,7 +51,7 @@ class ZeroWatch:
         self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
-        self._missed_since = math.inf  # time of the first product after the last update in s
+        self._missed_since = math.inf  # time in s of the first product after the last update
         self._drift = RecentValues(_DRIFT_SPAN)
         self._noted = -math.inf
 

@@ -41,9 +41,9 @@ _MAX_EARLY = 1_000  # maximum number of samples and edges that wait for load_cel
 _STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
 _STATUS_BLOCKS = 100  # largest number of blocks between two messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
-_ZERO_PATIENCE = 15.0  # timeout of the service zero without samples, in s
-_STALL_TIME = 0.1  # time without samples in s after which items are tracked without them
-_END_PATIENCE = 2.0  # time without records in s after which those of an ended stream are lost
+_ZERO_PATIENCE = 15.0  # timeout in s of the service zero
+_STALL_TIME = 0.1  # timeout in s for samples, after which items are tracked by edges alone
+_END_PATIENCE = 2.0  # timeout in s for the missing records of a stream that has ended
 
 
 class SegmenterNode(StageNode[SegmenterParameters]):
@@ -160,7 +160,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (
             signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
             or self._blocks_since_report >= _STATUS_BLOCKS
-            # Without a status, the node reject judges an item that leaves as lost.
+            # Without a status, the node reject would judge an item that leaves as lost.
             or segmenter.leaving_since not in (None, leaving)
         ):
             self._publish_status(StreamState.RUNNING)

@@ -34,8 +34,8 @@ _REASONS = {
 _MAX_SIGNALS = 1_000  # maximum number of rejects that wait for their items
 _MAX_JUDGED = 400  # maximum number of stored verdicts
 _MAX_OUTAGES = 100  # maximum number of stored outages
-_NAMED_PATIENCE = NANOSECONDS  # waiting time of a reject that names its item in ns
-_SLOWEST_BELT = 0.1  # lowest belt speed for the waiting time of other rejects in m/s
+_NAMED_PATIENCE = NANOSECONDS  # waiting time in ns of a reject that names its item
+_SLOWEST_BELT = 0.1  # belt speed in m/s for which other rejects wait long enough
 _LATENESS = 2 * NANOSECONDS  # largest delay of an edge behind the samples in ns
 _EVER = 2**62  # time in ns beyond any stamp
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-MAX_JUDGED = 1_024  # number of stored numbers, above the queue length of the topic items
+MAX_JUDGED = 1_024  # how many numbers are stored, more than the queue length of the topic items
 _MAX_OWN = 1_000  # maximum number of stored numbers of items without an announcement
 
 

@@ -9,7 +9,7 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-_NOISE = 1e-3  # largest plausible standard deviation of a mass that is smaller, in kg
+_NOISE = 1e-3  # largest plausible standard deviation in kg of masses below this value
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:

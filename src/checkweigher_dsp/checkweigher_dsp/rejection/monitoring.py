@@ -91,12 +91,12 @@ class RejectMonitor:
         """Add a verdict."""
         rejected = verdict.decision is not Decision.ACCEPT
         if Reason.PERFORMANCE_TEST not in verdict.reasons:
-            self._in_a_row = self._in_a_row + 1 if rejected else 0
+            self._in_a_row = _counted_on(self._in_a_row, rejected)
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self.stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
         failed = Reason.STAGE_FAILED in verdict.reasons
-        self._failed_in_a_row = self._failed_in_a_row + 1 if failed else 0
+        self._failed_in_a_row = _counted_on(self._failed_in_a_row, failed)
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
         # An item that a station removes does not reach the eye behind the rejector.
@@ -191,3 +191,8 @@ def _forbids(test: PerformanceTest, now: int) -> bool:
     if test.state in (PerformanceState.IN_TIME, PerformanceState.DUE):
         return test.stop_at is not None and test.stop_at <= now
     return test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED)
+
+
+def _counted_on(count: int, again: bool) -> int:
+    """Return a count of successive events, which is increased by one or reset to 0."""
+    return count + 1 if again else 0

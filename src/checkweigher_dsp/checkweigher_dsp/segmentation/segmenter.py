@@ -25,7 +25,7 @@ from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.window_cutter import WindowCutter
 from checkweigher_dsp.segmentation.zero_keeper import Span, ZeroKeeper
 
-_LONGEST_PIECE = NANOSECONDS  # longest part of a block that is processed at once, in ns
+_LONGEST_PIECE = NANOSECONDS  # longest duration in ns of the samples that are processed at once
 
 
 class Segmenter:
@@ -119,7 +119,7 @@ class Segmenter:
         return self.cutter.cut()
 
     def idle_belt(self) -> NDArray[np.int32]:
-        """Return the last samples of an empty belt after the ring-down, (n,), or n = 0 samples."""
+        """Return the last samples of an empty belt without ring-down, (n,), where n may be 0."""
         begin, end = self._empty_span() or (0, 0)
         begin = max(begin, end - round(self._parameters.zero_time * self.load_cell.sample_rate))
         whole = begin < end and self._buffer.is_whole(begin, end)

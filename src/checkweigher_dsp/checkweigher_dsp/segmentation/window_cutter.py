@@ -23,7 +23,7 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 
-_BEFORE_RISE = 0.4  # time before t1 at which the search for the rise of the load begins, in s
+_BEFORE_RISE = 0.4  # time in s before t1 at which the search for the rise of the load begins
 
 _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 

@@ -22,8 +22,8 @@ _JUMP = 4.0  # smallest jump of the zero in standard deviations
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # duration of a part in s
 _FEWEST_PARTS = 5  # least number of parts for the detection of outliers
-_MEMORY = 0.95  # weight of the previous scatter at each segment
-_EVIDENCE_MEMORY = 0.98  # weight of the previous likelihoods at each segment
+_MEMORY = 0.95  # factor by which the weight of older variances decreases with each segment
+_EVIDENCE_MEMORY = 0.98  # factor by which the weight of older likelihoods decreases
 _DRIFT_TIME = 600.0  # correlation time of a thermal drift in s
 
 

@@ -154,7 +154,7 @@ _State = tuple[Any, ...]
 def _filter(
     state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
 ) -> _State:
-    """Return the state after all samples, whose values are floats or arrays (windows,)."""
+    """Return the state after all samples. Its numbers are floats or arrays (windows,)."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
     # No in-place assignments, because several names share an array.

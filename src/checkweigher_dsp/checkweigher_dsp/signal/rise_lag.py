@@ -30,11 +30,11 @@ from checkweigher_dsp.signal import Array
 
 PLATFORM_LAG = 5e-4  # lag 2 xi / omega of the default platform in s
 _TAPER = 0.05  # longest taper of a in s
-_EMPTY = 0.3  # longest segment of the empty belt for the mean z, in s
-_SHORTEST_EMPTY = 0.06  # shortest segment of the empty belt that shows its vibration, in s
+_EMPTY = 0.3  # longest time in s of the empty belt before an item that is used for the mean z
+_SHORTEST_EMPTY = 0.06  # shortest time in s of the empty belt that shows its vibration
 _FEWEST = 8  # fewest samples for z and for M
 _ROUNDS = 10
-_CLOSE = 1e-5  # largest change of the lag in the last round, in s
+_CLOSE = 1e-5  # change of the lag in s below which the iteration ends
 # Share of the vibration under the full load that is counted as noise. Most of this vibration is
 # ringing, which averages out.
 _LEVEL_SHARE = 0.25

@@ -106,7 +106,7 @@ def fir_weights(knots: Array, count: int) -> Array:
     weights = _basis(count, len(knots)) @ knots
     total = float(weights.sum())
     if not (np.isfinite(total) and abs(total) > _LEAST_SUM * float(np.abs(weights).sum())):
-        raise ValueError(f'the weights at {len(knots)} knots have no sum')
+        raise ValueError(f'the sum of the weights at {len(knots)} knots is 0 or not finite')
     return weights / total
 
 

@@ -77,7 +77,7 @@ class ItemKind(Settings):
 
     def __post_init__(self) -> None:
         if self.fit and {len(each) for each in self.recent} - {len(self.fit.weights)}:
-            raise SettingsError('residuals of another length than the weights', 'recent')
+            raise SettingsError('the residuals and the weights differ in length', 'recent')
 
     @property
     def weighs(self) -> bool:

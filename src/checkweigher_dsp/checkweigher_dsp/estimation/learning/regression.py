@@ -9,8 +9,9 @@ mainly disturbance. R contains the deviations of the parts y from the means of t
 is the number of degrees of freedom. v is the mean variance of these deviations about the curve s of
 a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
 change the weights. R'R is only approximate if there are few items. So C also contains the noise N
-of the empty belt, white noise I, and the ringing P of a platform. Weights for a grid of a, b and c
-are averaged by the likelihood of held-out masses, in closed form. [own derivation, docs/method.md]
+of the empty belt, white noise I, and the ringing P of a platform. The weights are computed for a
+grid of a, b and c, and averaged by the likelihood of held-out masses. [own derivation,
+docs/method.md]
 """
 
 from collections.abc import Sequence
