@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs of the machine: inspection devices that reject, guards, air, bins.
+"""Machine inputs: rejects of inspection devices, guards, air pressure, bins.
 
-A metal detector, X-ray or vision input is on while its device rejects; its rising edge is an
-external reject of the item at the device. The other inputs are on while all is well, so that a dead
-wire stops the line: guards closed, enough air, room in the bins, inspection devices ready.
+The input of a metal detector, X-ray or vision inspection is on while the device rejects an item.
+The other inputs are on while the guards are closed, the air pressure suffices, the bins have room
+and the inspection devices are ready. A broken wire therefore stops the line.
 """
 
 from abc import ABC, abstractmethod
@@ -37,7 +37,7 @@ Said = ExternalReject | MachineConditions
 
 @dataclass(frozen=True)
 class InputParameters(Parameters):
-    """Inputs by address or offset; each kind of device adds its own address."""
+    """Parameters of the machine inputs, which are addresses (Modbus) or offsets (GPIO)."""
 
     metal: int = _input('input that is on while the metal detector rejects; -1 for none')
     xray: int = _input('input that is on while the X-ray inspection rejects; -1 for none')
@@ -85,24 +85,27 @@ class InputParameters(Parameters):
 
 
 class Reading(NamedTuple):
-    """Levels of all inputs by name, valid from `stamp`, ns."""
+    """Levels of all inputs by name at time `stamp` in ns."""
 
     stamp: int
     levels: Mapping[str, bool]
 
 
 class InputWatch:
-    """Changes of the inputs from one reading to the next."""
+    """Detector of new rejects and conditions in the readings of the inputs.
+
+    A full bin is reported after `bin_time` in s.
+    """
 
     def __init__(self, bin_time: float) -> None:
         self._bin_time = round(bin_time * NANOSECONDS)
-        self._on: set[str] = set()  # devices that reject
-        self._off_since: dict[str, int] = {}  # stamps, by the names of conditions
+        self._on: set[str] = set()  # devices that reject an item at present
+        self._off_since: dict[str, int] = {}  # stamps in ns at which inputs were switched off
         self._said: MachineConditions | None = None
         self.rejects = 0
 
     def take(self, reading: Reading) -> list[Said]:
-        """Process a reading and return the external rejects and conditions that are new in it."""
+        """Process a reading; return new external rejects, and the conditions if they changed."""
         stamp, levels = reading
         on = {name for name in DEVICES if levels.get(name)}
         said: list[Said] = [ExternalReject(stamp, name) for name in levels if name in on - self._on]
@@ -127,7 +130,7 @@ class InputWatch:
         )
 
     def lose(self, stamp: int) -> list[Said]:
-        """Process a loss of the inputs at `stamp`."""
+        """Process a failed reading at `stamp` in ns; return the conditions if they changed."""
         if self._said is not None and not self._said.known:
             return []
         self._said = MachineConditions(stamp, False)
@@ -140,29 +143,28 @@ class InputWatch:
 
 
 class InputPort(ABC):
-    """The inputs of a machine. Only one thread uses it.
+    """Device with the inputs of a machine. Only one thread uses it.
 
-    `open` and `read` raise OSError or ValueError if they cannot be read.
+    `open` and `read` raise OSError or ValueError if the inputs cannot be read.
     """
 
     @abstractmethod
     def open(self) -> None:
-        """Connect."""
+        """Connect to the device."""
 
     @abstractmethod
     def read(self) -> list[Reading]:
-        """Return the next readings; wait for them for at most some tenths of a second."""
+        """Return one or more readings, after a wait of at most some tenths of a second."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close the port."""
+        """Close the connection."""
 
 
 class MachineInputs:
-    """Inputs that a thread of this object reads from `open` to `close`, again after a loss.
+    """Inputs of a machine, which a thread reads from `open` to `close`.
 
-    That thread calls `send` with each new reject or condition. If `port` is None, the machine has
-    no inputs, and they are never in trouble.
+    If `port` is None, the machine has no inputs. After an error, the thread opens the port again.
     """
 
     def __init__(self, port: InputPort | None, bin_time: float = 0.0) -> None:
@@ -170,7 +172,7 @@ class MachineInputs:
         self._watch = InputWatch(bin_time)
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
-        self.trouble = ''  # one line while the inputs are not read, else empty
+        self.trouble = ''  # one line while the inputs cannot be read, otherwise empty
 
     @property
     def exist(self) -> bool:
@@ -178,7 +180,7 @@ class MachineInputs:
         return self._port is not None
 
     def open(self, send: Callable[[Said], None]) -> None:
-        """Begin to read; the thread waits for a missing device."""
+        """Start the thread, which calls `send` with each new reject and with changed conditions."""
         if self._port is None or self._thread is not None:
             return
         self._closing.clear()
@@ -189,7 +191,7 @@ class MachineInputs:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop reading."""
+        """Stop the thread, and close the port."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join(timeout=_CLOSE_TIME)
@@ -214,7 +216,7 @@ class MachineInputs:
         port.close()
 
     def finding(self) -> Finding:
-        """Return the aspect Machine inputs of the diagnostics."""
+        """Return the finding Machine inputs."""
         if not self.exist:
             return conclude('Machine inputs', 'none', [])
         wrong = {name: CONDITIONS[name.partition('[')[0]] for name in self._watch.wrong}
