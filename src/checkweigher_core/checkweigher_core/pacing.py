@@ -19,7 +19,7 @@ class Pacer:
 
     rate: float  # seconds of signal per second
     sample_rate: float  # Hz
-    start: float  # due time of the first event in s
+    start: float  # time in s at which the first event is due
     _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
@@ -44,8 +44,8 @@ class FlowControl:
     """
 
     max_duration: float = 1.0  # s of signal; shorter than the edge delay that the segmenter accepts
-    max_blocks: int = 500  # fewer than the DDS queue of samples holds
-    max_edges: int = 500  # fewer than the DDS queue of edges holds
+    max_blocks: int = 500  # less than the depth of the DDS queue of samples
+    max_edges: int = 500  # less than the depth of the DDS queue of edges
     max_items: int = 100  # items that the segmenter has sent on and that have no verdict yet
 
     def __post_init__(self) -> None:

@@ -74,7 +74,8 @@ def describe(entry: 'Field[Any]') -> Description:
 class Parameters:
     """Base class of all parameter sets, which checks types and ranges.
 
-    A field may be a parameter set. Its name is a prefix of its parameters, as in ``tvlpf.gain``.
+    A field may be a parameter set itself. The names of its parameters then begin with the name of
+    the field and a dot, as in ``tvlpf.gain``.
 
     Raises
     ------

@@ -18,7 +18,7 @@ def child_environment() -> dict[str, str]:
 def parent_identity() -> str:
     """Return a unique identity of the parent process.
 
-    It includes the boot and the start time of the process, because process IDs are reused.
+    The identity includes boot ID and start time, because process IDs are reused.
     """
     parent = os.getppid()
     try:
@@ -26,7 +26,7 @@ def parent_identity() -> str:
         boot = Path('/proc/sys/kernel/random/boot_id').read_text(encoding='utf-8').strip()
     except OSError:
         return str(parent)
-    return f'{boot} {parent} {after_name.split()[19]}'  # field starttime, see proc(5)
+    return f'{boot} {parent} {after_name.split()[19]}'  # starttime in proc(5)
 
 
 def end_with_parent(parent: int | None = None) -> None:

@@ -38,7 +38,7 @@ class Recording:
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
-    warning: str = ''  # one line for the user, for instance that the recording is incomplete
+    warning: str = ''  # warning for the user in one line, such as that the recording is incomplete
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
@@ -102,7 +102,7 @@ class BlockColumns(Sequence[SampleBlock]):
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # in parts, because `places` is large
+        for first in range(0, len(order), _AT_A_TIME):  # the array `places` must not be too large
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -126,7 +126,7 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # in parts, because lists take much memory
+        for number in range(0, len(self), _AT_A_TIME):  # the lists must not be too large
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])

@@ -41,7 +41,7 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 def is_stream(path: Path) -> bool:
     """Return whether a path leads to a device, a pipe or the standard output.
 
-    Such a file must not be replaced by a regular file.
+    A device, a pipe or the standard output must not be replaced by a regular file.
     """
     try:
         there = os.stat(path)

@@ -34,7 +34,7 @@ from checkweigher_driver.calibration.services import CalibrationServices
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
-from checkweigher_driver.line_io.machine_inputs import Said
+from checkweigher_driver.line_io.machine_inputs import InputEvent
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 
@@ -67,8 +67,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             raise
         if self._inputs.exist:
             self._conditions = self.output(ports.MACHINE_CONDITIONS)
-            # This is no `Output`, because an input that is connected to an `Output` in its process
-            # does not get messages of other publishers.
+            # An `Output` cannot be used, because the node reject would then get no messages of
+            # other publishers if it is in the same process.
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
@@ -76,7 +76,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream = SourceStream(
             self, self.parameters, self._watch, self._note, lambda: self._outputs.ready
         )
-        self.subscribe(ports.SEGMENTER_STATUS, self.stream.hear_segmenter)
+        self.subscribe(ports.SEGMENTER_STATUS, self.stream.on_segmenter_status)
         self.subscribe(ports.ITEMS, self._outputs.take, needed=False)
         self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
         self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
@@ -86,9 +86,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._calibration = CalibrationServices(
             self, calibration, self.parameters.source, self._restart_stream
         )
-        self._look_timer = self.create_timer(
-            _LOOK_PERIOD, self._look_after_machine, autostart=False
-        )
+        self._look_timer = self.create_timer(_LOOK_PERIOD, self._check_machine, autostart=False)
         self.begin()
 
     def configure(self) -> None:
@@ -103,7 +101,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._operation is not None:
             self._source.operate(self._operation)
         self._outputs.open(lambda: bool(self._machine_trouble()))
-        self._inputs.open(locked(self._hear_inputs))
+        self._inputs.open(locked(self._publish_input))
 
     def _declare_operation(self) -> Parameters | None:
         """Declare and return the operator's settings of a simulated machine, None for others."""
@@ -178,8 +176,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self.stream.end(self._close_source if blocks else None)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        self._outputs.take(verdict)  # without delay, because the rejector has to act in time
-        self.stream.hear_verdict()
+        self._outputs.take(verdict)  # called first, because the rejector has to act in time
+        self.stream.on_verdict()
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
         self._outputs.take(request)
@@ -192,11 +190,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if isinstance(event, EyeEdge):
             self._outputs.take(event)
 
-    def _hear_inputs(self, said: Said) -> None:
-        if isinstance(said, ExternalReject):
-            self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, said))
+    def _publish_input(self, event: InputEvent) -> None:
+        if isinstance(event, ExternalReject):
+            self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, event))
         else:
-            self._conditions.send(said)
+            self._conditions.send(event)
 
     def _machine_trouble(self) -> str:
         """Return why the line cannot weigh, or an empty string. Any thread may call this."""
@@ -205,8 +203,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             return ''
         return self.stream.failure or source.trouble or self._inputs.trouble
 
-    def _look_after_machine(self) -> None:
-        self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
+    def _check_machine(self) -> None:
+        self.stream.report_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
         response.success = True

@@ -71,7 +71,7 @@ class DriverWatch:
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self._waits_for:  # then the absence of samples is no fault
+        if self._state != 'running' or self._waits_for:  # the absence of samples is no fault then
             samples, eyes = (
                 conclude(finding.aspect, 'none now, see Source', (), finding.values)
                 for finding in (samples, eyes)

@@ -24,10 +24,11 @@ from checkweigher_recording.block_cutting import cut_for_pace
 _PATIENCE = 5.0  # longest wait in s for the other nodes
 _END_PATIENCE = 2.0  # longest wait in s for the last read of a source
 _PERIOD = 0.02  # time in s between checks of a condition, because not all changes are notified
-_REMINDER = 5.0  # time in s between warnings
+_REMINDER = 5.0  # s
+
 # Times in s after the beginning of a stream at which its status is sent again. A subscriber that is
 # visible in the ROS graph may not be connected yet, and would get the first status only from the
-# next DDS heartbeat after 3 s. Until then it would assign items to the previous stream.
+# next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
 
 
@@ -75,7 +76,7 @@ class SourceStream:
     def begin(self, source: Source) -> None:
         """Begin a new stream."""
         with LOCK:
-            self._announce(time.time_ns())  # the number of the stream is unique
+            self._announce(time.time_ns())  # the time serves as a unique number of the stream
             self._running = True
         threading.Thread(target=self._run, args=(source,), name='source', daemon=True).start()
 
@@ -103,7 +104,7 @@ class SourceStream:
             self._flows &= state == StreamState.RUNNING
             self.status.send(replace(self._progress, state=state, text=text))
 
-    def tell_trouble(self, trouble: str) -> None:
+    def report_trouble(self, trouble: str) -> None:
         """Publish the present fault of the machine, empty without a fault, if it has changed."""
         if trouble != self._trouble and self._flows:
             self._trouble = trouble
@@ -111,7 +112,7 @@ class SourceStream:
             if trouble:
                 self._node.warn(trouble)
 
-    def hear_segmenter(self, status: StreamStatus) -> None:
+    def on_segmenter_status(self, status: StreamStatus) -> None:
         """Process the progress that the segmenter reports."""
         with self._changed:
             if status.stream != self._progress.stream:
@@ -123,7 +124,7 @@ class SourceStream:
             flow.taken(status.samples, status.edges, status.items)
             self._changed.notify_all()
 
-    def hear_verdict(self) -> None:
+    def on_verdict(self) -> None:
         """Count a verdict."""
         with self._changed:
             self._flow.judged()

@@ -10,18 +10,18 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 _MAX_BLOCKS = 20_000  # largest number of blocks from which rate and pace are computed
 RATE_SPAN = 10.0  # time in s over which rates are computed
-SHORTEST_SPAN = 2.0  # s; a rate over a shorter time is unknown
-_REPLAY = 0.1  # largest relative difference of the pace from 1 that does not show a replay
-_CLOCK_BIN = 5.0  # s; at least one message in this time is not delayed by the load of the machine
+SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
+_REPLAY = 0.1  # relative difference of the pace from 1 above which a recording is replayed
+_CLOCK_BIN = 5.0  # time in s in which at least one message is not delayed by the machine
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
-_DRIFT_LIMIT = 500e-6  # relative; the error of a crystal is less than 100e-6
+_DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # s
-_START = 5.0  # s after the first block in which delays by the start of other nodes are ignored
+_START = 5.0  # time in s after the first block in which delays are ignored, because nodes start
 _EYE_OFFSET_LIMIT = 0.1  # s
 _FEWEST_EDGES = 4
-_CLOCK_STEP = 0.5  # s; a larger difference between stamp and index means that the clock was set
+_CLOCK_STEP = 0.5  # difference in s between stamp and index above which the clock was set
 
 
 class ClockWatch:
@@ -43,7 +43,7 @@ class ClockWatch:
         self._delays = RecentValues(RATE_SPAN)
         self._edge_delays = RecentValues(MINUTE)
         self._bins = RecentValues(_CLOCK_SPAN)
-        self._bin = (math.nan, math.inf)  # begin and shortest delay in s of the present bin
+        self._bin = (math.nan, math.inf)  # start and shortest delay in s of the present bin
 
     def add(self, came: float, block: SampleBlock) -> None:
         """Add a block that arrived at time `came` in s."""
@@ -102,17 +102,15 @@ class ClockWatch:
         (began, first_stamp, first), (came, last_stamp, last) = self._blocks[0], self._blocks[-1]
         return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
-    def _least(self) -> float:
-        """Return the shortest recent delay of a block in s, relative to the first stamp."""
-        least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
-        return math.nan if math.isinf(least) else float(least)
-
     def finding(self, offset_of_clocks: float) -> Finding:
         """Return the finding Clock.
 
         `offset_of_clocks` is the difference in s between the time of day and the clock of arrivals.
         """
-        least, slope = self._least(), self._bins.slope
+        # Shortest recent delay of a block in s, relative to the first stamp.
+        least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
+        least = math.nan if math.isinf(least) else least
+        slope = self._bins.slope
         origin = math.nan if self._origin is None else self._origin / NANOSECONDS
         pace = self._pace(slope)
         # 95 % of the blocks are delayed by at most this time in s relative to the shortest delay.

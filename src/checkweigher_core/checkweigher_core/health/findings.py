@@ -46,7 +46,7 @@ class Finding:
     level: Level
     text: str  # one sentence
     hint: str = ''  # advice for the technician; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # each key ends with the unit
+    values: Mapping[str, float | str] = field(default_factory=dict)  # names end with the unit
 
     @property
     def message(self) -> str:

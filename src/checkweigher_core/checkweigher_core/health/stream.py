@@ -21,7 +21,7 @@ from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # time in s that the nodes of a line need to start
 _SILENCE = 1.0  # longest time in s without samples
-_SILENT_BLOCKS = 5.0  # longest time without samples in durations of a block, if that is longer
+_SILENT_BLOCKS = 5.0  # the same time as a number of blocks, which counts if blocks are long
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
 _ONE_EYED = 10  # edges of one eye after which the other eye must have switched

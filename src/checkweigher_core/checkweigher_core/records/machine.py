@@ -144,8 +144,8 @@ class StreamStatus:
 
     `stream` is the number of the stream, and `stamp` the stamp of the last sample. The driver
     counts the `samples` and `edges` that it has sent. The segmenter counts the `samples` and
-    `edges` that it has processed, and the `items` that it has sent on. It has announced all items
-    that the edges up to `last_edge` show. `text` is a fault message, empty without a fault.
+    `edges` that it has processed, and the `items` that it has sent on. The segmenter has announced
+    all items with edges up to `last_edge`. `text` is a fault message, empty without a fault.
     """
 
     stamp: Stamp

@@ -140,9 +140,9 @@ class Alarm:
 
     `source` is ``stop`` for a stop request, ``fault`` for an item, or ``node`` for a node that was
     restarted. `reason` is the reason of the stop request or of the fault, or the name of the node.
-    The alarm was raised `count` times, at `first` for the first time. It began or ended at `last`.
-    Before `last`, it was active for `duration` s in total. If it is `active`, it has been active
-    since `last`. `acknowledged_by` is empty until a person has acknowledged the alarm.
+    The alarm was raised `count` times, at `first` for the first time. `last` is the time of the
+    latest change of `active`. Before `last`, the alarm was active for `duration` s in total.
+    `acknowledged_by` is empty until a person has acknowledged the alarm.
     """
 
     source: str

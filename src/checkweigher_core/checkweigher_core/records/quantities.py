@@ -8,11 +8,11 @@ from typing import Annotated
 
 GRAMS = 1000.0  # in a kilogram
 NANOSECONDS = 1_000_000_000  # in a second
-MAX_SAMPLE_RATE = 1e6  # Hz; a larger rate must be an error, and would need too much memory
 # After a restart, the segmenter numbers items from the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
+MAX_SAMPLE_RATE = 1e6  # largest sample rate in Hz, which limits the memory that is used
 MAX_MASS = 1e6  # kg
-MAX_WINDOW = 2**16  # samples in a window or a message
+MAX_WINDOW = 2**16  # largest number of samples in a window or a message
 Stamp = Annotated[int, 'ns']  # time in ns on the clock of the samples
 
 

@@ -13,12 +13,12 @@ from checkweigher_core.records.quantities import Stamp
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Item on the line. Its window, its estimate and its verdict have the same `item_id`.
+    """Item on the line. The window, the estimate and the verdict of an item have its `item_id`.
 
-    The segmenter publishes an item when no later edge can change its number, and once more when it
-    is `complete`, which means that its edges are final. `stamp` is the first known of `t1`, `t2`
-    and `t3`. `line_speed` is the speed of the item in m/s or, if an edge is missing, the speed of
-    the last item without a missing edge. `stream` is the number of the stream of samples.
+    The segmenter publishes an item when no later edge can change its number, and once more when its
+    edges are final and `complete` is set. `stamp` is the first known of `t1`, `t2` and `t3`.
+    `line_speed` is the speed of the item in m/s or, if an edge is missing, the speed of the last
+    item without a missing edge. `stream` is the number of the stream of samples.
     """
 
     stamp: Stamp | None
@@ -40,30 +40,22 @@ class WeighWindow:
     t1: Stamp | None  # the item begins to enter the belt
     t2: Stamp | None  # the item is fully on the belt
     t3: Stamp | None  # the item begins to leave the belt
-    belt_speed: float = math.nan  # m/s, weigh_length / (t3 - t1)
-    product_length: float = math.nan  # m, belt_speed * (t2 - t1)
-    # Equal to belt_speed or, if an edge is missing, speed in m/s of the last item without a missing
-    # edge. It is used only to time the rejector.
-    line_speed: float = math.nan
+    belt_speed: float = math.nan  # speed in m/s, weigh_length / (t3 - t1)
+    product_length: float = math.nan  # length in m, belt_speed * (t2 - t1)
+    line_speed: float = math.nan  # belt_speed or, if an edge is missing, that of an earlier item
     sample_rate: float = math.nan  # Hz
     counts_per_kg: float = math.nan  # sensitivity of the static calibration
     zero_counts: float = math.nan  # zero of the static calibration
     zero: float = math.nan  # reading in counts of the latest empty belt before t1
-    # Standard deviation of the zero in counts. If the samples lag behind the edges, it includes the
-    # uncertainty of the lag.
-    zero_std_dev: float = math.nan
+    zero_std_dev: float = math.nan  # counts, with the uncertainty of a lag behind the edges
     first_index: int = 0  # index of counts[0] in the stream
-    # Time of counts[0] in ns on the clock of the photo-eyes, computed at the nominal sample rate
-    # from the sample at window_begin. It is corrected for the lag of the samples.
-    stamp: Stamp = 0
-    # Position in counts of the first sample after the previous item has left the belt. If the items
-    # are close, this item is already entering then.
-    empty_begin: int = 0
+    stamp: Stamp = 0  # time of counts[0] on the clock of the photo-eyes, corrected for the lag
+    empty_begin: int = 0  # position in counts of the first sample after the previous item has left
     window_begin: int = 0  # position in counts of the first sample at or after t2
     window_end: int = 0  # position in counts of the first sample at or after t3
-    # Readings of shape (n,), beginning before t2 and ending after t3; empty for a fault.
+    # Readings of shape (n,) from before t2 until after t3. For a fault, the array is empty.
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
-    # Denoised signal in kg, shape (n,); empty before the stage denoise.
+    # Denoised signal in kg of shape (n,). Before the stage denoise, the array is empty.
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can
 

@@ -27,19 +27,22 @@ from checkweigher_core.ros.ports import Port, interface
 class _Form:
     """Differences between the fields of a record and of its message."""
 
-    # Field of the record that is written to the stamp of the header. A field in `names` is also
-    # written to its own field. If empty, the caller provides the stamp.
+    # Name of the field of the record that is the stamp of the header. If the name is empty, the
+    # caller provides the stamp. A field in `names` also has its own field in the message.
     stamp: str = 'stamp'
-    frame: str | Callable[[Any], str] = ''  # frame_id of the header, or function of the record
-    names: Mapping[str, str] = field(default_factory=dict)  # names in the message by record field
+    frame: str | Callable[[Any], str] = ''  # frame_id of the header, or a function that returns it
+    # Names of fields in the message by their names in the record, if these differ.
+    names: Mapping[str, str] = field(default_factory=dict)
     lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
     newer: tuple[str, ...] = ()  # fields that messages in older bags do not have
-    # Functions of the record for further fields of the message.
+
+    # Functions that compute further fields of the message from the record.
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    # Enumeration members for unknown values. Other messages with unknown values are refused.
+    # Enumeration members that replace unknown values. Without one, the message is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    absent: Mapping[str, object] = field(default_factory=dict)  # field values for None as a record
-    # Function that returns the corrected record from the message and the converted record.
+    # Values of the fields of a message that is converted to None.
+    absent: Mapping[str, object] = field(default_factory=dict)
+    # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
 
 
@@ -141,7 +144,7 @@ def _record(kind: Any, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill in an empty message. This is faster than constructing it from its parts."""
+    """Fill in an empty message, because a message is constructed more slowly from its parts."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
@@ -269,7 +272,7 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 def _bounded(field: Any, most: int = _MOST) -> Any:
     """Return a string or list of a message. Raises ValueError if it is too long."""
     if len(field) > most:
-        raise ValueError(f'{len(field)} in a field of a message, at most {most}')
+        raise ValueError(f'{len(field)} values in a field of a message, at most {most}')
     return field
 
 

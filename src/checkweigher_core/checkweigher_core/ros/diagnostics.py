@@ -49,7 +49,7 @@ class Diagnostics:
         )
 
     def count(self, name: str) -> None:
-        """Count an event. Events of the same name must come from one thread."""
+        """Count an event. Events with the same name must be counted by one thread."""
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:

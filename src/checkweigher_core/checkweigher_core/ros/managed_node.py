@@ -58,7 +58,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """
         if not getattr(self.parameters, 'autostart', True):
             return
-        self._beginning = True  # then a failure is not logged, because ParameterError reports it
+        self._beginning = True  # a failure is not logged now, because ParameterError reports it
         configured = self.trigger_configure()
         self._beginning = False
         if configured != _SUCCESS:
@@ -106,7 +106,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def destroy_node(self) -> None:
         """Destroy the node and its state machine, which would keep the node in the graph."""
         super().destroy_node()
-        for name in vars(self).get('_life_cycle', ()):  # missing if the constructor failed
+        for name in vars(self).get('_life_cycle', ()):  # not set if the constructor has failed
             delattr(self, name)
         self._life_cycle = set()
 

@@ -58,7 +58,7 @@ class OneShotTimer:
 
 
 class _TimerThread:
-    """Thread that fires the timers of a process. It starts when the first timer is set."""
+    """Thread that fires the timers of a process, started when the first timer is set."""
 
     def __init__(self) -> None:
         self._timers: set[OneShotTimer] = set()
@@ -86,7 +86,7 @@ class _TimerThread:
         with self._set:
             while True:
                 times = {each: due for each in self._timers if (due := each.due) is not None}
-                self._timers = set(times)  # without timers that were cleared or have fired
+                self._timers = set(times)  # timers that were cleared or have fired are removed
                 now, self._wakes = time.monotonic_ns(), min(times.values(), default=math.inf)
                 if self._wakes <= now:
                     return [each for each, due in times.items() if due <= now]

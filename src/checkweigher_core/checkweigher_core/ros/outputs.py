@@ -23,14 +23,15 @@ from checkweigher_core.ros.ports import Port, fits
 _POLL_PERIOD = 0.02  # s
 _CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as the consumer
 _SETTLE_TIME = 0.2  # time in s without a new subscriber after which records are sent
-_MAX_HELD = 10_000  # records that are kept for a consumer
+_MAX_HELD = 10_000  # largest number of records that are kept for a consumer
+Callback = Callable[[Any], None]  # function that processes a record
 
-# Lock of the process. A callback runs in the thread of the executor or in the thread that reads the
-# source of the driver, but only one callback at a time.
+# Lock of the process. Callbacks run in the thread of the executor, and in the thread of the driver
+# that reads the samples. The lock ensures that only one callback runs at a time.
 LOCK = threading.RLock()
-Callback = Callable[[Any], None]  # function of a record
-# Endpoints have no event callbacks, which would slow down each wake of the executor. `Connections`
-# detects incompatible QoS instead.
+
+# Endpoints have no event callbacks, because these would slow down each wake of the executor. The
+# class `Connections` detects incompatible QoS instead.
 
 
 class Output:
@@ -73,9 +74,10 @@ class HeldOutput(Output):
 
     The nodes of a line discover each other in any order. A record that is sent too early would be
     lost, and its item would get no verdict. After the first consumer was found, records are always
-    sent at once. An input in the same process is a consumer. In another process, a subscriber is a
-    consumer if its node also publishes messages of the type of the port `answer`, as a recorder
-    does not. If no consumer appears for some time, or without `answer`, any subscriber is one.
+    sent at once. An input in the same process is a consumer. A subscriber in another process is a
+    consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
+    no consumer. Without `answer`, any subscriber counts as a consumer, and also if no consumer has
+    appeared after some time.
     """
 
     def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:

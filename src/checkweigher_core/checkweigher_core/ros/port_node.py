@@ -124,15 +124,15 @@ class PortNode(Node):
     ):
         """Create a service. If its callback fails, the client gets an empty response.
 
-        The parameter services of rclpy are created here, too. They raise an exception for a value
-        of an unknown type.
+        The parameter services of rclpy, which raise an exception for a value of an unknown type,
+        are created here, too.
         """
         own = locked(callback)
 
         async def answer(request: Any, response: Any) -> Any:
             result = own(request, response)
             answered = await result if inspect.iscoroutine(result) else result
-            serialize_message(answered)  # raises an exception for an invalid field
+            serialize_message(answered)  # an invalid field raises an exception here
             return answered
 
         guarded = self._guarded(answer, f'refused a call of {srv_name}', srv_type.Response)

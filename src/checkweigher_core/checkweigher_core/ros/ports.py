@@ -44,15 +44,15 @@ class History(NamedTuple):
     stage_latched: bool = False
 
 
-# Every message is processed. The depth is 10 s of sample blocks of 10 ms.
+# Samples and edges: no message may be lost. The depth is 10 s of blocks of 10 ms.
 STREAM = History(1000)
-# Only the latest message counts.
+# States: only the latest message is valid.
 STATE = History(1, latched=True, stage_latched=True)
-# A restarted node needs the earlier messages, because their items may still be on the belt.
+# Items: a restarted node needs the earlier messages, whose items may still be on the belt.
 ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
-# Users may read earlier messages. The nodes of the line do not need them.
+# Results: a user may read earlier messages, but the nodes of the line do not need them.
 RESULTS = History(1000, latched=True)
-# Only the latest message counts, and only for a short time.
+# Periodic messages: only the latest message is valid.
 MOMENT = History(1)
 FRESH_TIME = 0.35  # time in s after which a periodic message expires
 _PROMISED = 0.75  # deadline of the publisher, as a fraction of this time
@@ -89,7 +89,7 @@ class Port:
         from rclpy.qos import ReliabilityPolicy
 
         profile = self._profile(latched=self.history.stage_latched, share=1.0)
-        if self.holds:  # then the retransmission of a lost message must not delay the next one
+        if self.holds:  # the retransmission of a lost message must not delay the next message
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
         return profile
 

@@ -25,7 +25,7 @@ from checkweigher_core.ros.stage_node import StageNode
 
 # Block size in bytes above which glibc returns freed memory to the system. By default it rises with
 # the size of freed blocks, so a process would keep the memory of a large message.
-_MMAP_THRESHOLD, _LARGE = -3, 2**17  # option M_MMAP_THRESHOLD in malloc.h, and its value
+_MMAP_THRESHOLD, _LARGE = -3, 2**17  # number of the option M_MMAP_THRESHOLD, and its value
 _FAREWELL = Duration(seconds=1)  # longest wait for the arrival of the last messages
 
 
@@ -60,7 +60,7 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # rclpy calls this for each log message. The first call takes 0.1 s or more.
+        # rclpy calls getframeinfo for each log message. The first call takes 0.1 s or more.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)

@@ -14,7 +14,7 @@ _TRIGGER = 'std_srvs/srv/Trigger'
 # Names of nodes that are not part of the line.
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
-# Those of these nodes that publish diagnostics.
+# Nodes that publish diagnostics although they are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
 LIFE_CYCLE_NODES = ('driver', 'reject')
 

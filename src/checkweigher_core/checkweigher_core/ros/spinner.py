@@ -36,7 +36,7 @@ class Spinner:
 
     @property
     def alive(self) -> bool:
-        """Whether the thread still runs. It ends if the ROS context is shut down."""
+        """Whether the thread still runs. The thread ends if the ROS context is shut down."""
         return self._thread.is_alive()
 
     def add(self, *nodes: Node) -> None:

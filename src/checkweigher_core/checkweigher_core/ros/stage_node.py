@@ -31,7 +31,7 @@ Overrides = dict[str, object]
 
 
 class StageNode(PortNode, Generic[P]):
-    """Node with one stage of the line. Its name is ``parameters.node``.
+    """Node with one stage of the line, named ``parameters.node``.
 
     If `read_only` is set, the parameters cannot change while the node runs. `overrides` take
     precedence over values from the command line. Before the node changes a parameter, it writes

@@ -45,8 +45,8 @@ _Answer = tuple[bool, str, StaticReading | None]  # success, message and reading
 class CalibrationServices:
     """Services that read loads at rest, fit a calibration, and write its file.
 
-    `restart` begins a new stream with the calibration. It returns the reason of a failure, or an
-    empty string.
+    The function `restart` begins a new stream with the calibration, and returns the reason of a
+    failure or an empty string.
     """
 
     def __init__(
@@ -64,6 +64,7 @@ class CalibrationServices:
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
         self._waiting: Future | None = None  # result of the call that waits for a reading
+
         # With a separate callback group, other callbacks run while a call waits for a reading.
         group = self._group = ReentrantCallbackGroup()
         for kind, name, callback in (

@@ -85,7 +85,7 @@ class CalibrationSession:
         self._load = (0.0, 0.0)  # mass and uncertainty in kg of the load that is read
 
     def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
-        """Begin to read a load. Its mass and uncertainty in kg are both 0 for the empty belt.
+        """Begin to read a load with its mass and uncertainty in kg, both 0 for the empty belt.
 
         `edges` has the latest edge of each photo-eye. Raises CalibrationError if the load cannot be
         read now.

@@ -20,11 +20,10 @@ from checkweigher_core.records import GRAMS, LoadCell, SampleBlock
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES
-_ITERATIONS = 10  # enough, because the variances depend only weakly on the sensitivity
+_ITERATIONS = 10  # the iteration converges fast
 _LOOK_PERIOD = 0.5  # duration in s of the signal between two checks of a load
 _LEAST_SPAN = 100.0  # smallest ratio of the sensitivity to its uncertainty
-# Standard uncertainty of a reading in counts due to the quantisation of the converter.
-_QUANTISATION = 1 / math.sqrt(12)
+_QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to the converter
 
 
 class CalibrationError(ValueError):
@@ -118,7 +117,7 @@ class RestReading:
         if complete and self.latest is not None and self.latest.is_stable(tolerance):
             return self.latest
         if self._seen > wanted.patience * rate:
-            raise CalibrationError(self._why_not())
+            raise CalibrationError(self._failure_text())
         return None
 
     @property
@@ -126,7 +125,7 @@ class RestReading:
         """Duration in s of the samples so far, at most `Steadiness.duration`."""
         return min(len(self._counts), self._least) / self._load_cell.sample_rate
 
-    def _why_not(self) -> str:
+    def _failure_text(self) -> str:
         wanted = self._steadiness
         if self._gaps:
             return (
@@ -188,7 +187,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         sigma = np.hypot(of_readings, slope * of_masses)
         (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
-    freedom = max(len(points) - 2, 1)  # two points have no misfits
+    freedom = max(len(points) - 2, 1)  # at least 1, because two points have no residuals
     birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom)
     slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:

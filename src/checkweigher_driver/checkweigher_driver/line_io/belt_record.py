@@ -23,7 +23,7 @@ import zlib
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file, sync_folder
 
-_SIZE = 16_384  # bytes, allocated at the start, so that a full disk cannot cause an error later
+_SIZE = 16_384  # bytes that are allocated at the start, because the disk may be full later
 _NAME = 'rejector.record'
 # Record of an empty belt that an earlier version has written without a checksum.
 _EMPTY_BEFORE = b'[false, [], []]'
@@ -109,7 +109,7 @@ class BeltRecord:
                 sync_folder(folder.parent)
         except OSError as error:
             if created and not isinstance(error, BlockingIOError):
-                path.unlink()  # otherwise the next start would find a damaged record
+                path.unlink()  # an empty record would be a damaged record at the next start
             os.close(self._file)
             raise
         return found
@@ -124,7 +124,7 @@ class BeltRecord:
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        with suppress(PermissionError):  # then this user cannot remove the record, either
+        with suppress(PermissionError):  # this user cannot remove the record, either
             begun.touch()
         return found
 

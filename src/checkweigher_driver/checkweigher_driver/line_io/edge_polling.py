@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges of photo-eyes whose states are polled.
 
-A poll reads both eyes at an unknown time between its begin and its end. An edge therefore lies
-between the begin of the last poll with the old state and the end of the first poll with the new
+A poll reads both eyes at an unknown time between its start and its end. An edge therefore lies
+between the start of the last poll with the old state and the end of the first poll with the new
 state. The stamp of the edge is the middle of this interval, and its uncertainty is half of the
 interval. The length of the interval is the sum of poll period and round-trip time.
 """
@@ -26,10 +26,11 @@ class Poll:
 class EdgePolling:
     """Detector of edges in polls of the photo-eyes. All times are in ns.
 
-    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A time without
-    polls in which a product may have passed also counts as a loss. This is a time that is longer
-    than the last product covered an eye, or longer than `longest_gap`, but at least twice
-    `max_uncertainty`. `delay` is the time from an edge to the first poll that can show it.
+    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A long time
+    without polls, in which a product may have passed, also counts as a loss. The longest allowed
+    time without polls is the time for which the last product covered an eye, but at least twice
+    `max_uncertainty` and at most `longest_gap`. `delay` is the time from an edge to the first poll
+    that can show it.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -68,7 +69,10 @@ class EdgePolling:
         middle = last.begin + uncertainty
         for eye in changed:
             self._worst_uncertainty = max(self._worst_uncertainty, uncertainty)
-            self._cover(eye, poll.blocked[eye], middle)
+            if poll.blocked[eye]:
+                self._blocked_at[eye] = middle
+            elif eye in self._blocked_at:
+                self._covered[eye] = middle - self._blocked_at.pop(eye)
         return [EyeEdge(middle + to_stamp, eye, poll.blocked[eye]) for eye in changed]
 
     def _count(self, last: Poll, poll: Poll) -> None:
@@ -76,12 +80,6 @@ class EdgePolling:
         self._periods += poll.begin - last.begin
         self._round_trips += poll.end - poll.begin
         self._longest_round_trip = max(self._longest_round_trip, poll.end - poll.begin)
-
-    def _cover(self, eye: Eye, blocked: bool, time: int) -> None:
-        if blocked:
-            self._blocked_at[eye] = time
-        elif eye in self._blocked_at:
-            self._covered[eye] = time - self._blocked_at.pop(eye)
 
     @property
     def _longest_unseen(self) -> int:

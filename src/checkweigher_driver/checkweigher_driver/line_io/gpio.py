@@ -87,7 +87,7 @@ class EdgeOrder:
 
 
 class GpioEyes(EdgeSource):
-    """Photo-eyes on GPIO lines. Their edges have stamps of the kernel on the clock of the host."""
+    """Photo-eyes on GPIO lines, whose edges are stamped by the kernel on the clock of the host."""
 
     parameters = GpioEyesParameters
     trouble = ''
@@ -241,7 +241,7 @@ class GpioInputParameters(InputParameters):
 
 
 class GpioInputs(InputPort):
-    """Machine inputs on GPIO lines. Their readings have stamps of the kernel."""
+    """Machine inputs on GPIO lines, whose readings are stamped by the kernel."""
 
     parameters = GpioInputParameters
 

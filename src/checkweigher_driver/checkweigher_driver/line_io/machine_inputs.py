@@ -32,7 +32,7 @@ _NONE = -1
 _CLOSE_TIME = 3.0  # s
 _input = partial(parameter, _NONE, minimum=_NONE)
 
-Said = ExternalReject | MachineConditions
+InputEvent = ExternalReject | MachineConditions
 
 
 @dataclass(frozen=True)
@@ -101,23 +101,25 @@ class InputWatch:
         self._bin_time = round(bin_time * NANOSECONDS)
         self._on: set[str] = set()  # devices that reject an item at present
         self._off_since: dict[str, int] = {}  # stamps in ns at which inputs were switched off
-        self._said: MachineConditions | None = None
+        self._reported: MachineConditions | None = None
         self.rejects = 0
 
-    def take(self, reading: Reading) -> list[Said]:
+    def take(self, reading: Reading) -> list[InputEvent]:
         """Process a reading; return new external rejects, and the conditions if they changed."""
         stamp, levels = reading
         on = {name for name in DEVICES if levels.get(name)}
-        said: list[Said] = [ExternalReject(stamp, name) for name in levels if name in on - self._on]
+        events: list[InputEvent] = [
+            ExternalReject(stamp, name) for name in levels if name in on - self._on
+        ]
         self._on = on
-        self.rejects += len(said)
+        self.rejects += len(events)
         wrong = self._wrong(reading)
-        last = self._said
+        last = self._reported
         if last is None or not last.known or last.inputs != wrong:
             words = tuple(CONDITIONS[name.partition('[')[0]].value for name in wrong)
-            self._said = MachineConditions(stamp, True, words, wrong)
-            said.append(self._said)
-        return said
+            self._reported = MachineConditions(stamp, True, words, wrong)
+            events.append(self._reported)
+        return events
 
     def _wrong(self, reading: Reading) -> tuple[str, ...]:
         stamp, levels = reading
@@ -129,17 +131,17 @@ class InputWatch:
             if not name.startswith('bins') or stamp - since >= self._bin_time
         )
 
-    def lose(self, stamp: int) -> list[Said]:
+    def lose(self, stamp: int) -> list[InputEvent]:
         """Process a failed reading at `stamp` in ns; return the conditions if they changed."""
-        if self._said is not None and not self._said.known:
+        if self._reported is not None and not self._reported.known:
             return []
-        self._said = MachineConditions(stamp, False)
-        return [self._said]
+        self._reported = MachineConditions(stamp, False)
+        return [self._reported]
 
     @property
     def wrong(self) -> tuple[str, ...]:
         """Names of the inputs that require a stop."""
-        return self._said.inputs if self._said else ()
+        return self._reported.inputs if self._reported else ()
 
 
 class InputPort(ABC):
@@ -172,14 +174,14 @@ class MachineInputs:
         self._watch = InputWatch(bin_time)
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
-        self.trouble = ''  # one line while the inputs cannot be read, otherwise empty
+        self.trouble = ''  # reason why the inputs cannot be read, empty if they can be read
 
     @property
     def exist(self) -> bool:
         """Whether the machine has inputs."""
         return self._port is not None
 
-    def open(self, send: Callable[[Said], None]) -> None:
+    def open(self, send: Callable[[InputEvent], None]) -> None:
         """Start the thread, which calls `send` with each new reject and with changed conditions."""
         if self._port is None or self._thread is not None:
             return
@@ -198,19 +200,19 @@ class MachineInputs:
             self._thread = None
             self.trouble = ''
 
-    def _run(self, port: InputPort, send: Callable[[Said], None]) -> None:
+    def _run(self, port: InputPort, send: Callable[[InputEvent], None]) -> None:
         while not self._closing.is_set():
             try:
                 port.open()
                 while not self._closing.is_set():
                     for reading in port.read():
                         self.trouble = ''
-                        for said in self._watch.take(reading):
-                            send(said)
+                        for event in self._watch.take(reading):
+                            send(event)
             except (OSError, ValueError) as error:
                 self.trouble = f'the machine inputs are not read: {error}'
-                for said in self._watch.lose(time.time_ns()):
-                    send(said)
+                for event in self._watch.lose(time.time_ns()):
+                    send(event)
                 port.close()
                 self._closing.wait(RETRY_TIME)
         port.close()

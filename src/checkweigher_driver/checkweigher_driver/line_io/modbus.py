@@ -87,7 +87,7 @@ class ModbusEyesParameters(_DeviceParameters):
 
 
 class ModbusEyes(EdgeSource):
-    """Photo-eyes that are polled. They count as lost while the device cannot be reached."""
+    """Photo-eyes that are polled. The eyes count as lost while the device cannot be reached."""
 
     parameters = ModbusEyesParameters
     trouble = 'the photo-eyes have not been read yet'
@@ -140,8 +140,8 @@ class ModbusEyes(EdgeSource):
 def _to_stamp() -> int:
     """Return real time minus monotonic time in ns.
 
-    This is called at each poll, so that a step of the clock of the host shifts edges and samples by
-    the same time.
+    The function is called at each poll, so that a step of the clock of the host shifts edges and
+    samples by the same time.
     """
     monotonic, real = read_clocks()
     return real - monotonic

@@ -70,7 +70,7 @@ class MachineOutputs:
         self._parameters = parameters
         self._changed = threading.Condition()
         self._control = RejectorControl(parameters)
-        self._port_trouble = ''  # one line while the port cannot be used, otherwise empty
+        self._port_trouble = ''  # reason why the port cannot be used, empty if it can be used
         self._thread: threading.Thread | None = None
         self.is_open = False
 
@@ -86,11 +86,6 @@ class MachineOutputs:
         return self._port is not None
 
     @property
-    def trouble(self) -> str:
-        """Present fault of the outputs, or text on missed products; empty without either."""
-        return self._port_trouble or self._control.missed.text
-
-    @property
     def ready(self) -> bool:
         """Whether the outputs can be switched, or the machine has none."""
         return not self._port_trouble
@@ -98,18 +93,14 @@ class MachineOutputs:
     def trouble_with(self, source: str) -> str:
         """Return the text for the stop request in one line, or an empty string without a fault.
 
-        `source` is the present fault of load cell and photo-eyes. While there is such a fault, the
-        text also names the missed products, because it replaces the previous text.
+        `source` is the present fault of load cell and photo-eyes. The text names each fault and
+        also the missed products, because it replaces the text of an earlier stop request.
         """
         with self._changed:
             missed = self._control.missed
-            if missed.state is not Latch.UNTOLD and not (source or self._port_trouble):
+            if missed.state is not Latch.PENDING and not (source or self._port_trouble):
                 return ''
             return '; '.join(filter(None, (source, self._port_trouble, missed.text)))
-
-    def figures(self) -> dict[str, float]:
-        """Return the values of the outputs for the diagnostics."""
-        return self._control.figures
 
     def finding(self) -> Finding:
         """Return the finding Outputs."""
@@ -122,7 +113,7 @@ class MachineOutputs:
             error_if(bool(missed), missed, 'look for the product; then call reset_stop_request'),
         )
         values: dict[str, float | str] = {
-            **{name.replace(' ', '_'): value for name, value in self.figures().items()},
+            **{name.replace(' ', '_'): value for name, value in self._control.figures.items()},
             'belt_runs': {None: 'unknown', True: 'yes', False: 'no'}[self._control.motion.measured],
         }
         return conclude('Outputs', 'switched as told', concerns, values)
@@ -143,9 +134,9 @@ class MachineOutputs:
         with self._change() as control:
             match record:
                 case Permission():
-                    control.reject_word.take_permission(record, now)
+                    control.run_permission.take_permission(record, now)
                 case StopRequest() | None:
-                    control.reject_word.take_request(record)
+                    control.run_permission.take_request(record)
                 case _ if not self.is_open:
                     pass
                 case EyeEdge():

@@ -15,7 +15,7 @@ from checkweigher_driver.line_io.rejector.belt_items import BeltItems
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 from checkweigher_driver.line_io.rejector.missed_products import MissedProducts
 from checkweigher_driver.line_io.rejector.reject_pulses import PulseTimes
-from checkweigher_driver.line_io.rejector.reject_word import RejectWord
+from checkweigher_driver.line_io.rejector.run_permission import RunPermission
 from checkweigher_driver.line_io.rejector.sorter import Sorter
 from checkweigher_driver.line_io.rejector.switching import Levels, Switches, SwitchTiming
 from checkweigher_driver.line_io.rejector.verdict_watch import VerdictWatch
@@ -111,7 +111,7 @@ class RejectorControl:
         self._items = BeltItems()
         self._verdicts = VerdictWatch(nanoseconds(parameters.verdict_timeout))
         self.missed = MissedProducts()
-        self.reject_word = RejectWord(self.missed)
+        self.run_permission = RunPermission(self.missed)
         times = PulseTimes(
             duration=nanoseconds(parameters.pulse),
             min_pause=nanoseconds(parameters.min_pause),
@@ -137,7 +137,7 @@ class RejectorControl:
     def make_safe(self) -> None:
         """Enter the safe state. A person has to look for all items on the belt."""
         if self._items:
-            self._doubt('the outputs were made safe', self._items.names())
+            self._report_doubt('the outputs were made safe', self._items.names())
         self.active = False
         self.motion.clear()
         self._verdicts.clear()
@@ -146,28 +146,28 @@ class RejectorControl:
 
     def levels(self, now: int) -> Levels:
         """Return the levels that the outputs must have at time `now`."""
-        to_monotonic, permitted = self._arrivals.clock.look(), self.reject_word.permits(now)
+        to_monotonic, permitted = self._arrivals.clock.look(), self.run_permission.permits(now)
         if not self.active:
             return self.safe_levels
-        self._check_silence(now)  # first, because its message names the items on the belt
+        self._check_silence(now)  # called first, because the message names the items on the belt
         self._items.leave(self.motion.time.at(now))
         self._check_verdicts(now, to_monotonic)
         reject, *stations = self._sorter.acting(now)
         stop = self.missed.stop(now) or not permitted or self.held
         if self.motion.allow(not stop, now):
-            self._stand()
+            self._report_stop()
         return Levels(reject, stop, self._sorter.permits.given(now), tuple(stations))
 
-    def _stand(self) -> None:
+    def _report_stop(self) -> None:
         """Report the rejected items on a stopped belt, because their positions are unknown."""
         self._sorter.permits.clear()
         bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
-        if names := [str(each) for each in bad if not each.told]:
-            self._doubt('the belt was stopped', names)
+        if names := [str(each) for each in bad if not each.reported]:
+            self._report_doubt('the belt was stopped', names)
         for each in bad:
-            each.told = True
+            each.reported = True
 
-    def _doubt(self, why: str, names: Sequence[str] = ()) -> None:
+    def _report_doubt(self, why: str, names: Sequence[str]) -> None:
         self._sorter.permits.clear()
         what = f'look for {", ".join(names)}' if names else 'look for what is on the belt'
         self.missed.add(f'{why} before all had passed the rejector: {what}')
@@ -184,7 +184,7 @@ class RejectorControl:
     def _check_silence(self, now: int) -> None:
         """Check whether the machine has stopped the belt because it got no heartbeat."""
         if self.motion.is_silent(now):
-            self._doubt(
+            self._report_doubt(
                 f'the machine had no sign of life for {self._watchdog_time:g} s',
                 self._items.names(),
             )
@@ -203,8 +203,8 @@ class RejectorControl:
                 'runs, and look behind the rejector',
             )
         for item in self._arrivals.unjudged(self._items, now, self._late_tolerance, to_monotonic):
-            if not item.told:
-                item.told = True
+            if not item.reported:
+                item.reported = True
                 self._sorter.eject(now, f'{item} would be at the rejector by now; look for it')
 
     def edge(self, edge: EyeEdge, now: int) -> None:
@@ -230,7 +230,7 @@ class RejectorControl:
         """Process a new connection, after the outputs were in the safe state."""
         self.connected = True
         if self.motion.released and self._items:
-            self._doubt('the connection to the machine was lost', self._items.names())
+            self._report_doubt('the connection to the machine was lost', self._items.names())
         self._sorter.reconnect(now)
 
     def disconnect(self) -> None:

@@ -17,10 +17,10 @@ from checkweigher_driver.serial.source import SerialParameters, SerialSource
 
 _AS_IT_IS = -1
 _QUIET = 0.03  # time in s without a byte after which no more bytes are expected
-_STOP_PAUSE = 0.01  # time in s that the device needs to stop, which it does not confirm
+_STOP_PAUSE = 0.01  # time in s that the device needs to stop; the device sends no reply
 _ATTEMPTS = 3
 _PATIENCE = 0.5  # longest wait for a reply in s
-_RESET_TIME = 3.0  # time in s that the device needs to restart, which it does not confirm
+_RESET_TIME = 3.0  # time in s that the device needs to restart; the device sends no reply
 _LONGEST_REPLY = 256  # bytes
 _setting = partial(parameter, _AS_IT_IS, minimum=_AS_IT_IS, maximum=99)
 
@@ -179,7 +179,7 @@ class AedDialogue:
             fields = [field.strip(' "') for field in reply.split(',')]
             if len(fields) >= 3 and all(fields[:3]) and ''.join(fields[:3]).isprintable():
                 while attempt and self._line():
-                    attempt -= 1  # replies to earlier attempts are discarded
+                    attempt -= 1  # late replies to earlier attempts are discarded
                 return ' '.join(fields[:2]), fields[2]
         raise SerialError(
             f'{self._port.name}: replied {reply!r} to IDN?, which is no load cell of the AED '

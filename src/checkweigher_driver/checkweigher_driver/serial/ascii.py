@@ -76,10 +76,11 @@ def _command(text: str) -> bytes:
 class LineDecoder(Decoder):
     """Decoder of a stream of lines.
 
-    `pattern` is a regular expression that matches a whole line without its line end. Its first
-    group is the number. The pattern should fix the number of digits, because there is no checksum.
-    Otherwise a line that has lost a digit is read as another number. One count is 1 in the last of
-    the `decimals` digits after the decimal point. Raises ValueError if the pattern is invalid.
+    `pattern` is a regular expression that matches a whole line without its line end. The first
+    group of the pattern matches the number. The pattern should fix the number of digits, because
+    without a checksum a line that has lost a digit would be read as another number. One count is 1
+    in the last of the `decimals` digits after the decimal point. Raises ValueError if the pattern
+    is invalid.
 
     Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
     several if it is longer than the previous reading. Bytes before the first line end are skipped.
@@ -97,7 +98,7 @@ class LineDecoder(Decoder):
         self._scale = 10.0**decimals
         self._data = b''
         self._begun = False  # whether a line end was found
-        self._lost: int | None = None  # readings lost since the last one, None before the first one
+        self._lost: int | None = None  # number of readings lost since the last valid reading
 
     @property
     def missing(self) -> int:
@@ -111,7 +112,7 @@ class LineDecoder(Decoder):
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # Only the beginning of a line that is too long is kept. It is refused at its line end.
+        # Of a line that is too long, only the beginning is kept until the line is refused.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []

@@ -35,9 +35,9 @@ class BlockMaker:
         self._lost = self._samples = 0
 
     def resume(self, reads: Sequence[Read]) -> None:
-        """Increase the index after a break, by the number of samples in the time to the next reads.
+        """Increase the index by the number of samples that were lost in a break.
 
-        This number is computed from the read with the smallest delay.
+        The number of samples is computed from the time of the next read with the smallest delay.
         """
         index, least = self.index - 1, math.inf
         for read in reads:

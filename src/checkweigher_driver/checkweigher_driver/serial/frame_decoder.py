@@ -28,7 +28,7 @@ TRAILERS = ('auto', 'crlf', 'none')
 
 _WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame with and without CR LF
 _RUN = 5  # number of consecutive valid frames that are needed to find a place
-_CLEARLY, _TINY = 8, 64  # ratio and counts by which the changes at another place must be smaller
+_CLEARLY, _TINY = 8, 64  # ratio and difference in counts of changes that are much smaller
 _AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # number of bytes that are needed to find the frame size
 _OVERFLOW = 0b0111  # status bits of net, gross and converter overflow
 _UNUSED = 0b1100_0000  # status bits that are always 0
@@ -37,9 +37,10 @@ _UNUSED = 0b1100_0000  # status bits that are always 0
 class _Places:
     """Properties of the frames of one size that could begin at each byte of the data.
 
-    `counts` has the readings, `good` is true for valid frames, and `doubtful` for frames that may
-    seem valid at a wrong place. `run` is true where five consecutive frames are valid, `begins`
-    where these frames are certainly at the true place, and `slipped` where another place is better.
+    `counts` has the readings of the frames. The other attributes are boolean: `good` marks valid
+    frames, and `doubtful` marks frames that may seem valid at a wrong place. `run` marks places at
+    which five consecutive frames are valid. `begins` marks places of this kind that are certain,
+    and `slipped` marks places that are less likely than another place.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -55,8 +56,8 @@ class _Places:
         self.overflow: NDArray[np.bool_] = (
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
-        # For each place, `run` tells whether four consecutive frames are valid, and `change` is the
-        # sum of their changes. Other places are compared over the same bytes.
+        # At each place, `run` is true if four consecutive frames are valid, and `change` is the sum
+        # of the changes of their readings. Other places are compared over the same bytes.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
@@ -95,14 +96,14 @@ class _Places:
 class FrameDecoder(Decoder):
     """Decoder of binary frames.
 
-    If `checksum` is true, the fourth byte of a frame is the XOR of the other bytes. Otherwise it is
-    the status of the device, and a wrong byte in a frame cannot be detected. `trailer` is 'crlf' if
-    frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without a checksum,
-    `trailer` must not be 'none', because the beginning of frames could not be found.
+    If `checksum` is true, the fourth byte of a frame is the XOR of the other bytes. If it is false,
+    the fourth byte is the status of the device, and wrong bytes cannot be detected. `trailer` is
+    'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without a
+    checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
 
     After an invalid frame, the decoder searches for the next place at which five consecutive frames
-    are valid. The number of lost readings is the number of skipped bytes, rounded up to whole
-    frames. It is too small if whole frames were lost, which only the clock of the samples detects.
+    are valid. The number of lost readings is computed from the number of skipped bytes, rounded up
+    to whole frames. A loss of whole frames is detected only by the clock of the samples.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:

@@ -46,7 +46,7 @@ class ValueReader:
     def reads(self, port: serial.Serial, decoder: Decoder) -> Iterator[Read]:
         """Yield the reads that complete readings. Raises `SerialError` if the device is silent."""
         self.comes, self.trouble = False, ''
-        began, number = 0.0, 0  # begin of the measurement of the rate, and number of readings
+        began, number = 0.0, 0  # start in s and number of readings of the measurement of the rate
         last_value, idle_bytes = time.monotonic(), 0
         while not self._closed.is_set():
             # As long as the frame size is unknown, it is assumed to be one byte.

@@ -4,9 +4,10 @@
 
 Bus, operating system and scheduler can make a read late, but never early. The true line of time
 over index therefore lies below all points (index of the last sample of a read, time of the read).
-It is estimated by the line below all points that has the smallest mean distance from them. This
-line is the edge of their lower convex hull at the middle of the window (Zhang, Liu and Xia, INFOCOM
-2002). A delay of all reads, such as the transmission time of a frame, is given as `latency`.
+The estimate is the line below all points that has the smallest mean distance from the points. This
+line is an edge of the lower convex hull of the points, namely the edge at the middle of the window
+(Zhang, Liu and Xia, INFOCOM 2002). A delay of all reads, such as the transmission time of a frame,
+is given as `latency`.
 
 Two events require a new line. If a read is too early, the clock of the host was set back or the
 index is too large. A new line then begins at once. If all reads are late for a while, samples were
@@ -24,17 +25,17 @@ from checkweigher_core.records import NANOSECONDS
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
-_WARM_UP = 1.0  # time in s after which a line may be used, or late reads begin a new line
+_WARM_UP = 1.0  # time in s after which a new line is used, and after which late reads begin one
 _WARM_UP_READS = 20
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
-_SHIFT = 5_000_000  # ns; one read that is earlier, or all reads that are later, begin a new line
-# Largest gradual correction of the stamps in ns. It equals the parameter clock_tolerance of the
-# segmenter, which makes the item on the belt a fault after a larger step.
+_SHIFT = 5_000_000  # time in ns by which reads must be too early or too late for a new line
+_SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
+_WARM_UP_SLEW = 0.5  # largest relative rate before the clock is settled
+# Largest gradual correction of the stamps in ns. A larger step exceeds the parameter
+# clock_tolerance of the segmenter, so that the item on the belt becomes a fault.
 _STEP = 20_000_000
-_SLEW = 2e-3  # largest relative rate at which the stamps approach the line
-_WARM_UP_SLEW = 0.5  # the same rate before the clock is settled
 
 _Point = tuple[int, float]  # index, and delay in ns relative to the nominal sample rate
 

@@ -20,8 +20,8 @@ _SWITCH_INTERVAL = 0.0005  # s
 def shorten_switch_interval() -> None:
     """Shorten the thread switch interval of the interpreter.
 
-    Otherwise threads that time photo-eyes or switch the rejector would wait too long for the lock
-    of the interpreter.
+    With the default interval, threads that time photo-eyes or switch the rejector would wait too
+    long for the lock of the interpreter.
     """
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))
 

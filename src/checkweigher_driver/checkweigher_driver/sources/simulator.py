@@ -49,7 +49,7 @@ class SimulatorSource(Source):
             self.start_stamp = max(self.start_stamp, time.time_ns())
         self._simulation.start = self.start_stamp
         for event in self._simulation:
-            self.start_stamp = event.stamp + NANOSECONDS  # earliest begin of the next stream
+            self.start_stamp = event.stamp + NANOSECONDS  # earliest start of the next stream
             yield event
 
     def operate(self, operation: OperationParameters) -> None:

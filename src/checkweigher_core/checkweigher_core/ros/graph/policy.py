@@ -22,7 +22,7 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # other hosts report the state of their clocks there
+    'segmenter': (ports.DIAGNOSTICS,),  # the diagnostics of other hosts show their clocks
     'page_results': ports.PAGE_RESULTS,
     'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
@@ -97,7 +97,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
     Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
-    page serves all lanes from one process with one enclave.
+    page is one process for all lanes, with one enclave.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}

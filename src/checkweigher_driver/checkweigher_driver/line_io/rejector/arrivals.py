@@ -16,9 +16,9 @@ _OTHER_TRAVEL = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # Longest travel time to the rejector in ns. A later reject time is on the clock of another machine.
 _FURTHEST = 600 * NANOSECONDS
-_CLOCK_STEP = 5_000_000  # ns
 # With these reasons the belt may have been stopped, so the speed of the item is unreliable.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
+_CLOCK_STEP = 5_000_000  # ns
 
 
 class Times(NamedTuple):
@@ -32,14 +32,14 @@ class Times(NamedTuple):
 class Arrivals:
     """Conversion of the stamps in verdicts to times on the monotonic clock.
 
-    If two products were merged to one item, its travel time from the infeed eye to the rejector
+    If two products were merged into one item, its travel time from the infeed eye to the rejector
     differs from the travel time of a single product.
     """
 
     def __init__(self, motion: BeltMotion) -> None:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._motion = motion
-        self._travel: int | None = None  # belt time in ns from infeed eye to rejector, last item
+        self._travel: int | None = None  # travel time of the last item in ns of belt time
 
     def times(self, verdict: Verdict, now: int) -> Times | None:
         """Return the times of an item, or None if they are unknown or two products were merged."""

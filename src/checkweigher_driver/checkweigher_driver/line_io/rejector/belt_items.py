@@ -19,8 +19,8 @@ class BeltItem:
 
     `entered` and `cleared` are the stamps in ns at which the item has blocked and cleared the
     infeed eye. `number` is 0 as long as it is unknown. `end` is the belt time in ns at which the
-    item has passed the rejector, None before its verdict. `told` is true if the item has caused a
-    stop.
+    item has passed the rejector, None before its verdict. `reported` is true if the item has caused
+    a stop.
     """
 
     entered: int | None
@@ -28,7 +28,7 @@ class BeltItem:
     number: int = 0
     decision: Decision | None = None
     end: int | None = None
-    told: bool = False
+    reported: bool = False
 
     @property
     def passage(self) -> int | None:
@@ -87,7 +87,7 @@ class BeltItems:
         """
         item = self._find(verdict.t1)
         if item is None:
-            item = BeltItem(verdict.t1)  # in front, so that `leave` removes no item before it
+            item = BeltItem(verdict.t1)  # inserted in front, because `leave` removes earlier items
             self._items.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:

@@ -20,7 +20,8 @@ class BeltMotion:
         self._watchdog_time = watchdog_time
         self._may_run = False  # whether the belt is allowed to run
         self._stopped_at: int | None = None  # time of the last stop without a belt input
-        self._heartbeat: tuple[int, bool] | None = None  # last time, and whether the belt might run
+        # Time of the last heartbeat, and whether the belt was allowed to run then.
+        self._heartbeat: tuple[int, bool] | None = None
 
     def measure(self, running: bool | None, now: int) -> int | None:
         """Process the state of the belt input; return the belt time if the belt starts."""
@@ -32,7 +33,7 @@ class BeltMotion:
     def allow(self, run: bool, now: int) -> bool:
         """Allow or forbid the belt to run; return whether the positions of its items are unknown.
 
-        They are unknown if the belt stops and no belt input measures when.
+        The positions are unknown if the belt stops and no belt input measures the time of the stop.
         """
         self._may_run = run
         unmeasured = not run and self.released and self.measured is None
@@ -50,7 +51,7 @@ class BeltMotion:
         self._heartbeat = begun, self._may_run
 
     def is_silent(self, now: int) -> bool:
-        """Return whether the machine has stopped the belt without a heartbeat.
+        """Return whether the machine has stopped the belt because it got no heartbeat.
 
         True is returned only once for each stop.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Products that the rejector may have missed. They stop the line until a person has looked."""
+"""Products that the rejector may have missed, which stop the line until a person has looked."""
 
 from enum import Enum, auto
 
@@ -12,8 +12,8 @@ class Latch(Enum):
     """State of the latch that stops the line after a missed product."""
 
     CLEAR = auto()
-    UNTOLD = auto()  # set, and the stop request does not show all missed products yet
-    SHOWN = auto()  # set, and the stop request shows all missed products
+    PENDING = auto()  # the latch is set, and the stop request does not show all products yet
+    SHOWN = auto()  # the latch is set, and the stop request shows all missed products
 
 
 class LatchEvent(Enum):
@@ -30,11 +30,11 @@ class LatchEvent(Enum):
 # request that is reset before it showed the product had another reason. All other pairs of state
 # and event change nothing.
 _TRANSITIONS = {
-    (Latch.CLEAR, LatchEvent.MISS): Latch.UNTOLD,
-    (Latch.UNTOLD, LatchEvent.SHOW): Latch.SHOWN,
-    (Latch.UNTOLD, LatchEvent.RESET): Latch.CLEAR,
-    (Latch.SHOWN, LatchEvent.MISS): Latch.UNTOLD,
-    (Latch.SHOWN, LatchEvent.FORGET): Latch.UNTOLD,
+    (Latch.CLEAR, LatchEvent.MISS): Latch.PENDING,
+    (Latch.PENDING, LatchEvent.SHOW): Latch.SHOWN,
+    (Latch.PENDING, LatchEvent.RESET): Latch.CLEAR,
+    (Latch.SHOWN, LatchEvent.MISS): Latch.PENDING,
+    (Latch.SHOWN, LatchEvent.FORGET): Latch.PENDING,
     (Latch.SHOWN, LatchEvent.RUN): Latch.CLEAR,
     (Latch.SHOWN, LatchEvent.RESET): Latch.CLEAR,
 }

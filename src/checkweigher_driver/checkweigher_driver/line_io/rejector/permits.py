@@ -3,8 +3,8 @@
 """Permits to pass the rejector, one for each accepted item.
 
 A permit begins shortly before the leading edge of its item is at the rejector, and ends shortly
-after the trailing edge. There is a pause between two permits, so that a PLC can assign the rising
-edge of each permit to one product.
+after the trailing edge. A pause separates two permits, so that a PLC can assign the rising edge of
+each permit to one product.
 """
 
 from bisect import insort
@@ -24,7 +24,7 @@ class Permits:
         self._belt = belt
         self._margin = margin
         self._pause = pause
-        self._windows: list[tuple[int, int]] = []  # begin and end of each permit in belt time
+        self._windows: list[tuple[int, int]] = []  # start and end of each permit in belt time
         self._given = False
 
     def permit(self, arrival: int, passage: int, now: int) -> bool:

@@ -101,7 +101,7 @@ class RejectPulses:
     def __init__(self, times: PulseTimes, belt: BeltTime) -> None:
         self._times = times
         self.belt = belt
-        self._pulses: list[tuple[int, int]] = []  # begin and end of each pulse in belt time
+        self._pulses: list[tuple[int, int]] = []  # start and end of each pulse in belt time
         self._seen = False  # whether `acting` was called during the first pulse
         self.skipped = 0
 

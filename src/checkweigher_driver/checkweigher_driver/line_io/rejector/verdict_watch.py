@@ -25,7 +25,7 @@ class VerdictWatch:
         self._outfeed_clear = -math.inf
         self._length = 0.0  # time in ns for which the last product blocked the infeed eye
         self._last = -math.inf  # stamp of the last product at the outfeed eye
-        self._since: int | None = None  # arrival of the first edge after the last verdict
+        self._since: int | None = None  # time in ns since which a verdict is awaited
 
     @property
     def timeout(self) -> int:

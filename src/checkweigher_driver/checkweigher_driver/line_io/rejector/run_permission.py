@@ -10,7 +10,7 @@ from checkweigher_driver.line_io.rejector.missed_products import LatchEvent, Mis
 _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 
 
-class RejectWord:
+class RunPermission:
     """Permission to run and stop requests of the node reject.
 
     A permission expires after `FRESH_TIME`. Without a fresh permission, the node has ended or
@@ -19,7 +19,8 @@ class RejectWord:
 
     def __init__(self, missed: MissedProducts) -> None:
         self._missed = missed
-        self._permission: tuple[int, bool] | None = None  # arrival in ns, and whether to run
+        # Arrival of the last permission in ns, and whether the line may run.
+        self._permission: tuple[int, bool] | None = None
         self._silent = False  # whether the last permission has expired
         self._asked = ''  # reason and hint of the present stop request
 
