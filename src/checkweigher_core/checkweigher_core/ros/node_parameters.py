@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter sets of the stages as parameters of a node."""
+"""Declaration of parameter sets as parameters of a node."""
 
 from collections.abc import Mapping
 from dataclasses import Field
@@ -20,7 +20,7 @@ P = TypeVar('P', bound=Parameters)
 
 
 def ros_parameters(values: Mapping[str, object]) -> list[Parameter]:
-    """Return names and values as parameters of ROS."""
+    """Return names and values as ROS parameters."""
     return [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in values.items()
@@ -34,7 +34,7 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
         description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
-        # rclpy would take an empty list for a list of bytes, and refuse numbers.
+        # rclpy takes an empty list for a list of bytes, and would then refuse numbers.
         dynamic_typing=entry.default == (),
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
@@ -55,7 +55,7 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
     """Declare a parameter set to ROS and return it with the values given to the node.
 
-    `prefix` is put before the names. Raises `ParameterError` if a value is invalid.
+    The names get a `prefix`. Raises `ParameterError` if a value is invalid.
     """
     values = {}
     for own_name, entry in parameters.entries().items():
@@ -65,7 +65,7 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
             declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
-        # rcl reads an empty list in a parameter file as a parameter without a value.
+        # For an empty list in a parameter file, rcl returns no value.
         empty = declared.value is None and isinstance(entry.default, tuple)
         values[own_name] = () if empty else declared.value
     return parameters.from_mapping(values)
