@@ -26,7 +26,7 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-	  python3 -m pytest -n auto --maxprocesses 4 --dist worksteal $(PYTEST_ARGS)
+	  python3 -m pytest -n 4 --dist worksteal $(PYTEST_ARGS)
 
 soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
