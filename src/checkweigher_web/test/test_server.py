@@ -75,9 +75,7 @@ def test_a_browser_that_leaves_while_it_loads_is_not_worth_a_word():
         assert errors == ''
 
 
-def test_a_page_that_hangs_costs_the_line_nothing(
-    rows: Callable[..., list[dict[str, str]]],
-):
+def test_a_page_that_hangs_costs_the_line_nothing(rows: Callable[..., list[dict[str, str]]]):
     bag = BAGS / 'paper_90'
     with served() as (process, _):
         process.send_signal(signal.SIGSTOP)
