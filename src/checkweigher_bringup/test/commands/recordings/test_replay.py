@@ -6,14 +6,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from lines import (
-    edges_of,
-    saturated_at,
-    simulated,
-    without_block_at,
-    without_edges,
-    write_line,
-)
+from lines import edges_of, saturated_at, simulated, without_block_at, without_edges, write_line
 import pytest
 from rclpy.node import Node
 from running import BAGS, PATIENCE, Rows, run_command, wait_for
@@ -36,10 +29,7 @@ def faulty_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     ('name', 'options'),
-    [
-        ('paper_60', ('--rate', '0')),
-        ('paper_75', ('--rate', '20', '--namespace', 'lane1')),
-    ],
+    [('paper_60', ('--rate', '0')), ('paper_75', ('--rate', '20', '--namespace', 'lane1'))],
 )
 def test_a_replay_gives_the_same_rows_as_offline(rows: Rows, name: str, options: tuple[str, ...]):
     offline = rows('weigh', BAGS / name)
