@@ -29,9 +29,11 @@ def spinning(namespace: str = '') -> Iterator[Spinner]:
     """Run ROS and a spinner during a block; nodes made in the block are in `namespace`.
 
     Python handles the signals: Ctrl-C raises KeyboardInterrupt in the block, which can finish its
-    work while the nodes still exist.
+    work while the nodes still exist. The nodes log warnings only, because a command shows its
+    results itself.
     """
-    rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
+    arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         spinner = Spinner()

@@ -25,6 +25,7 @@ from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.hosts.description import read_line
 from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_bringup.supervision import CANNOT_START
+from checkweigher_core.parent_process import child_variable
 from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE
@@ -184,10 +185,18 @@ def make_page(kept):
 
 
 def kept_running(context):
-    """Return the options of a process: it is started again unless `respawn` is false."""
+    """Return the options of a process: it is started again unless `respawn` is false.
+
+    On SIGTERM, launch ends without ending its processes. They would hold the places of the line.
+    """
     respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
     respawn = perform_typed_substitution(context, respawn, bool)
-    return {'output': 'screen', 'respawn': respawn, 'respawn_delay': RESPAWN_DELAY}
+    return {
+        'output': 'screen',
+        'respawn': respawn,
+        'respawn_delay': RESPAWN_DELAY,
+        'additional_env': child_variable(),
+    }
 
 
 def files_and_parameters(context, params_file):

@@ -68,6 +68,7 @@ class StageNode(PortNode, Generic[P]):
     def start(self) -> None:
         """Begin to publish diagnostics, and signs of life if reject runs in another process."""
         self.diagnostics.start()
+        self.get_logger().info('ready')
         if self._alive is not None and not self._alive.takers:
             self._alive_timer = self.create_one_shot_timer(partial(self._show_life, self._alive))
             self._show_life(self._alive)
