@@ -22,7 +22,7 @@ drift, quantisation and its limits. The platform is at rest at the first sample.
 """
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 import math
 from operator import attrgetter
@@ -232,13 +232,14 @@ class Simulation:
     length; with ``count`` 0 it does not end. The first products do not depend on the number of
     products that follow. `filler` belongs to the last iteration; its correction applies to products
     planned later, up to a second ahead. `operation` has the settings of the operator, which may
-    change at any time and apply up to a second later. `start` is the stamp of the first sample of
-    the next iteration, ns.
+    change at any time and apply up to a second later. `start` returns the stamp of the first sample
+    of an iteration, ns. It is called when that sample is ready, which takes up to a second.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.operation = OperationParameters()
-        self.start = parameters.start_time * NANOSECONDS
+        self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
+        self._begin = 0
         self._parameters = parameters
         self.load_cell = LoadCell.of(
             parameters,
@@ -261,6 +262,8 @@ class Simulation:
         while machine.total is None or first < machine.total:
             machine.operate(self.operation)
             counts, passes = machine.run(first, first + chunk)
+            if first == 0:
+                self._begin = self.start()
             for begin in range(0, len(counts), size):
                 index = first + begin
                 block = counts[begin : begin + size]
@@ -287,7 +290,7 @@ class Simulation:
     def _stamp(self, time: float) -> int:
         # Whole seconds are added as integers, because a float resolves a stamp only to 200 ns.
         whole = math.floor(time)
-        return self.start + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
+        return self._begin + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
 
 
 def simulate(parameters: SimulationParameters) -> Recording:
