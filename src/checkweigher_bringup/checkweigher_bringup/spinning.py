@@ -29,9 +29,10 @@ def spinning(namespace: str = '') -> Iterator[Spinner]:
     """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
 
     Ctrl-C raises KeyboardInterrupt in the block, which can finish its work while the nodes still
-    exist.
+    exist. The nodes log only warnings, because a command shows its own results.
     """
-    rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
+    arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         spinner = Spinner()

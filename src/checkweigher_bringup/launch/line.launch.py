@@ -26,6 +26,7 @@ from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.hosts.description import read_line
 from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_bringup.supervision import CANNOT_START
+from checkweigher_core.parent_process import child_variable
 from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE
@@ -185,10 +186,19 @@ def make_page(kept):
 
 
 def kept_running(context):
-    """Return the options by which launch restarts a process, unless `respawn` is false."""
+    """Return the options by which launch restarts a process, unless `respawn` is false.
+
+    On SIGTERM, launch ends without ending its processes, which would hold the places of the line.
+    With the added variable, each process ends with its parent.
+    """
     respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
     respawn = perform_typed_substitution(context, respawn, bool)
-    return {'output': 'screen', 'respawn': respawn, 'respawn_delay': RESPAWN_DELAY}
+    return {
+        'output': 'screen',
+        'respawn': respawn,
+        'respawn_delay': RESPAWN_DELAY,
+        'additional_env': child_variable(),
+    }
 
 
 def files_and_parameters(context, params_file):

@@ -12,7 +12,12 @@ _VARIABLE = 'CHECKWEIGHER_PARENT'
 
 def child_environment() -> dict[str, str]:
     """Return the environment for a child process that calls `end_with_parent`."""
-    return {**os.environ, _VARIABLE: str(os.getpid())}
+    return {**os.environ, **child_variable()}
+
+
+def child_variable() -> dict[str, str]:
+    """Return what the environment of a child process needs to end with this process."""
+    return {_VARIABLE: str(os.getpid())}
 
 
 def parent_identity() -> str:

@@ -83,6 +83,10 @@ class DriverParameters(Parameters):
         minimum=0,
         maximum=1,
     )
+    publish_clock: bool = parameter(
+        False,
+        'publish the time of the samples on /clock, for nodes with use_sim_time beside a bag',
+    )
     outputs: str = parameter(
         NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
     )

@@ -9,6 +9,9 @@ import threading
 import time
 from typing import Any
 
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
 from checkweigher_core.pacing import FlowControl, Pacer
 from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, SampleBlock, StreamState, StreamStatus
@@ -54,6 +57,9 @@ class SourceStream:
         self._eyes = node.output(ports.PHOTO_EYES)
         self._references = node.output(ports.REFERENCE_MASS)
         self.status = node.output(ports.DRIVER_STATUS)
+        self._clock = (
+            node.create_publisher(Clock, '/clock', 1) if parameters.publish_clock else None
+        )
         self.reject_ready = False
         self._node = node
         self._parameters = parameters
@@ -194,6 +200,8 @@ class SourceStream:
             self._progress = replace(before, stamp=event.stamp, samples=samples)
             self._samples.send(event)
             self._node.count('blocks')
+            if self._clock is not None:
+                self._clock.publish(Clock(clock=Time(nanoseconds=event.stamp).to_msg()))
         elif isinstance(event, EyeEdge):
             self._progress = replace(before, edges=before.edges + 1)
             self._eyes.send(event)

@@ -60,12 +60,48 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
     values = {}
     for own_name, entry in parameters.entries().items():
         name = prefix + own_name
-        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
         try:
-            declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
+            if isinstance(entry.default, tuple):
+                _declare_list(node, name, entry, list(entry.default), read_only=read_only)
+            else:
+                described = descriptor(entry, read_only=read_only)
+                node.declare_parameter(name, entry.default, described)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
-        # For an empty list in a parameter file, rcl returns no value.
-        empty = declared.value is None and isinstance(entry.default, tuple)
-        values[own_name] = () if empty else declared.value
+        values[own_name] = node.get_parameter(name).value
     return parameters.from_mapping(values)
+
+
+def _declare_list(
+    node: Node, name: str, entry: 'Field[Any]', default: list[float], *, read_only: bool
+) -> None:
+    """Declare a list of numbers, so that an empty one has that type, too.
+
+    rcl reads an empty list in a parameter file as a parameter without a value.
+    """
+    writable, final = (descriptor(entry, read_only=each) for each in (False, read_only))
+    value = node.declare_parameter(name, default, writable).value
+    if value is None or value == []:
+        node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
+    final.type = Parameter.Type.DOUBLE_ARRAY.value
+    node.set_descriptor(name, final)
+
+
+def as_declared(declared: Parameter, change: Parameter) -> Parameter:
+    """Return a change with its numbers in the type of the declared parameter, if they fit.
+
+    `ros2 param load` and `ros2 param set` guess the type from the text. They take inf and 1e-05 for
+    strings, 1 for an integer, and an empty list for a list of bool.
+    """
+    kind, value = declared.type_, change.value
+    if change.type_ in (kind, Parameter.Type.BOOL):
+        return change
+    try:
+        if kind == Parameter.Type.DOUBLE:
+            return Parameter(change.name, kind, float(value))
+        if kind == Parameter.Type.DOUBLE_ARRAY:
+            words = value.strip('[]').split(',') if isinstance(value, str) else value
+            return Parameter(change.name, kind, [float(word) for word in words])
+    except (TypeError, ValueError):
+        return change
+    return change

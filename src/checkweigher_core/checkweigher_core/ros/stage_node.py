@@ -21,7 +21,7 @@ from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.change_record import ChangeRecord
 from checkweigher_core.ros.diagnostics import Diagnostics
 from checkweigher_core.ros.graph.place import Place, participant_of
-from checkweigher_core.ros.node_parameters import P, declare, ros_parameters
+from checkweigher_core.ros.node_parameters import P, as_declared, declare, ros_parameters
 from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import ALIVE, Port
@@ -68,6 +68,7 @@ class StageNode(PortNode, Generic[P]):
     def start(self) -> None:
         """Start to publish diagnostics, and heartbeats if reject runs in another process."""
         self.diagnostics.start()
+        self.get_logger().info('ready')
         if self._alive is not None and not self._alive.takers:
             self._alive_timer = self.create_one_shot_timer(partial(self._send_alive, self._alive))
             self._send_alive(self._alive)
@@ -141,7 +142,11 @@ class StageNode(PortNode, Generic[P]):
         return response
 
     async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
-        """Write a change of parameters to the audit log, then set all parameters or none."""
+        """Write a change of parameters to the audit log, then set all parameters or none.
+
+        A value that a parameter already has is no change, even if the parameter is read-only.
+        """
+        changes = [change for change in map(self._as_declared, changes) if change is not None]
         if changes and self._may_set(changes):
             values = {change.name: change.value for change in changes}
             subject = self.get_fully_qualified_name()
@@ -152,6 +157,15 @@ class StageNode(PortNode, Generic[P]):
             return self.set_parameters_atomically(changes)
         except ParameterNotDeclaredException as error:
             return SetParametersResult(successful=False, reason=str(error))
+
+    def _as_declared(self, given: Parameter) -> Parameter | None:
+        """Return a change in the type of its parameter, None if the value stays the same."""
+        if not self.has_parameter(given.name):
+            return given
+        declared = self.get_parameter(given.name)
+        change = as_declared(declared, given)
+        same = change.get_parameter_value() == declared.get_parameter_value()
+        return None if same else change
 
     def _may_set(self, changes: Sequence[Parameter]) -> bool:
         """Return whether the changes will be accepted. Refused changes are not logged."""

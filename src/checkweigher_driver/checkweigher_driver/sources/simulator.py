@@ -39,18 +39,19 @@ class SimulatorSource(Source):
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self._simulation = Simulation(parameters)
+        self._simulation.start = self._start
         self._now = parameters.start_time == 0
         self.load_cell = self._simulation.load_cell
         self.start_stamp = parameters.start_time * NANOSECONDS or time.time_ns()
 
     def __iter__(self) -> Iterator[Event]:
         """Yield the events of the line in canonical order."""
-        if self._now:
-            self.start_stamp = max(self.start_stamp, time.time_ns())
-        self._simulation.start = self.start_stamp
         for event in self._simulation:
             self.start_stamp = event.stamp + NANOSECONDS  # earliest start of the next stream
             yield event
+
+    def _start(self) -> int:
+        return max(self.start_stamp, time.time_ns()) if self._now else self.start_stamp
 
     def operate(self, operation: OperationParameters) -> None:
         """Apply the operator's settings."""

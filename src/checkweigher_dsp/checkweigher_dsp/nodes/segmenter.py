@@ -180,6 +180,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.state != StreamState.RUNNING:
             self._stream = status.stream
+            counts = f'{status.samples} samples, {status.edges} edges'
+            self.get_logger().info(f'stream {status.stream} ended: {status.state.name}, {counts}')
             self._watch.end_stream(well=status.state == StreamState.FINISHED, text=status.text)
             self._end = (status.samples, status.edges)
             self._end_timer.set(_in(_END_PATIENCE))
@@ -192,6 +194,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _begin_stream(self, stream: int) -> None:
         # Samples of the first stream may arrive before its first status.
         follows, self._stream = self._stream != 0, stream
+        self.get_logger().info(f'stream {stream} began')
         self._end = None
         self._end_timer.clear()
         segmenter = self._segmenter
