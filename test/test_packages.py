@@ -35,6 +35,7 @@ KEYS = {
     'markupsafe': 'python3-jinja2',  # which returns its type
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
+    'prometheus_client': 'python3-prometheus-client',
     'pytest': 'python3-pytest',
     'pywt': 'python3-pywt',
     'ruamel': 'python3-ruamel.yaml',

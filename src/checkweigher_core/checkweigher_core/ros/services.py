@@ -16,6 +16,7 @@ PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_r
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 # Those of them that publish diagnostics.
 OF_MACHINE = SETTING, VERIFIER
+GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
 # Services that rclpy gives each node; their names follow the name of the node.

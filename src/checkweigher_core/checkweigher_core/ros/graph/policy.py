@@ -10,7 +10,14 @@ from xml.etree import ElementTree
 
 from checkweigher_core.ros import ports, services
 from checkweigher_core.ros.ports import NODES, Port
-from checkweigher_core.ros.services import OF_MACHINE, PAGE_WORK, REPORTER, VERIFIER, VERIFY
+from checkweigher_core.ros.services import (
+    GATEWAYS,
+    OF_MACHINE,
+    PAGE_WORK,
+    REPORTER,
+    VERIFIER,
+    VERIFY,
+)
 
 LINE = 'line'  # the process in which all nodes of a lane may run
 PAGE = 'page'
@@ -33,6 +40,8 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     ),
     VERIFY: tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION),
     REPORTER: (ports.BATCH_RESULT,),
+    **{f'{name}_board': (ports.DIAGNOSTICS,) for name in GATEWAYS},
+    **{f'{name}_lane': ports.GATEWAY_RECORDS for name in GATEWAYS},
 }
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')
 
@@ -82,7 +91,7 @@ def rights(node: str, lane: str = '') -> Rights:
 
 
 def _makes(node: str, port: Port) -> bool:
-    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE)
+    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE, *GATEWAYS)
     inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # rejects that its inputs show
     return every or inputs or port.maker == node
 
@@ -110,6 +119,9 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
         found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
     found[f'/{PAGE}'] = [('', PAGE), *of_lanes]
+    for name in GATEWAYS:
+        own = [('', name), ('', f'{name}_board')]
+        found[f'/{name}'] = [*own, *((lane, f'{name}_lane') for lane in lanes)]
     return found
 
 
