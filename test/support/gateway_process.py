@@ -22,7 +22,13 @@ LANE = 'lane1'
 LINE = {
     'driver': {
         'source': 'simulator',
-        'simulator': {'count': 0, 'seed': 3, 'lead_in': 1.0, 'masses': [0.2, 0.05, 0.2]},
+        'simulator': {
+            'count': 0,
+            'seed': 3,
+            'lead_in': 1.0,
+            'spacing': 0.4,
+            'masses': [0.2, 0.05, 0.2],
+        },
     },
     'reject': {'lower_limit': 0.1, 'upper_limit': 0.3},
 }

@@ -51,6 +51,8 @@ class Intake:
     ----------
     dropped : int
         Records that were dropped.
+    spinner : Spinner
+        Executor of the nodes.
     nodes : set of str
         Names of all nodes of the graph.
     """
@@ -66,7 +68,7 @@ class Intake:
     ) -> None:
         self.dropped = 0
         self.nodes: set[str] = set()
-        self._name, self._spinner, self._kept = name, spinner, kept
+        self._name, self.spinner, self._kept = name, spinner, kept
         self._only = namespace
         self._records: deque[Taken] = deque(maxlen=LIMIT)
         self._lanes: set[str] = set()
@@ -98,7 +100,7 @@ class Intake:
             for port in ports.GATEWAY_RECORDS:
                 qos = port.qos if self._kept else port.stage_qos
                 node.subscribe(port, partial(self._take, lane, port), qos=qos, needed=False)
-            self._spinner.add(node)
+            self.spinner.add(node)
 
     def _found(self) -> set[str]:
         if self._only is not None:

@@ -24,10 +24,30 @@ class MetricsSettings(Settings):
 
 
 @dataclass(frozen=True)
+class MqttSettings(Settings):
+    """Section of the gateway for MQTT."""
+
+    host: str = parameter(_ADDRESS, 'address of the broker')
+    port: int = parameter(1883, 'its port; 8883 is usual for TLS', minimum=1, maximum=65535)
+    user: str = parameter('', 'user at the broker; empty for none')
+    password_file: str = parameter('', 'file with the password of the user')
+    authority: str = parameter('', 'certificate of the authority of the broker, PEM, for TLS')
+    certificate: str = parameter('', 'certificate of this client, PEM')
+    key: str = parameter('', 'its key, PEM')
+    prefix: str = parameter('checkweigher', 'first element of the topics with JSON')
+    node: str = parameter('', 'name of this computer; empty for its host name')
+    site: str = parameter('', 'group of Sparkplug B; empty for JSON only')
+    commands: bool = parameter(False, 'whether the broker may select products and batches and zero')
+    store: str = parameter('', 'file of the items that wait; empty for one in the state folder')
+    limit: int = parameter(1_000_000, 'largest number of items that wait', minimum=1)
+
+
+@dataclass(frozen=True)
 class GatewaySettings(Settings):
     """Settings of all gateways. A file runs the gateways whose sections it has."""
 
     metrics: MetricsSettings | None = parameter(None, 'Prometheus')
+    mqtt: MqttSettings | None = parameter(None, 'MQTT, with Sparkplug B')
 
     @property
     def kinds(self) -> list[str]:

@@ -17,6 +17,8 @@ VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 # Those of them that publish diagnostics.
 OF_MACHINE = SETTING, VERIFIER
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
+# Nodes by which gateways act for persons and hosts, with the clients of the page.
+GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
 # Services that rclpy gives each node; their names follow the name of the node.

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 from checkweigher_core.ros import ports, services
 from checkweigher_core.ros.ports import NODES, Port
 from checkweigher_core.ros.services import (
+    GATEWAY_WORK,
     GATEWAYS,
     OF_MACHINE,
     PAGE_WORK,
@@ -73,14 +74,15 @@ class Rights:
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node, by its name, in the namespace `lane`."""
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
+    client = PAGE_WORK if node in GATEWAY_WORK else node
     subscribe = {
-        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(node, ())
+        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(client, ())
     }
     reply = {each.name for each in services.SERVICES if each.server == node} | _of(
         [node], services.NODE_SERVICES
     )
-    request = {each.name for each in services.SERVICES if node in each.callers} | _CALLED.get(
-        node, set()
+    request = {each.name for each in services.SERVICES if client in each.callers} | _CALLED.get(
+        client, set()
     )
     if node in (*NODES, *OF_MACHINE):
         publish.add(f'{node}/_*')  # shows a starting node its own participant
@@ -120,8 +122,9 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
     found[f'/{PAGE}'] = [('', PAGE), *of_lanes]
     for name in GATEWAYS:
+        nodes = [f'{name}_lane', *({f'{name}_work'} & {*GATEWAY_WORK})]
         own = [('', name), ('', f'{name}_board')]
-        found[f'/{name}'] = [*own, *((lane, f'{name}_lane') for lane in lanes)]
+        found[f'/{name}'] = [*own, *product(lanes, nodes)]
     return found
 
 
