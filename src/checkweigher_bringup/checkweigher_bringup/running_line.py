@@ -28,6 +28,8 @@ from checkweigher_bringup.supervision import CANNOT_START, SupervisedProcess, sa
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import Place
 from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.services import GATEWAYS
+from checkweigher_gateways.settings import read_gateways
 from checkweigher_web.access.users import UserFile, default_users
 
 _POLL_PERIOD = 0.1  # s
@@ -41,7 +43,7 @@ BESIDE = {
 }
 _PAGE = 'page'
 _SILENT = ('batch_reporter', _PAGE)  # processes that publish no diagnostics
-_NOT_NEEDED = {*BESIDE, _PAGE}
+_NOT_NEEDED = {*BESIDE, _PAGE, *GATEWAYS}
 
 
 def run_line(
@@ -52,18 +54,22 @@ def run_line(
     apart: bool,
     page: int | None = None,
     folder: MachineFolder | None = None,
+    gateways: Path | None = None,
 ) -> int:
     """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
     The parameters of the `driver` override those of the file `params`. With `apart`, each node has
     its own process. `page` is the port of the page, or None if the page is not served. With a
     `folder`, the line keeps the state of the machine in it, and the nodes of `BESIDE` run as well.
-    Raises `UserError` if a line already runs in this lane.
+    The gateways of the file `gateways` run beside the line. Raises `UserError` if a line already
+    runs in this lane, and `SettingsError` if the file is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
         processes = _processes(modules, files, namespace, page, folder)
+        if gateways is not None:
+            processes |= _gateway_processes(gateways, namespace)
         with spinning(namespace) as spinner, closing(ItemTable()) as table:
             node = EchoNode()
             lane = node.get_namespace().rstrip('/')
@@ -171,6 +177,18 @@ def _processes(
     return {
         name: SupervisedProcess(name, command, reports=name not in _SILENT)
         for name, command in commands.items()
+    }
+
+
+def _gateway_processes(file: Path, namespace: str) -> dict[str, SupervisedProcess]:
+    """Return a process for each section of a file of gateways."""
+    lane = ['--settings', str(file), '--namespace', namespace]
+    start = [sys.executable, '-m', 'checkweigher_gateways.gateway']
+    return {
+        f'gateway_{kind}': SupervisedProcess(
+            f'gateway_{kind}', partial(list, [*start, kind, *lane])
+        )
+        for kind in read_gateways(file).kinds
     }
 
 

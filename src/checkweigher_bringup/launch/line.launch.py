@@ -30,6 +30,7 @@ from checkweigher_core.parent_process import child_variable
 from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE
+from checkweigher_gateways.settings import read_gateways
 
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
@@ -62,12 +63,13 @@ ARGUMENTS = {
     'is none, and with it the nodes dynamic_setting and verifier run beside the line',
     'page': 'whether the page of the line is served, on http://127.0.0.1:8080/',
     'batch_reports': 'whether each batch that ends gets a report beside its record',
+    'gateways': 'settings of the gateways into the plant (YAML); those of its sections run',
     'lanes': 'description of lanes on several hosts (YAML), in place of the arguments above but '
-    'respawn and page',
+    'respawn, page and gateways',
     'host': 'name of this host in the file lanes',
     'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
 }
-WITH_LANES = ('respawn', 'page', 'lanes', 'host', 'log_level')
+WITH_LANES = ('respawn', 'page', 'gateways', 'lanes', 'host', 'log_level')
 
 
 def generate_launch_description():
@@ -123,6 +125,7 @@ def make_line(context):
             for name in OF_MACHINE
         ),
         make_page(kept),
+        *make_gateways(context, kept),
         node('batch_reporter', IfCondition(LaunchConfiguration('batch_reports'))),
     ]
 
@@ -163,7 +166,7 @@ def make_host(context, lanes, host):
         )
         for share in line.shares(host)
     ]
-    return [*environment, *nodes, make_page(kept)]
+    return [*environment, *nodes, make_page(kept), *make_gateways(context, kept)]
 
 
 def own_file(share):
@@ -183,6 +186,21 @@ def make_page(kept):
         ros_arguments=enclave_arguments('', 'page'),
         **kept,
     )
+
+
+def make_gateways(context, kept):
+    """Return the gateways of all lanes, one for each section of the file `gateways`."""
+    file = LaunchConfiguration('gateways').perform(context)
+    return [
+        Node(
+            package='checkweigher_gateways',
+            executable='gateway',
+            arguments=[kind, '--settings', file],
+            ros_arguments=enclave_arguments('', f'gateway_{kind}'),
+            **kept,
+        )
+        for kind in (read_gateways(Path(file)).kinds if file else ())
+    ]
 
 
 def kept_running(context):

@@ -290,6 +290,10 @@ PAGE_RESULTS = (
     FILLER_FEEDBACK, STOP_REQUEST, ALARMS,
 )
 PAGE_SIGNALS = (LOAD_CELL_SAMPLES, DENOISED_WINDOW)
+# Of a lane, for the gateways into the plant, which take diagnostics as well.
+GATEWAY_RECORDS = (
+    LOAD_CELL_INFO, VERDICT, STOP_REQUEST, PRODUCT_IN_USE, STATISTICS, ALARMS, ZERO_SETTING,
+)
 # fmt: on
 RECORDED = tuple(port for port in ALL if port.recorded)
 PLAYED = RECORDED[:4]

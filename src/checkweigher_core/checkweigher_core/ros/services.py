@@ -16,6 +16,9 @@ PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_r
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 # Nodes that publish diagnostics although they are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
+GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
+# Nodes by which gateways act for persons and hosts, with the clients of the page.
+GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
 # Services that rclpy creates for each node, in the namespace of the node.

@@ -102,8 +102,8 @@ class LaneServices(PortNode):
         Folder of the batch reports, or None until a user asks for them.
     """
 
-    def __init__(self, lane: str) -> None:
-        super().__init__('page_work', namespace=f'/{lane}')
+    def __init__(self, lane: str, name: str = PAGE_WORK) -> None:
+        super().__init__(name, namespace=f'/{lane}')
         self._by_name: dict[str, Client] = {
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
@@ -221,13 +221,13 @@ class LaneServices(PortNode):
 class Workshop:
     """Services of the lanes on which users have worked, by the namespace of the lane."""
 
-    def __init__(self, spinner: Spinner) -> None:
-        self._spinner = spinner
+    def __init__(self, spinner: Spinner, name: str = PAGE_WORK) -> None:
+        self._spinner, self._name = spinner, name
         self.lanes: dict[str, LaneServices] = {}
 
     async def of(self, lane: str) -> LaneServices:
         """Return the services of a lane."""
         if lane not in self.lanes:
-            self.lanes[lane] = LaneServices(lane)
+            self.lanes[lane] = LaneServices(lane, self._name)
             await asyncio.to_thread(self._spinner.add, self.lanes[lane])
         return self.lanes[lane]

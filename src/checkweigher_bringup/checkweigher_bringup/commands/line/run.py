@@ -28,6 +28,11 @@ OPTIONS = (
     ),
     ('--page', bool, 'serve the page of the line as well, see page --help'),
     ('--page-port N', int, f'port of the page; default {PORT}'),
+    (
+        '--gateways FILE',
+        Path,
+        'run the gateways of the sections of FILE as well, see gateway --help',
+    ),
 )
 
 
@@ -51,7 +56,15 @@ def run(arguments: argparse.Namespace) -> int:
     page = PORT if arguments.page and arguments.page_port is None else arguments.page_port
     folder = arguments.folder and MachineFolder.made(arguments.folder)
     apart = arguments.processes
-    return run_line(arguments.params, namespace, driver, apart=apart, page=page, folder=folder)
+    return run_line(
+        arguments.params,
+        namespace,
+        driver,
+        apart=apart,
+        page=page,
+        folder=folder,
+        gateways=arguments.gateways,
+    )
 
 
 def _run_host(arguments: argparse.Namespace) -> int:

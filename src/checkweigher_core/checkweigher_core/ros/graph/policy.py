@@ -10,7 +10,15 @@ from xml.etree import ElementTree
 
 from checkweigher_core.ros import ports, services
 from checkweigher_core.ros.ports import NODES, Port
-from checkweigher_core.ros.services import OF_MACHINE, PAGE_WORK, REPORTER, VERIFIER, VERIFY
+from checkweigher_core.ros.services import (
+    GATEWAY_WORK,
+    GATEWAYS,
+    OF_MACHINE,
+    PAGE_WORK,
+    REPORTER,
+    VERIFIER,
+    VERIFY,
+)
 
 LINE = 'line'  # enclave of a process with all nodes of a lane
 PAGE = 'page'
@@ -33,6 +41,8 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     ),
     VERIFY: tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION),
     REPORTER: (ports.BATCH_RESULT,),
+    **{f'{name}_board': (ports.DIAGNOSTICS,) for name in GATEWAYS},
+    **{f'{name}_lane': ports.GATEWAY_RECORDS for name in GATEWAYS},
 }
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')
 
@@ -64,14 +74,15 @@ class Rights:
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node in the namespace `lane`."""
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
+    client = PAGE_WORK if node in GATEWAY_WORK else node
     subscribe = {
-        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(node, ())
+        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(client, ())
     }
     reply = {each.name for each in services.SERVICES if each.server == node} | _of(
         [node], services.NODE_SERVICES
     )
-    request = {each.name for each in services.SERVICES if node in each.callers} | _CALLED.get(
-        node, set()
+    request = {each.name for each in services.SERVICES if client in each.callers} | _CALLED.get(
+        client, set()
     )
     if node in (*NODES, *OF_MACHINE):
         publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
@@ -82,7 +93,7 @@ def rights(node: str, lane: str = '') -> Rights:
 
 
 def _makes(node: str, port: Port) -> bool:
-    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE)
+    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE, *GATEWAYS)
     inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # from its machine inputs
     return every or inputs or port.maker == node
 
@@ -110,6 +121,10 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
         found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
     found[f'/{PAGE}'] = [('', PAGE), *of_lanes]
+    for name in GATEWAYS:
+        nodes = [f'{name}_lane', *({f'{name}_work'} & {*GATEWAY_WORK})]
+        own = [('', name), ('', f'{name}_board')]
+        found[f'/{name}'] = [*own, *product(lanes, nodes)]
     return found
 
 
