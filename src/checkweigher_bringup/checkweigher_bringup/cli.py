@@ -29,7 +29,10 @@ _GROUPS = (
     (
         'line',
         'a line that runs',
-        ('run', 'status', 'echo', 'record', 'calibrate', 'page', 'policy', 'user', 'certificate'),
+        (
+            *('run', 'status', 'echo', 'record', 'calibrate', 'page', 'policy', 'user'),
+            *('certificate', 'backup', 'restore'),
+        ),
     ),
     ('recordings', 'recorded bags', ('weigh', 'replay', 'simulate', 'import', 'keep', 'recover')),
     ('accuracy', 'how accurate it is', ('tune', 'evaluate', 'verify')),

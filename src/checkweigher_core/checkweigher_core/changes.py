@@ -13,6 +13,7 @@ RECORD, REPORT = 'record', 'report'  # of a batch
 TUNED = 'tuned'
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or ended in order
 TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
+BACKUP = 'backup'  # the folder of the machine was restored from one
 
 
 def plain(value: object) -> Any:
