@@ -137,10 +137,7 @@ class ConvergenceWatch:
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence.
-
-        `max_relative_std_dev` is the parameter of the identifier.
-        """
+        """Return the aspect Convergence. `max_relative_std_dev` is that of the identifier."""
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -268,11 +265,7 @@ class RejectorWatch:
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector.
-
-        `request` is the present stop request, and `confirmed` whether an eye is behind the
-        rejector.
-        """
+        """Return the aspect Rejector. `confirmed` is whether an eye is behind the rejector."""
         self._strays.forget(now)
         values: Values = {
             'reject_eye_strays': self._count,

@@ -159,10 +159,7 @@ class Belt:
         return finished
 
     def miss(self, item: TrackedItem, stamp: int) -> None:
-        """Give up an item at a time in ns, because its outfeed edge is missing.
-
-        The caller has removed the item from `items`.
-        """
+        """Give up an item that was removed from `items`, because its outfeed edge is missing."""
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
         if item is self.at_infeed:
@@ -206,10 +203,7 @@ class Belt:
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Discard all times, because the clock has changed.
-
-        The known edges and items are also discarded if the clock may have gone back.
-        """
+        """Discard all times, and the known edges and items if the clock may have gone back."""
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
         _set_state(self.given_up, State.ABANDONED)

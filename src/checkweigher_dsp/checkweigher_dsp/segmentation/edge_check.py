@@ -167,5 +167,5 @@ class EdgeCheck:
 
 
 def _without(lag: float, bend: float) -> float:
-    """Return the part of a lag that a bend does not explain. The sign remains the same."""
+    """Return the part of a lag that a bend does not explain, with the sign of the lag."""
     return math.copysign(min(max(abs(lag) - math.copysign(bend, lag * bend), 0.0), abs(lag)), lag)

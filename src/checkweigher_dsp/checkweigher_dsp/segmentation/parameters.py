@@ -135,13 +135,7 @@ class SegmenterParameters(Parameters):
             )
 
     def check_lengths(self, load_cell: LoadCell) -> None:
-        """Check that the windows and the buffer are not too long for a load cell.
-
-        Raises
-        ------
-        ParameterError
-            If they need too many samples at the sample rate of the load cell.
-        """
+        """Raise `ParameterError` if windows or buffer need too many samples for a load cell."""
         transit = seconds(self.max_transit(load_cell.weigh_length))
         window = {
             'min_belt_speed': transit,

@@ -272,10 +272,7 @@ class WindowCutter:
         return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
-        """Return the samples of the empty belt before an item, and whether the ring-down is over.
-
-        The samples include the ring-down after the previous item if too few follow it.
-        """
+        """Return the samples of the empty belt before an item, and whether they are settled."""
         buffer, parameters = self._buffer, self._parameters
         if item.others_there:
             return buffer.look_at(entry, entry), False

@@ -30,7 +30,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Identification:
-    """Coefficients and steady state of the platform in each window. All arrays are (windows,)."""
+    """Coefficients and steady state of the platform. The arrays have the shape (windows,)."""
 
     a1: Array
     a2: Array

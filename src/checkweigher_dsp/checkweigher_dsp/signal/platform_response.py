@@ -95,7 +95,7 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
 
 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
-    """Return the free oscillations of the empty platform with initial value 1 and slope omega."""
+    """Return the free oscillations that begin with value 1 at rest, and with slope omega at 0."""
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
     return cosine + decay / damped * sine, omega / damped * sine

@@ -192,7 +192,7 @@ class _Items:
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
     def plain_weights(self) -> Array:
-        """Return the weights for a covariance without R, (k,)."""
+        """Return the weights, (k,), that follow from the assumed noise without the items."""
         weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 

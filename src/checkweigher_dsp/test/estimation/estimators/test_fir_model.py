@@ -125,5 +125,5 @@ def test_passes_without_any_error_give_a_plain_average():
 
 
 def test_weights_without_a_sum_are_refused():
-    with pytest.raises(ValueError, match='no sum'):
+    with pytest.raises(ValueError, match='the sum of the weights'):
         fir_weights(np.array([1.0, -1.0]), 10)
