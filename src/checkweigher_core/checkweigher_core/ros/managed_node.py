@@ -72,11 +72,11 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
             self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node. After a failure it stays unconfigured."""
+        """Configure the node. After a failure the node stays unconfigured."""
         return self._attempt('configure', self.configure, 'inactive', _FAILURE)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate the node. After a failure it stays inactive."""
+        """Activate the node. After a failure the node stays inactive."""
         return self._attempt('activate', self.activate, 'active', _FAILURE)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

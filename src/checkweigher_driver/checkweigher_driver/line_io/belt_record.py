@@ -129,7 +129,7 @@ class BeltRecord:
         return found
 
     def keep(self, belt: OnBelt) -> None:
-        """Write the state of the belt. If the belt is going to run, wait until it is on the disk.
+        """Write the state of the belt. Before the belt runs, wait for the disk.
 
         Raises OSError if the state cannot be written; the belt must then not run.
         """
@@ -167,4 +167,5 @@ def record_path(wanted: str, machine: str) -> Path:
     try:
         return state_file(f'{machine}.belt')
     except RuntimeError:
-        raise ParameterError(f'{_NAME}: empty, and this user has no home folder') from None
+        why = 'empty, must name a file, because this user has no home folder'
+        raise ParameterError(f'{_NAME}: {why}') from None
