@@ -92,7 +92,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the outputs safe. If that fails, the node is finalized, otherwise unconfigured."""
+        """Make the outputs safe. The node is then unconfigured, or finalized after a failure."""
         recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
         if recovered != _SUCCESS:
             self.state = 'finalized'

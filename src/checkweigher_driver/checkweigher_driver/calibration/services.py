@@ -161,7 +161,7 @@ class CalibrationServices:
         answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
         if answer is None:
             self._waiting = None
-            session.cancel()
+            session.reading = None
             return self._refused('no samples come; check cable and power of the load cell')
         return answer
 

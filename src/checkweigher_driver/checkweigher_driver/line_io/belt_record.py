@@ -6,8 +6,9 @@ The file is on the disk before the belt may run, so the next start detects that 
 killed or lost its power while items may have been on the belt. The names of the items need not
 survive a power cut. A separate thread writes them, so that the outputs never wait for a disk.
 
-An empty file with the suffix `.begun` shows that a record exists. If only that file exists, the
-record was lost, and the belt may have run. If neither exists, this is the first start.
+An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
+record, the record was lost, and the belt may have run. If neither file exists, the driver starts
+for the first time.
 """
 
 from concurrent.futures import ThreadPoolExecutor

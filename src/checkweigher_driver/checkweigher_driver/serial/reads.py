@@ -86,9 +86,9 @@ class ValueReader:
         return f'no bytes come {during}; check its supply and the cable'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
-        """Return the first reads after a break, up to a read that did not wait in the port.
+        """Return the first reads after a break, up to a read whose time of arrival is known.
 
-        The time of arrival of readings that waited in the port is unknown.
+        The time of arrival is unknown if the bytes have waited in the port.
         """
         first, number = [], 0
         for read in reads:

@@ -6,8 +6,8 @@ Nodes receive messages only by UDP, even on one computer. With the shared memory
 large messages of a node no longer arrived after about 30 processes that read them had been killed
 (see eProsima/Fast-DDS issue 5469).
 
-Without multicast, Fast DDS contacts only the first four participants at each address. Further
-processes on one computer would not discover each other. The profiles therefore list more ports.
+Without multicast, Fast DDS contacts only the first four participants at each address, so a fifth
+and a sixth process on one computer would not discover each other. The profiles list more ports.
 """
 
 from collections.abc import Mapping
