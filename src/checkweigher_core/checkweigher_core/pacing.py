@@ -50,7 +50,7 @@ class FlowControl:
 
     def __post_init__(self) -> None:
         self.samples_sent = 0
-        self.items_judged = 0
+        self.items_judged = 0  # items that have a verdict
         self._edges: deque[int] = deque()  # stamps of the edges that were not processed yet
         self._samples_taken = self._edges_taken = self._items_cut = 0
         self._samples_missed = 0  # samples that were sent before the segmenter was started
@@ -71,10 +71,6 @@ class FlowControl:
             self._edges.clear()
         self._edges = deque(islice(self._edges, max(edges - self._edges_taken, 0), None))
         self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
-
-    def judged(self) -> None:
-        """Count a verdict."""
-        self.items_judged += 1
 
     def may_send(self, event: Event, sample_rate: float) -> bool:
         """Return whether an event may be sent now."""

@@ -131,7 +131,7 @@ def _names_like(name: str, known: list[str]) -> list[str]:
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
-    """Return `value` in the type of a field. Raises `ParameterError` if it is invalid."""
+    """Return a value converted to the type of a field. Raises `ParameterError` if invalid."""
     try:
         return convert(type(entry.default), describe(entry), value)
     except ValueError as error:

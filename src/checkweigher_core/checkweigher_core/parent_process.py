@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 import signal
 
-_SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+_SET_PARENT_DEATH_SIGNAL = 1  # option PR_SET_PDEATHSIG, see prctl(2)
 _VARIABLE = 'CHECKWEIGHER_PARENT'
 
 

@@ -81,7 +81,7 @@ def test_the_lead_is_limited_in_items_without_a_verdict():
     flow.taken(50, 0, 3)
     assert not _may_send(flow)
 
-    flow.judged()
+    flow.items_judged += 1
     assert _may_send(flow)
 
 
@@ -141,7 +141,7 @@ def test_a_new_segmenter_begins_with_what_comes_then():
     flow.sent(_edge(3.0))
     flow.sent(_edge(3.5))
     flow.taken(450, 1, 7)
-    flow.judged()
+    flow.items_judged += 1
     assert not _may_send(flow)
 
     # The 500 samples and 2 edges went to the old one, and its items 5 to 7 will not be judged.

@@ -13,7 +13,8 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 class DriverWatch:
     """Monitor of the source `name` and of its stream.
 
-    Times are in s on a monotonic clock. Callers hold the lock of the process.
+    Times are in s on a monotonic clock. Callers hold the lock of the process. `waits_for` is the
+    condition for which the source is held back, empty if it is not held back.
     """
 
     def __init__(self, name: str) -> None:
@@ -38,23 +39,19 @@ class DriverWatch:
     def add(self, now: float, event: Event) -> None:
         """Add an event that is sent at time `now`."""
         assert self._samples is not None
-        self._waits_for = ''
+        self.waits_for = ''
         if isinstance(event, SampleBlock):
             self._samples.add(now, event)
         elif isinstance(event, EyeEdge):
             self._samples.clock.add_edge(now, event)
             self._eyes.add(now, event)
 
-    def waits_for(self, what: str) -> None:
-        """Report that the source is held back until a condition holds."""
-        self._waits_for = what
-
     def end(self, failure: str | None = None) -> None:
         """Report the end of the source, with the text of a failure if it has failed."""
         self._change('finished' if failure is None else 'failed', failure or '')
 
     def _change(self, state: str, failure: str = '') -> None:
-        self._state, self._failure, self._waits_for = state, failure, ''
+        self._state, self._failure, self.waits_for = state, failure, ''
 
     def findings(
         self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]
@@ -71,7 +68,7 @@ class DriverWatch:
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self._waits_for:  # the absence of samples is no fault then
+        if self._state != 'running' or self.waits_for:  # the absence of samples is no fault then
             samples, eyes = (
                 conclude(finding.aspect, 'none now, see Source', (), finding.values)
                 for finding in (samples, eyes)
@@ -96,8 +93,8 @@ class DriverWatch:
                 'activate it: Start on the page, or ros2 lifecycle set',
             ),
             warn_if(
-                bool(self._waits_for),
-                f'{self._name} is held back, waiting for {self._waits_for}',
+                bool(self.waits_for),
+                f'{self._name} is held back, waiting for {self.waits_for}',
                 'check that the other nodes run',
             ),
         )

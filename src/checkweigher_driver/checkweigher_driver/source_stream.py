@@ -24,15 +24,14 @@ from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
 from checkweigher_recording.block_cutting import cut_for_pace
 
-_PATIENCE = 5.0  # longest wait in s for the other nodes
-_END_PATIENCE = 2.0  # longest wait in s for the last read of a source
-_PERIOD = 0.02  # time in s between checks of a condition, because not all changes are notified
-_REMINDER = 5.0  # s
-
 # Times in s after the beginning of a stream at which its status is sent again. A subscriber that is
 # visible in the ROS graph may not be connected yet, and would get the first status only from the
 # next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
+_PATIENCE = 5.0  # longest wait in s for the other nodes
+_END_PATIENCE = 2.0  # longest wait in s for the last read of a source
+_PERIOD = 0.02  # time in s between checks of a condition, because not all changes are notified
+_REMINDER = 5.0  # time in s between warnings
 
 
 class SourceStream:
@@ -133,7 +132,7 @@ class SourceStream:
     def on_verdict(self) -> None:
         """Count a verdict."""
         with self._changed:
-            self._flow.judged()
+            self._flow.items_judged += 1
             self._changed.notify_all()
 
     def _run(self, source: Source) -> None:
@@ -214,8 +213,8 @@ class SourceStream:
         flow = self._flow
 
         def ask(waited: float) -> None:
-            # The segmenter reports its progress with the samples. Without samples, it does so if it
-            # gets the status of the driver.
+            # The segmenter reports its progress with the samples, and also if it gets the status of
+            # the driver.
             if flow.awaits_edges(event, rate):
                 self.report(StreamState.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := flow.give_up_edges()):
@@ -293,7 +292,7 @@ class SourceStream:
                     ask(now - began)
                 if what and now - reminded > _REMINDER:
                     reminded = now
-                    self._watch.waits_for(what)
+                    self._watch.waits_for = what
                     self._node.warn(f'the source is held back: waiting for {what}')
                 self._changed.wait(_PERIOD)
             return not self._stopping

@@ -47,7 +47,7 @@ def test_a_source_that_hangs_is_an_error(running):
 
 def test_a_source_that_is_held_back_or_has_ended_owes_no_samples(running):
     watch, now = running
-    watch.waits_for('a segmenter')
+    watch.waits_for = 'a segmenter'
     later = levels(watch, now + 60.0)
     assert (later['Source'], later['Samples']) == (Level.WARN, Level.OK)
     watch.end()

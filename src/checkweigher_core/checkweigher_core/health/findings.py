@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import takewhile
 import math
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,20 +82,17 @@ def conclude(
 T = TypeVar('T')
 
 
-class Recent(Generic[T]):
-    """Entries of the last `duration` s, but at most `limit` entries."""
+class Recent(deque[tuple[float, T]]):
+    """Entries of the last `duration` s with their times, but at most `limit` entries."""
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
+        super().__init__(maxlen=limit)
         self._duration = duration
-        self._entries: deque[tuple[float, T]] = deque(maxlen=limit)
-
-    def __len__(self) -> int:
-        return len(self._entries)
 
     def forget(self, now: float) -> None:
         """Remove the entries that are too old at time `now` in s."""
-        while self._entries and self._entries[0][0] <= now - self._duration:
-            self._entries.popleft()
+        while self and self[0][0] <= now - self._duration:
+            self.popleft()
 
 
 class RecentValues(Recent[float]):
@@ -104,22 +101,22 @@ class RecentValues(Recent[float]):
     def add(self, time: float, value: float) -> None:
         """Add a value with its time in s. NaN and infinities are ignored."""
         if math.isfinite(value):
-            self._entries.append((time, value))
+            self.append((time, value))
 
     @property
     def span(self) -> float:
         """Time in s from the oldest to the latest value, 0 without values."""
-        return self._entries[-1][0] - self._entries[0][0] if self._entries else 0.0
+        return self[-1][0] - self[0][0] if self else 0.0
 
     @property
     def values(self) -> NDArray[np.float64]:
         """Values in the order of their times, shape (n,)."""
-        return np.array([value for _, value in self._entries])
+        return np.array([value for _, value in self])
 
     @property
     def total(self) -> float:
         """Sum of the values, 0 without values."""
-        return math.fsum(value for _, value in self._entries)
+        return math.fsum(value for _, value in self)
 
     @property
     def median(self) -> float:
@@ -138,7 +135,7 @@ class RecentValues(Recent[float]):
 
     def quantile(self, share: float) -> float:
         """Return a quantile of the values, with linear interpolation."""
-        return float(np.quantile(self.values, share)) if self._entries else math.nan
+        return float(np.quantile(self.values, share)) if self else math.nan
 
     @property
     def slope(self) -> float:
@@ -146,7 +143,7 @@ class RecentValues(Recent[float]):
 
         The estimator is robust against up to 29 % outliers.
         """
-        times, values = np.reshape(self._entries, (-1, 2)).T
+        times, values = np.reshape(self, (-1, 2)).T
         first, second = np.triu_indices(len(times), 1)
         elapsed = times[second] - times[first]
         moved = elapsed > 0
@@ -166,20 +163,20 @@ class RecentItems(Recent[tuple[str, ...]]):
 
     def add(self, time: float, reasons: Iterable[str] = ()) -> None:
         """Add an item at a time in s. `reasons` is empty if the item did not fail."""
-        self._entries.append((time, tuple(reasons)))
+        self.append((time, tuple(reasons)))
 
     @property
     def failed(self) -> int:
         """Number of items that failed."""
-        return sum(bool(reasons) for _, reasons in self._entries)
+        return sum(bool(reasons) for _, reasons in self)
 
     @property
     def failed_in_a_row(self) -> int:
         """Number of consecutive failed items up to the latest item."""
-        return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self._entries)))
+        return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self)))
 
     @property
     def main_reason(self) -> str:
         """Most frequent first reason of the failed items, empty if no item failed."""
-        firsts = Counter(reasons[0] for _, reasons in self._entries if reasons)
+        firsts = Counter(reasons[0] for _, reasons in self if reasons)
         return firsts.most_common(1)[0][0] if firsts else ''

@@ -6,11 +6,11 @@ from datetime import UTC, datetime
 import math
 from typing import Annotated
 
-GRAMS = 1000.0  # in a kilogram
-NANOSECONDS = 1_000_000_000  # in a second
 # After a restart, the segmenter numbers items from the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
-MAX_SAMPLE_RATE = 1e6  # largest sample rate in Hz, which limits the memory that is used
+GRAMS = 1000.0  # in a kilogram
+NANOSECONDS = 1_000_000_000  # in a second
+MAX_SAMPLE_RATE = 1e6  # Hz; data with a larger sample rate would need too much memory
 MAX_MASS = 1e6  # kg
 MAX_WINDOW = 2**16  # largest number of samples in a window or a message
 Stamp = Annotated[int, 'ns']  # time in ns on the clock of the samples

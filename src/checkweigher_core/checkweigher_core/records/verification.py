@@ -54,7 +54,7 @@ class VerificationStep:
 class VerificationProgress:
     """Progress of a guided verification at `stamp`, and its question to the operator.
 
-    `question` is the number of the question. `folder` is the folder with the plans and the reports.
+    An answer has to repeat the number `question`. `folder` has the plans and the reports.
     `results` has one line for each of `steps`, empty before the step was performed. `step` is the
     index of the present step, and `lines` are its results so far.
     """

@@ -34,7 +34,11 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class WeighWindow:
-    """Signal of one item, with its times, speed and length from the photo-eyes."""
+    """Signal of one item, with its times, speed and length from the photo-eyes.
+
+    `counts` has the readings from before t2 until after t3, and is empty for a fault. `denoised`
+    has the denoised signal in kg of the same shape, and is empty before the stage denoise.
+    """
 
     item_id: int  # counted from 1 in order of entry
     t1: Stamp | None  # the item begins to enter the belt
@@ -53,11 +57,9 @@ class WeighWindow:
     empty_begin: int = 0  # position in counts of the first sample after the previous item has left
     window_begin: int = 0  # position in counts of the first sample at or after t2
     window_end: int = 0  # position in counts of the first sample at or after t3
-    # Readings of shape (n,) from before t2 until after t3. For a fault, the array is empty.
-    counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
-    # Denoised signal in kg of shape (n,). Before the stage denoise, the array is empty.
+    counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))  # shape (n,)
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can
+    reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can be weighed
 
     def __eq__(self, other: object) -> bool:
         """Compare field by field; NaN equals NaN."""

@@ -30,20 +30,20 @@ class _Form:
     # Name of the field of the record that is the stamp of the header. If the name is empty, the
     # caller provides the stamp. A field in `names` also has its own field in the message.
     stamp: str = 'stamp'
-    frame: str | Callable[[Any], str] = ''  # frame_id of the header, or a function that returns it
+    # The frame_id of the header, or a function that returns the frame_id of a record.
+    frame: str | Callable[[Any], str] = ''
     # Names of fields in the message by their names in the record, if these differ.
     names: Mapping[str, str] = field(default_factory=dict)
-    lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
-    newer: tuple[str, ...] = ()  # fields that messages in older bags do not have
-
     # Functions that compute further fields of the message from the record.
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    # Enumeration members that replace unknown values. Without one, the message is refused.
+    # Enumeration members for unknown values. Without such a member, the message is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
     # Values of the fields of a message that is converted to None.
     absent: Mapping[str, object] = field(default_factory=dict)
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
+    lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
+    newer: tuple[str, ...] = ()  # fields that messages in older bags do not have
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:

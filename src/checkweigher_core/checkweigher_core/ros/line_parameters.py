@@ -92,7 +92,7 @@ class LineParametersClient:
             raise RefusedError(f'{node}: {answer.result.reason}')
 
     async def answer(self, node: str, future: Future) -> Any:
-        """Return the answer of a node. Raises `RefusedError` if it does not come in time."""
+        """Return the answer of a node. Raises `RefusedError` if the node does not answer."""
         answer = await in_time(self._node, self._group, future, self._patience)
         if answer is None:
             raise RefusedError(f'{node}: has not answered for {self._patience:g} s')

@@ -72,11 +72,11 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
             self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node. After a failure it stays unconfigured."""
+        """Configure the node. After a failure the node stays unconfigured."""
         return self._attempt('configure', self.configure, 'inactive', _FAILURE)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate the node. After a failure it stays inactive."""
+        """Activate the node. After a failure the node stays inactive."""
         return self._attempt('activate', self.activate, 'active', _FAILURE)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -92,7 +92,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the outputs safe. If that fails, the node is finalized, otherwise unconfigured."""
+        """Make the outputs safe. The node is then unconfigured, or finalized after a failure."""
         recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
         if recovered != _SUCCESS:
             self.state = 'finalized'

@@ -20,18 +20,14 @@ from checkweigher_core.parameters import ParameterError
 from checkweigher_core.ros.conversion import to_message, to_record
 from checkweigher_core.ros.ports import Port, fits
 
+# Lock of the process. Callbacks run in the thread of the executor, and in the thread of the driver
+# that reads the samples. The lock ensures that only one callback runs at a time.
+LOCK = threading.RLock()
+Callback = Callable[[Any], None]  # function that processes a record
 _POLL_PERIOD = 0.02  # s
 _CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as the consumer
 _SETTLE_TIME = 0.2  # time in s without a new subscriber after which records are sent
 _MAX_HELD = 10_000  # largest number of records that are kept for a consumer
-Callback = Callable[[Any], None]  # function that processes a record
-
-# Lock of the process. Callbacks run in the thread of the executor, and in the thread of the driver
-# that reads the samples. The lock ensures that only one callback runs at a time.
-LOCK = threading.RLock()
-
-# Endpoints have no event callbacks, because these would slow down each wake of the executor. The
-# class `Connections` detects incompatible QoS instead.
 
 
 class Output:
@@ -45,6 +41,8 @@ class Output:
         self.port = port
         self.qos = copy.copy(port.qos)
         self.takers: list[Input] = []
+        # Endpoints have no event callbacks, which would slow down each wake of the executor. The
+        # class `Connections` detects incompatible QoS instead.
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self.publisher = _endpoint(node.create_publisher, port, self.qos, event_callbacks=events)
         self.topic_name: str = self.publisher.topic_name
@@ -76,8 +74,8 @@ class HeldOutput(Output):
     lost, and its item would get no verdict. After the first consumer was found, records are always
     sent at once. An input in the same process is a consumer. A subscriber in another process is a
     consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
-    no consumer. Without `answer`, any subscriber counts as a consumer, and also if no consumer has
-    appeared after some time.
+    no consumer. If `answer` is None, or if no consumer has appeared after some time, any subscriber
+    counts as a consumer.
     """
 
     def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:

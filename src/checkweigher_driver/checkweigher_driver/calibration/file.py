@@ -132,8 +132,8 @@ def write_version(
 def replace_version(path: Path, new: Path) -> int:
     """Replace a file by another file, and return the version number of the new content.
 
-    The old file is kept as ``NAME.vN.yaml``. Raises OutputError if it cannot be kept; it is then
-    not replaced.
+    The old file is kept as ``NAME.vN.yaml``. Raises OutputError, and replaces nothing, if the old
+    file cannot be kept.
     """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():

@@ -61,10 +61,9 @@ class CalibrationServices:
         self._source = source
         self._edges: dict[int, EyeEdge] = {}  # latest edge of each photo-eye in the stream
         self._stamp = 0  # stamp of the latest block in ns
-        self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
         self._waiting: Future | None = None  # result of the call that waits for a reading
-
+        self._restart = restart
         # With a separate callback group, other callbacks run while a call waits for a reading.
         group = self._group = ReentrantCallbackGroup()
         for kind, name, callback in (
@@ -162,7 +161,7 @@ class CalibrationServices:
         answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
         if answer is None:
             self._waiting = None
-            session.cancel()
+            session.reading = None
             return self._refused('no samples come; check cable and power of the load cell')
         return answer
 

@@ -72,8 +72,8 @@ class CalibrationParameters(Parameters):
 class CalibrationSession:
     """Session of a calibration. Loads are read one after the other, then `finish` fits the points.
 
-    A session is either idle or reads a load. `begin` starts to read a load. The session is idle
-    again when the load was read, after an error, or after `cancel`.
+    A session is idle if `reading` is None; otherwise it reads a load. `begin` starts to read a
+    load. The session is idle again when the load was read, or after an error.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -81,7 +81,7 @@ class CalibrationSession:
         self._steadiness = steadiness
         self._began = math.nan
         self.points: list[CalibrationPoint] = []
-        self.reading: RestReading | None = None  # None while idle
+        self.reading: RestReading | None = None
         self._load = (0.0, 0.0)  # mass and uncertainty in kg of the load that is read
 
     def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
@@ -125,10 +125,6 @@ class CalibrationSession:
         mass, uncertainty = self._load
         self.points.append(CalibrationPoint(mass, found.mean, found.std_error, uncertainty))
         return found
-
-    def cancel(self) -> None:
-        """Cancel the reading."""
-        self.reading = None
 
     def finish(
         self, max_residual: float, edges: Collection[EyeEdge], stamp: int, now: float

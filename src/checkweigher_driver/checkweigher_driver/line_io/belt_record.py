@@ -6,8 +6,9 @@ The file is on the disk before the belt may run, so the next start detects that 
 killed or lost its power while items may have been on the belt. The names of the items need not
 survive a power cut. A separate thread writes them, so that the outputs never wait for a disk.
 
-An empty file with the suffix `.begun` shows that a record exists. If only that file exists, the
-record was lost, and the belt may have run. If neither exists, this is the first start.
+An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
+record, the record was lost, and the belt may have run. If neither file exists, the driver starts
+for the first time.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -129,7 +130,7 @@ class BeltRecord:
         return found
 
     def keep(self, belt: OnBelt) -> None:
-        """Write the state of the belt. If the belt is going to run, wait until it is on the disk.
+        """Write the state of the belt. Before the belt runs, wait for the disk.
 
         Raises OSError if the state cannot be written; the belt must then not run.
         """
@@ -167,4 +168,5 @@ def record_path(wanted: str, machine: str) -> Path:
     try:
         return state_file(f'{machine}.belt')
     except RuntimeError:
-        raise ParameterError(f'{_NAME}: empty, and this user has no home folder') from None
+        why = 'empty, must name a file, because this user has no home folder'
+        raise ParameterError(f'{_NAME}: {why}') from None

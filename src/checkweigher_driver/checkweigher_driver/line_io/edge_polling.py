@@ -69,10 +69,7 @@ class EdgePolling:
         middle = last.begin + uncertainty
         for eye in changed:
             self._worst_uncertainty = max(self._worst_uncertainty, uncertainty)
-            if poll.blocked[eye]:
-                self._blocked_at[eye] = middle
-            elif eye in self._blocked_at:
-                self._covered[eye] = middle - self._blocked_at.pop(eye)
+            self._cover(eye, poll.blocked[eye], middle)
         return [EyeEdge(middle + to_stamp, eye, poll.blocked[eye]) for eye in changed]
 
     def _count(self, last: Poll, poll: Poll) -> None:
@@ -80,6 +77,12 @@ class EdgePolling:
         self._periods += poll.begin - last.begin
         self._round_trips += poll.end - poll.begin
         self._longest_round_trip = max(self._longest_round_trip, poll.end - poll.begin)
+
+    def _cover(self, eye: Eye, blocked: bool, time: int) -> None:
+        if blocked:
+            self._blocked_at[eye] = time
+        elif eye in self._blocked_at:
+            self._covered[eye] = time - self._blocked_at.pop(eye)
 
     @property
     def _longest_unseen(self) -> int:

@@ -170,16 +170,12 @@ class MachineInputs:
     """
 
     def __init__(self, port: InputPort | None, bin_time: float = 0.0) -> None:
+        self.exist = port is not None  # whether the machine has inputs
         self._port = port
         self._watch = InputWatch(bin_time)
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self.trouble = ''  # reason why the inputs cannot be read, empty if they can be read
-
-    @property
-    def exist(self) -> bool:
-        """Whether the machine has inputs."""
-        return self._port is not None
 
     def open(self, send: Callable[[InputEvent], None]) -> None:
         """Start the thread, which calls `send` with each new reject and with changed conditions."""

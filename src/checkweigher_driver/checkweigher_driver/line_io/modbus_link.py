@@ -51,7 +51,9 @@ class ModbusLink:
         bits = self._ask(read, address, f'{what} cannot be read', count=count).bits
         if len(bits) < count:
             self.close()
-            raise ModbusLinkError(f'{self._name}: {what}: {len(bits)} bits came, not {count}')
+            raise ModbusLinkError(
+                f'{self._name}: {what}: the answer has {len(bits)} bits, must have {count}'
+            )
         return {each: bits[each - address] for each in addresses}
 
     def write_coil(self, address: int, value: bool) -> None:

@@ -66,6 +66,7 @@ class MachineOutputs:
     """
 
     def __init__(self, port: OutputPort | None, parameters: OutputParameters) -> None:
+        self.exist = port is not None  # whether the machine has outputs
         self._port = port
         self._parameters = parameters
         self._changed = threading.Condition()
@@ -79,11 +80,6 @@ class MachineOutputs:
         with self._changed:
             yield self._control
             self._changed.notify_all()
-
-    @property
-    def exist(self) -> bool:
-        """Whether the machine has outputs."""
-        return self._port is not None
 
     @property
     def ready(self) -> bool:

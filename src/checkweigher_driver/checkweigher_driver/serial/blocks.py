@@ -17,9 +17,9 @@ class BlockMaker:
     """Conversion of reads to blocks of samples.
 
     The index continues after a break of the connection, and jumps by the number of lost samples.
-    Blocks are held back while their stamps are uncertain. At the start this takes 1 s. After late
-    reads it takes until the next read in time. After a step of the clock of the host or an
-    undetected loss of samples it takes 1 s, so an item on the belt becomes a fault.
+    Blocks are held back while their stamps are uncertain: for 1 s at the start, after late reads
+    until the next read in time, and for 1 s after a step of the clock of the host or an undetected
+    loss of samples. Because of such a step or loss, an item on the belt becomes a fault.
 
     `latency` is the shortest time in s from a sample to the read that returns it. `limits` are the
     limits of the converter in counts.

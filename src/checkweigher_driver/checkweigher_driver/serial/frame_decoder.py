@@ -96,7 +96,7 @@ class _Places:
 class FrameDecoder(Decoder):
     """Decoder of binary frames.
 
-    If `checksum` is true, the fourth byte of a frame is the XOR of the other bytes. If it is false,
+    With `checksum`, the fourth byte of a frame is the XOR of the other bytes. Without `checksum`,
     the fourth byte is the status of the device, and wrong bytes cannot be detected. `trailer` is
     'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without a
     checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
@@ -143,8 +143,8 @@ class FrameDecoder(Decoder):
                 self._synchronised = True
                 size = self.frame_bytes
                 if places.doubtful[begin : begin + _RUN * size : size].any():
-                    # If bytes were lost within these five frames, they may seem valid at a wrong
-                    # place. Only the place after them is certain.
+                    # If bytes were lost within these five frames, the frames may seem valid at a
+                    # wrong place. Only the place after the five frames is certain.
                     self._skip(_RUN * size)
                     position += _RUN * size
             number, broken = self._follow(places, position)

@@ -19,7 +19,7 @@ _RESUMING = 0.1  # duration in s of the signal after a break that determines the
 
 
 class Read(NamedTuple):
-    """Read of the port that has completed one or more readings."""
+    """Data of one read of the port, with one or more complete readings."""
 
     values: Decoded
     at: int  # time in ns at which the last reading has arrived
@@ -31,7 +31,7 @@ class ValueReader:
 
     `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings in a read. The
     device counts as silent after `timeout` s without a reading. `comes` is true while readings
-    arrive. `trouble` is a text if the measured sample rate differs from the nominal one.
+    arrive. `trouble` is a message while the measured sample rate differs from `rate`.
     """
 
     def __init__(self, rate: float, in_block: int, timeout: float, closed: threading.Event) -> None:
@@ -44,7 +44,7 @@ class ValueReader:
         self.figures = {'bytes skipped': 0, 'bad frames': 0}
 
     def reads(self, port: serial.Serial, decoder: Decoder) -> Iterator[Read]:
-        """Yield the reads that complete readings. Raises `SerialError` if the device is silent."""
+        """Yield each read with complete readings. Raises `SerialError` if the device is silent."""
         self.comes, self.trouble = False, ''
         began, number = 0.0, 0  # start in s and number of readings of the measurement of the rate
         last_value, idle_bytes = time.monotonic(), 0
@@ -86,9 +86,9 @@ class ValueReader:
         return f'no bytes come {during}; check its supply and the cable'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
-        """Return the first reads after a break, up to a read that did not wait in the port.
+        """Return the first reads after a break, up to a read whose time of arrival is known.
 
-        The time of arrival of readings that waited in the port is unknown.
+        The time of arrival is unknown if the bytes have waited in the port.
         """
         first, number = [], 0
         for read in reads:

@@ -22,6 +22,9 @@ from itertools import pairwise
 
 from checkweigher_core.records import NANOSECONDS
 
+# Largest gradual correction of the stamps in ns. A larger step exceeds the parameter
+# clock_tolerance of the segmenter, so that the item on the belt becomes a fault.
+_STEP = 20_000_000
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
@@ -33,9 +36,6 @@ _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
 _SHIFT = 5_000_000  # time in ns by which reads must be too early or too late for a new line
 _SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
 _WARM_UP_SLEW = 0.5  # largest relative rate before the clock is settled
-# Largest gradual correction of the stamps in ns. A larger step exceeds the parameter
-# clock_tolerance of the segmenter, so that the item on the belt becomes a fault.
-_STEP = 20_000_000
 
 _Point = tuple[int, float]  # index, and delay in ns relative to the nominal sample rate
 

@@ -23,9 +23,8 @@ _END_PATIENCE = 2.0  # longest wait in s for the end of a thread
 class MachineSource(Source):
     """Samples of one device and edges of another device, in the order of their arrival.
 
-    Each device is read in its own thread. Both must use the same clock. While the photo-eyes cannot
-    be read, samples are withheld. An item on the belt then becomes a fault, even if no edge was
-    missed.
+    Each device is read in its own thread. Both devices must use the same clock. While the
+    photo-eyes cannot be read, samples are withheld, so that an item on the belt becomes a fault.
     """
 
     paced = False

@@ -6,8 +6,8 @@ Nodes receive messages only by UDP, even on one computer. With the shared memory
 large messages of a node no longer arrived after about 30 processes that read them had been killed
 (see eProsima/Fast-DDS issue 5469).
 
-Without multicast, Fast DDS contacts only the first four participants at each address. Further
-processes on one computer would not discover each other. The profiles therefore list more ports.
+Without multicast, Fast DDS contacts only the first four participants at each address, so a fifth
+and a sixth process on one computer would not discover each other. The profiles list more ports.
 """
 
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ import stat
 
 PARTICIPANTS = 64  # largest number of processes at each address
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
+_PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
 # The folder of the profiles is empty after each restart of the computer.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
-_PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 _PLACE = '      <!-- peers -->\n'
 

@@ -3,8 +3,8 @@
 """Exclusive places of nodes, by which each node of a lane runs only once on a computer.
 
 A place is a name in the abstract namespace of Unix sockets, which only one process can bind. The
-kernel releases it when the process ends, even if it is killed. The name is unique for all users in
-one network namespace, like DDS on localhost.
+kernel releases the name when the process ends, even if the process is killed. The name is unique
+for all users in one network namespace, like DDS on localhost.
 """
 
 import errno
@@ -83,7 +83,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # hashed, because addresses have 107 bytes
+    text = f'{domain} {name} {participant.hex()}'  # may be too long for an address of 107 bytes
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

@@ -24,7 +24,7 @@ LINE = 'line'  # enclave of a process with all nodes of a lane
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which nodes outside the table of ports subscribe, by node. The page uses it, too.
+# Topics to which nodes outside the table of ports subscribe. The page uses this table, too.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Items that are between the infeed eye and the rejector."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 
@@ -47,28 +46,19 @@ class BeltItem:
         return f'{name} {judged} (entered {clock}.{10 * rest // NANOSECONDS})'
 
 
-class BeltItems:
+class BeltItems(list[BeltItem]):
     """Items between the infeed eye and the rejector, in order of entry."""
-
-    def __init__(self) -> None:
-        self._items: list[BeltItem] = []
-
-    def __iter__(self) -> Iterator[BeltItem]:
-        return iter(self._items)
-
-    def __bool__(self) -> bool:
-        return bool(self._items)
 
     def edge(self, edge: EyeEdge) -> None:
         """Process an edge of the photo-eyes."""
         if edge.eye != Eye.INFEED:
             return
-        last = self._items[-1] if self._items else BeltItem(None)
+        last = self[-1] if self else BeltItem(None)
         if not edge.blocked:
             last.cleared = edge.stamp
         elif last.cleared is None or not 0 <= edge.stamp - last.cleared < FLICKER:
-            self._items.append(BeltItem(edge.stamp))
-            del self._items[:-_MAX_ITEMS]
+            self.append(BeltItem(edge.stamp))
+            del self[:-_MAX_ITEMS]
 
     def announce(self, item: Item) -> None:
         """Set number and t2 of an item on the belt that has no verdict yet."""
@@ -77,21 +67,21 @@ class BeltItems:
             found.number, found.cleared = item.item_id, item.t2 or found.cleared
 
     def _find(self, t1: int | None) -> BeltItem | None:
-        return next((each for each in self._items if each.entered == t1 is not None), None)
+        return next((each for each in self if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
         """Set the verdict of an item, and return the item.
 
-        `end` is the belt time in ns at which the item will have passed the rejector. If it is None,
-        the item is removed.
+        `end` is the belt time in ns at which the item will have passed the rejector. If `end` is
+        None, the item is removed.
         """
         item = self._find(verdict.t1)
         if item is None:
             item = BeltItem(verdict.t1)  # inserted in front, because `leave` removes earlier items
-            self._items.insert(0, item)
+            self.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:
-            self._items.remove(item)
+            self.remove(item)
         return item
 
     def leave(self, here: int) -> None:
@@ -99,20 +89,16 @@ class BeltItems:
 
         Items without a verdict in front of such an item are removed, too.
         """
-        passed = [each.end is not None and each.end <= here for each in self._items]
+        passed = [each.end is not None and each.end <= here for each in self]
         gone = max((place for place, is_gone in enumerate(passed, 1) if is_gone), default=0)
-        self._items = [
+        self[:] = [
             each
-            for place, each in enumerate(self._items)
+            for place, each in enumerate(self)
             if place >= gone or (each.end is not None and not passed[place])
         ]
 
-    def clear(self) -> None:
-        """Remove all items."""
-        self._items.clear()
-
     def names(self) -> tuple[str, ...]:
         """Return the names of the items, by which a person can look for them."""
-        names = tuple(str(each) for each in self._items[:_MAX_NAMES])
-        more = len(self._items) - _MAX_NAMES
+        names = tuple(str(each) for each in self[:_MAX_NAMES])
+        more = len(self) - _MAX_NAMES
         return (*names, f'{more} more') if more > 0 else names

@@ -18,10 +18,10 @@ class BeltMotion:
         self.measured: bool | None = None
         self.released = False
         self._watchdog_time = watchdog_time
-        self._may_run = False  # whether the belt is allowed to run
-        self._stopped_at: int | None = None  # time of the last stop without a belt input
+        self._may_run = False
         # Time of the last heartbeat, and whether the belt was allowed to run then.
         self._heartbeat: tuple[int, bool] | None = None
+        self._stopped_at: int | None = None  # time of the last stop without a belt input
 
     def measure(self, running: bool | None, now: int) -> int | None:
         """Process the state of the belt input; return the belt time if the belt starts."""
@@ -43,7 +43,7 @@ class BeltMotion:
         return unmeasured
 
     def was_stopped_since(self, time: int | None) -> bool:
-        """Return whether the belt was stopped after a time without a measurement of the stop."""
+        """Return whether the belt was stopped after `time`, and no belt input measured the stop."""
         return time is not None and self._stopped_at is not None and time < self._stopped_at
 
     def heartbeat(self, begun: int) -> None:

@@ -17,8 +17,8 @@ from checkweigher_driver.line_io.rejector.switching import Switches
 class Sorter:
     """Schedules of the pulses of rejector and `stations`, and of the permits to pass.
 
-    A permit has a margin of `permit_margin` in ns at both ends. If it is None, the machine has no
-    permit output. An item that may have taken a wrong route is added to `missed`.
+    A permit has a margin of `permit_margin` in ns at both ends. If `permit_margin` is None, the
+    machine has no permit output. An item that may have taken a wrong route is added to `missed`.
     """
 
     def __init__(

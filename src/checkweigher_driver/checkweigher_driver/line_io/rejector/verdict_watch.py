@@ -14,8 +14,8 @@ class VerdictWatch:
     """Monitor for overdue verdicts, which show that the node reject hangs.
 
     All times are in ns; `now` is on a monotonic clock. `timeout` is the longest time from a product
-    at the outfeed eye to the next verdict. If it is 0, the travel time of the previous product from
-    the outfeed eye to the rejector is used.
+    at the outfeed eye to the next verdict. If `timeout` is 0, the travel time of the previous
+    product from the outfeed eye to the rejector is used.
     """
 
     def __init__(self, timeout: int) -> None:
