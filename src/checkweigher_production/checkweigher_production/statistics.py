@@ -33,7 +33,7 @@ class ProductionStatistics:
         self._masses = RunningMoments()  # masses of the accepted items in kg
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        self._stamp: int | None = None  # largest t3 in ns
+        self._stamp: int | None = None  # largest t3 in ns.
         # Smallest t3 and largest t3 in ns, and number of t3, since the start of the stream.
         self._timed: tuple[int, int, int] | None = None
 
@@ -61,7 +61,7 @@ class ProductionStatistics:
         """Count an item whose length or speed is outside the limits; return whether one is."""
         if self.product is None:
             return False
-        # An unknown value (NaN) is not counted. Such an item has another fault.
+        # An unknown value (NaN) is not counted, because such an item has another fault.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
         self._length_faults += length

@@ -173,7 +173,7 @@ class LineBatches:
             self._writer.write(kind, values)
 
     def use(self, product: Product | None) -> None:
-        """Count the following items for a product."""
+        """Set the product for which the following items are counted."""
         self.production.product = product
         if product is not None:
             self.write('product', {'name': product.name, **plain(product)})

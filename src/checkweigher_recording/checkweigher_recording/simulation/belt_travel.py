@@ -42,8 +42,8 @@ class Pass:
 class BeltTravel:
     """Travel of the belt over time, and the passes of the products.
 
-    `plan` must be called with increasing times. It removes the passes that have ended, so that the
-    memory does not grow with the length of the line.
+    `plan` must be called with increasing times. Passes that have ended are removed, so that the
+    memory does not grow with the number of products.
 
     Attributes
     ----------

@@ -157,7 +157,8 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
 
     The interval is computed from the stated standard deviation for a normal distribution. `level`
     is the confidence level, between 0 and 1. The fraction is close to `level` if the stated
-    standard deviations are right and there is no bias. It is NaN if none is stated.
+    standard deviations are right and there is no bias. The fraction is NaN if no pass has a stated
+    standard deviation.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [

@@ -111,7 +111,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'products': [_part_as_json(part) for part in parts],
         'stops': batch.stops,
         'alarms': [asdict(each) for each in batch.alarms],
-        'filler': batch.corrections,
+        'filler': [asdict(each) for each in batch.corrections],
         'changes': [asdict(entry) for entry in batch.changes],
     }
     return plain_values(content)

@@ -14,8 +14,8 @@ form and a random size; and that of noise and quantisation of the converter. All
 platform, whose moving mass increases while the product enters the belt.
 
 The vibration that the previous product has caused is assumed to be known. The change of s with the
-unknown mass is also assumed to be known. It is a few parts in a thousand, and would give an
-estimator almost no information.
+unknown mass is also assumed to be known. This change is a few parts in a thousand, and would give
+an estimator almost no information.
 """
 
 from collections.abc import Callable
