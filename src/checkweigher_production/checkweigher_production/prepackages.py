@@ -104,7 +104,7 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Check a batch against the three requirements. `masses` are those of the contents in kg.
+    """Check a batch against the three requirements. `masses` has the masses of the contents in kg.
 
     Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.

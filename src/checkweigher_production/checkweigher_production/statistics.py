@@ -3,8 +3,8 @@
 """Statistics of production for each product and batch.
 
 All items are counted by decision and reason. Mean, standard deviation, giveaway, and the fractions
-below TU1 and TU2 are computed from the accepted items. Masses are those of the contents, without
-tare. Times are those of the samples.
+below TU1 and TU2 are computed from the accepted items. A mass is the mass of the
+contents without tare. Times are the time stamps of the samples.
 """
 
 from collections import Counter

@@ -5,8 +5,8 @@
 Category X contains checkweighers for prepackages. The classes XI, XII, XIII and XIIII limit the
 mean error in units of the verification scale interval e, and the class factor x scales the limit of
 the standard deviation. Category Y contains all other catchweighers. The classes Y(I), Y(II), Y(a)
-and Y(b) limit the error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with
-e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
+and Y(b) limit the error of each weighing. Table 2 of the paper (Long et al.) has the limits of
+XIII(1) with e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
 
 The classes, class factors (4.2), values of e, and errors of both categories at initial verification
 are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI 2016/1153, Schedule 1G.

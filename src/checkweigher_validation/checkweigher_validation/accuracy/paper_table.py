@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of Long et al. on their own machine, from Table 3 of the paper.
+"""Results in Table 3 of the paper (Long et al.), which were obtained on a real machine.
 
 The simulated machine differs from that of the paper, whose signals are not public. Therefore only
 orders of magnitude and the ranking of the estimators can be compared.

@@ -67,7 +67,8 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
 
     The table is on the test passes or, if there are none, on the training passes. The columns
     include the coverage of the stated 68 % and 95 % intervals, the number of conditions within the
-    limits of the class, and A of Long et al. if they have the same speed and masses.
+    limits of the class, and A in the paper (Long et al.) if the speed and the masses are those of
+    the paper.
     """
     part = evaluation.parts[0]
     lines = [

@@ -23,7 +23,7 @@ _MOST_BINS = 60
 
 @dataclass(frozen=True, slots=True)
 class PartFigures:
-    """Statistics of one product in a batch. Masses are those of the contents in kg.
+    """Statistics of one product in a batch. A mass is the mass of the contents in kg.
 
     All values except the numbers of decisions and reasons are computed from the accepted items.
     `judgement` and `reference` are None if no item was accepted, or if 76/211/EEC has no limits for

@@ -112,7 +112,7 @@ class _SimulatedPass:
         return (np.arange(self._first, self._samples) - self._entry) / self._parameters.sample_rate
 
     def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the samples that an estimate may use for a force in each step, (steps,) in kg."""
+        """Return the samples that result from a force in each step, (steps,) in kg."""
         reading = self._platform().run(force, self._bounds, self._loads)
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 

@@ -42,7 +42,7 @@ WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
-_THIRD = (0.25, 0.5)  # range of loads relative to Max that count as about a third
+_THIRD = (0.25, 0.5)  # loads that count as about a third of Max, relative to Max
 _REFERENCE_SHARE = 1 / 3  # largest uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
 _LATE = 1.0  # largest deviation from a planned warm-up time in min

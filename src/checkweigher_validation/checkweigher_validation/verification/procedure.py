@@ -63,7 +63,7 @@ class ItemPass:
 class AtRest:
     """Reading of a load at rest in kg, relative to the zero of calibration."""
 
-    mass: float  # NaN, as the following values, if there is no valid reading
+    mass: float  # mean of the samples; all values are NaN if there is no valid reading
     std_error: float  # standard error of the mean, from the means of ten successive batches
     noise: float  # standard deviation of the samples
     samples: int
