@@ -72,7 +72,7 @@ def public_key(path: Path) -> Ed25519PublicKey:
 
 
 def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
-    """Return the result of `load`. Raises `AuditError` unless it is a key of the class `kind`."""
+    """Return the key that `load` returns. Raises `AuditError` if its class is not `kind`."""
     try:
         key = load()
     except (ValueError, TypeError, UnsupportedAlgorithm):

@@ -130,7 +130,7 @@ class Product(Settings):
             _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
-        """Return the lower limit in kg. A recipe may name it as TU1 or TU2."""
+        """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2."""
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
             if math.isnan(self.tu1):

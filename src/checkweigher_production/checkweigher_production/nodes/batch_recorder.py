@@ -195,7 +195,7 @@ class LineBatches:
         return is_new
 
     def feedback(self, verdict: Verdict) -> FillerFeedback | None:
-        """Return and record the feedback to the filler, or return None if there is none."""
+        """Return and record the feedback to the filler if the item completes a subgroup."""
         found = self._filler.add(verdict) if self._filler is not None else None
         if found is not None:
             self._corrected = found.product, found.correction

@@ -228,7 +228,7 @@ def own_values(profile: str) -> dict[str, float]:
 
 
 class Simulation:
-    """Simulated line. An iteration over it yields its events in canonical order.
+    """Iterable over the events of a simulated line in canonical order.
 
     Each iteration yields the same events from the start. If the parameter ``count`` is 0, the
     iteration does not end. Events are not kept in memory. The first products do not depend on the

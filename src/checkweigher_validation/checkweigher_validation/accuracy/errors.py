@@ -4,8 +4,8 @@
 
 The statistics are those of Long et al.: the mean error mu, the standard deviation sigma of the
 errors with n - 1, and the overall index A = |mu| + 3 sigma. In equation 20 of the paper, the mean
-of the readings is subtracted, so that mu would always be zero. In its table, the true mass is
-subtracted, as it is here.
+of the readings is subtracted, so that mu would always be zero. Here, as in the table of the paper,
+the true mass is subtracted.
 """
 
 from collections.abc import Iterable

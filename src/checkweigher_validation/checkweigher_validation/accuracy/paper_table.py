@@ -71,7 +71,7 @@ def has_paper_conditions(evaluation: Evaluation) -> bool:
 
 
 def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
-    """Return `paper_index` if the evaluation has the averaged conditions, otherwise NaN."""
+    """Return `paper_index`, or NaN if an evaluation has other masses or other averaged speeds."""
     has_conditions = has_paper_conditions if speed is None else has_paper_masses
     return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan
 

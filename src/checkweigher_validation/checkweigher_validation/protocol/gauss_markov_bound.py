@@ -7,11 +7,11 @@ load of 1 kg, and n is noise with the covariance C. By the theorem of Gauss and 
 variance of an unbiased linear estimate of M is :math:`1 / (s^T C^{-1} s)`. Since s and C are known
 for a simulated pass, the accuracy of an estimator can be compared with this bound.
 
-C is the sum of four covariances: that of the vibration of rollers and motor, which are sines with
-known amplitudes and random phases; that of the broadband noise and the vibration of the floor,
-which are white noise filtered by a linear system; that of the impact at entry, which has a known
-form and a random size; and that of noise and quantisation of the converter. All forces act on the
-platform, whose moving mass increases while the product enters the belt.
+C is the sum of four covariances. The vibrations of rollers and motor are sines with known
+amplitudes and random phases. The broadband noise and the vibration of the floor are white noise
+filtered by a linear system. The impact at entry has a known form and a random size. The converter
+adds noise and quantisation. All forces act on the platform, whose moving mass increases while the
+product enters the belt.
 
 The vibration that the previous product has caused is assumed to be known. The change of s with the
 unknown mass is also assumed to be known. This change is a few parts in a thousand, and would give
