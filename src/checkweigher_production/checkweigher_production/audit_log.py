@@ -5,15 +5,15 @@
 Each line is one entry in JSON with a fixed format. An entry contains the SHA-256 hash of the
 previous entry, and its own hash over all its other fields. A line that was changed, removed,
 inserted or moved therefore breaks the chain of hashes. A second file, `LOG.head`, contains the
-number and the hash of the last entry. It is written when the log is created and after each entry,
-and reveals whether lines are missing at the end.
+number and the hash of the last entry. `LOG.head` is written when the log is created and after each
+entry, and reveals whether lines are missing at the end.
 
 After a power loss, the log may end with an incomplete ("torn") entry, which is not counted in
 `LOG.head`, or with an entry that lacks its end of line. This is not manipulation. The next entry
 records the torn entry.
 
 The chain has no key, so a person with write access to both files can rewrite them from any entry
-on. This can be detected with a hash that was noted elsewhere (`known_hash` of `verify`).
+on. Such a change can be detected with a hash that was noted elsewhere (`known_hash` of `verify`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -144,7 +144,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
             raise _FaultError(
                 chain.line,
                 'cut',
-                f'no entry has the hash {known_hash}: the log is not the one it was taken from',
+                f'no entry has the hash {known_hash}: the hash was noted from another log',
             )
     except _FaultError as fault:
         return Verification(tuple(chain.entries), *fault.args)
@@ -191,7 +191,7 @@ class _Chain:
         number, expected = entry.sequence, len(self.entries) + 1
         if entry.kind == TORN and not _records(entry, self.torn):
             raise _FaultError(
-                self.line, 'removed', 'the torn entry that it records is not there before it'
+                self.line, 'removed', 'it records a torn entry that is missing before it'
             )
         if number > expected:
             raise _FaultError(

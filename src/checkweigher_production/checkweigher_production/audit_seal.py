@@ -3,10 +3,10 @@
 """Seals of an audit log: signed records of its hashes.
 
 If a whole log is rewritten, this can only be detected by someone who has noted one of its hashes. A
-seal is such a note. It contains the number and the hash of the last entry and the time, and is
-signed with Ed25519 (RFC 8032). It also contains the hash of the previous seal. Seals are stored in
-a separate file with one line of JSON per seal. Persons with write access to the log must not have
-access to that file or to the signing key.
+seal is such a note. A seal contains the number and the hash of the last entry, the time, and the
+hash of the previous seal, and is signed with Ed25519 (RFC 8032). Seals are stored in a separate
+file with one line of JSON per seal. Persons with write access to the log must not have access to
+the file with the seals or to the signing key.
 """
 
 from collections.abc import Callable, Sequence
@@ -72,7 +72,7 @@ def public_key(path: Path) -> Ed25519PublicKey:
 
 
 def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
-    """Return the result of `load`. Raises `AuditError` unless it is a key of the class `kind`."""
+    """Return the key that `load` returns. Raises `AuditError` if its class is not `kind`."""
     try:
         key = load()
     except (ValueError, TypeError, UnsupportedAlgorithm):

@@ -56,8 +56,8 @@ class AuditTrail:
 
     `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
     raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
-    happened. Their entries are written later if the log cannot be written at present. `trouble` is
-    the reason why the log cannot be written at present, or empty.
+    happened. The entries of past changes are written later if the log cannot be written at present.
+    `trouble` is the reason why the log cannot be written at present, or empty.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -171,7 +171,7 @@ class AuditTrail:
             self.state(RECIPE, name, recipe, by)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Write the begin and the end of the fault ZeroOutOfRange."""
+        """Write the beginning and the end of the fault ZeroOutOfRange."""
         out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
         # Only a verdict without any fault shows that the zero is within its range again.
         if out != self._zero_out_of_range and (out or not verdict.reasons):

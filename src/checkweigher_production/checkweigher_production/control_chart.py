@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control chart of means and standard deviations of subgroups, with the rules of ISO 7870-2.
 
-The rules of ISO 7870-2:2013, 8.2, are quoted from memory. They were not compared with its text.
+The rules of ISO 7870-2:2013, 8.2, are quoted from memory, and were not compared with the standard.
 """
 
 from collections.abc import Sequence

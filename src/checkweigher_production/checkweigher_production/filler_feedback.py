@@ -20,7 +20,7 @@ from checkweigher_core.records.reasons import Reason
 
 @dataclass(frozen=True)
 class FillerParameters(Parameters):
-    """Parameters of the controller. Masses are those of the contents."""
+    """Parameters of the controller. A mass is the mass of the contents without packaging."""
 
     node: ClassVar[str] = 'filler'
 

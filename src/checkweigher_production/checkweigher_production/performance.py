@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Performance test: passes of a test product of known mass, at times that the recipe prescribes.
 
-A test is due after a number of hours, at the start of each shift, in each batch, or by several of
-these rules. A reminder is shown from the due time on. If no test has passed at the end of a grace
+A test is due after a number of hours, at the start of each shift, in each batch, or at the first of
+these times. A reminder is shown from the due time on. If no test has passed at the end of a grace
 period, the line is stopped. A failed test stops the line until a test passes.
 """
 
@@ -87,7 +87,7 @@ class PerformancePlan(Parameters):
         moment = datetime.fromtimestamp(after / NANOSECONDS, UTC)
         today = moment.astimezone().date()
         starts = (
-            # `astimezone` uses the offset from UTC that holds at this start.
+            # `astimezone` uses the offset from UTC that is valid at the start of this shift.
             datetime.combine(today + timedelta(days), time.fromisoformat(each)).astimezone()
             for days in (0, 1)
             for each in self.shifts.split()

@@ -4,7 +4,8 @@
 
 The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is at
 least the nominal quantity, at most 2.5 % of the prepackages are below TU1 = nominal - TNE, and none
-is below TU2 = nominal - 2 TNE. A TNE that is given in percent is rounded up to the next 0.1 g (2.4).
+is below TU2 = nominal - 2 TNE. A TNE that is given in percent is rounded up to the next 0.1 g
+(2.4).
 
 Nothing here is type-approved for legal metrology. The module `reference_method` has the reference
 test of Annex II.
@@ -21,7 +22,7 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # range of nominal quantities in kg
-_STEP = 1e-4  # step in kg to which a TNE in percent is rounded up
+_STEP = 1e-4  # step in kg to which a TNE in percent is rounded up.
 
 # Each row has the largest nominal quantity in kg, and two summands of the TNE: the first one is
 # relative to the nominal quantity, and the second one is in kg.
@@ -81,7 +82,7 @@ def tolerable_negative_error(nominal: float) -> float:
             'directive has limits'
         )
     _, share, constant = next(row for row in _ROWS if nominal <= row[0] * (1 + ROUNDING))
-    # Without rounding to `ROUNDING` first, 9 % of 10 g would be 1.0 g.
+    # Without the tolerance `ROUNDING`, 9 % of 10 g would be rounded up to 1.0 g.
     tenths = math.ceil(share * nominal / _STEP * (1 - ROUNDING))
     return tenths * _STEP + constant
 
@@ -103,7 +104,7 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Check a batch against the three requirements. `masses` are those of the contents in kg.
+    """Check a batch against the three requirements. `masses` has the masses of the contents in kg.
 
     Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.

@@ -76,8 +76,8 @@ class Product(Settings):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
-    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. The record of a batch keeps
-    # the limits with which the batch began.
+    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. The record of a batch has
+    # the limits at the beginning of the batch.
     tu1: float = parameter(math.nan, 'TU1, instead of that of 76/211/EEC', unit='kg', minimum=0)
     tu2: float = parameter(math.nan, 'TU2, instead of that of 76/211/EEC', unit='kg', minimum=0)
     length: tuple[float, float] = parameter(
@@ -130,7 +130,7 @@ class Product(Settings):
             _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
-        """Return the lower limit in kg. A recipe may name it as TU1 or TU2."""
+        """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2."""
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
             if math.isnan(self.tu1):
@@ -230,12 +230,12 @@ def _is_near(mass: float, nominal: float) -> bool:
 
 
 def _parameters(given: Mapping[str, Any] | None) -> Changes:
-    """Return the parameters by node. Each value is checked, but combinations of values are not."""
+    """Return the parameters by node. Combinations of values are not checked."""
     made: Changes = {}
     for node, section in (given or {}).items():
         if node not in NODES:
             raise SettingsError(
-                f'no recipe sets them; it may set {", ".join(NODES)}', 'parameters', node
+                f'a recipe cannot set them, only those of {", ".join(NODES)}', 'parameters', node
             )
         if not isinstance(section, dict):
             raise SettingsError(f'{section!r} is not "name: value"', 'parameters', node)
@@ -244,7 +244,7 @@ def _parameters(given: Mapping[str, Any] | None) -> Changes:
             place = 'parameters', node, *name.split('.')
             if node == 'reject' and name in _OWN:
                 raise SettingsError(
-                    'no recipe sets it here; limits, length and speed stand beside nominal', *place
+                    'must not be set here; give limits, length and speed beside nominal', *place
                 )
             if name not in known:
                 raise SettingsError(f'{node} has no such parameter', *place)

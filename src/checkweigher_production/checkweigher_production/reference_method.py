@@ -8,11 +8,11 @@ x >= Qn - k s, where Qn is the nominal quantity and k = t(0.995, n - 1) / sqrt(n
 The text was read on legislation.gov.uk, which shows the criteria of 2.3.3 as images. The values of
 k are therefore from the same tables in schedule 2 of UK SI 2006/659.
 
-In single sampling, one sample is judged. Its numbers are those of UK SI 2006/659, schedule 2, 3.3
-to 3.5. The mean and TU2 are judged as in OIML R 87, whose text was not available: k is from the
-Australian National Trade Measurement Regulations 2009, 4.34, and the rule that no prepackage in the
-sample may be below TU2 is from the examples in the Guide to the Average Quantity System in
-Australia.
+In single sampling, one sample is judged. The sizes and numbers are those of UK SI 2006/659,
+schedule 2, 3.3 to 3.5. The mean and TU2 are judged as in OIML R 87, whose text was not available: k
+is from the Australian National Trade Measurement Regulations 2009, 4.34, and the rule that no
+prepackage in the sample may be below TU2 is from the examples in the Guide to the Average Quantity
+System in Australia.
 
 All prepackages of a batch of fewer than 100 are tested (2.1.3). The directive has no criteria for
 this case. By UK SI 2006/659, schedule 2, at most 5 % of the batch may be below TU1 (3.6), and its
@@ -41,12 +41,12 @@ class SamplingPlan(Enum):
     """Plan for drawing samples from a batch."""
 
     DOUBLE = 'double'  # 76/211/EEC, Annex II
-    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87
+    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87.
 
 
-# Each row has the largest size of a batch. It is followed, for the first sample and for both
-# samples together, by the size of the sample, the largest number of defective prepackages with
-# which the batch is accepted, and the smallest number with which it is rejected.
+# Each row has the largest size of a batch. After that, for the first sample and for both samples
+# together, the row has the size of the sample, the largest number of defective prepackages with
+# which the batch is accepted, and the smallest number with which the batch is rejected.
 _CONTENTS = {
     SamplingPlan.DOUBLE: (
         (500, ((30, 1, 3), (60, 4, 5))),

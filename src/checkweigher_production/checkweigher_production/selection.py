@@ -36,7 +36,7 @@ class Selection(Settings):
     def of(
         cls, batch: str, before: str, product: Product | None, limits: ProductOnLine | None
     ) -> Self:
-        """Return a selection. It has no product if `product` or `limits` is None."""
+        """Return a selection, which has no product if `product` or `limits` is None."""
         if product is None or limits is None:
             return cls(batch=batch, before=before)
         products = {product.name: product}
@@ -46,12 +46,12 @@ class Selection(Settings):
     def prepared(cls, content: Any) -> Any:
         """Return the content of a file. Raises `SettingsError` if its digest is wrong."""
         if not isinstance(content, dict) or content.get('sha256') != _digest(content):
-            raise SettingsError(f'is not as it was written; {_ANEW}')
+            raise SettingsError(f'was changed after it was written; {_ANEW}')
         return content
 
     @property
     def product(self) -> Product | None:
-        """Recipe of the selected product. It is None without a product or with missing limits."""
+        """Recipe of the selected product, or None without a product or its limits."""
         known = (self.limits or {}).keys() == {*LIMITS}
         return next(iter((self.products or {}).values()), None) if known else None
 

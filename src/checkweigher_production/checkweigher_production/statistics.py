@@ -3,8 +3,8 @@
 """Statistics of production for each product and batch.
 
 All items are counted by decision and reason. Mean, standard deviation, giveaway, and the fractions
-below TU1 and TU2 are computed from the accepted items. Masses are those of the contents, without
-tare. Times are those of the samples.
+below TU1 and TU2 are computed from the accepted items. A mass is the mass of the
+contents without tare. Times are the time stamps of the samples.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ class ProductionStatistics:
         self._masses = RunningMoments()  # masses of the accepted items in kg
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        self._stamp: int | None = None  # largest t3 in ns
+        self._stamp: int | None = None  # largest t3 in ns.
         # Smallest t3 and largest t3 in ns, and number of t3, since the start of the stream.
         self._timed: tuple[int, int, int] | None = None
 
@@ -61,7 +61,7 @@ class ProductionStatistics:
         """Count an item whose length or speed is outside the limits; return whether one is."""
         if self.product is None:
             return False
-        # An unknown value (NaN) is not counted. Such an item has another fault.
+        # An unknown value (NaN) is not counted, because such an item has another fault.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
         self._length_faults += length

@@ -77,15 +77,15 @@ class _Run:
         )
 
     def take(self) -> Iterator[SampleBlock]:
-        """Yield the joined block, if there are samples, and remove them."""
+        """Yield the samples as one block, if there are any, and remove them from the run."""
         if self._blocks:
             yield self._joined()
         self._blocks, self._count = [], 0
 
     def take_before(self, stamp: int, *, ends_block: bool) -> Iterator[SampleBlock]:
-        """Yield the samples before the time `stamp` of an edge, and remove them.
+        """Yield and remove the samples before an edge, whose time `stamp` is in ns.
 
-        Nothing is yielded if the edge is within the run and does not end the block.
+        No samples are yielded if the edge is within the run and does not end the block.
         """
         if not self._blocks:
             return
@@ -165,8 +165,9 @@ def cut_for_pace(
     """Yield the events with blocks that suit the playback speed.
 
     `pace` is the playback speed in seconds of signal per second. If it is 0, the signal is played
-    as fast as possible, and long blocks are used. Otherwise each block has `block_time` s of
-    signal. A block also ends at each t3, because the weighing of a product can begin at that time.
+    as fast as possible, and long blocks are used. At any other speed, each block has `block_time` s
+    of signal. A block also ends at each t3, because the weighing of a product can begin at that
+    time.
     """
     if pace == 0:
         return join(events, sample_rate)

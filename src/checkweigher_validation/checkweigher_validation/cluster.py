@@ -107,7 +107,7 @@ def _client(address: str) -> Iterator[Any]:
         raise SchedulerError(
             f'--scheduler {address}: dask.distributed is not installed; pip install distributed'
         ) from None
-    # The client would log tracebacks while it reconnects. It raises the exceptions as well.
+    # While it reconnects, the client would log the tracebacks of exceptions that it also raises.
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     with warnings.catch_warnings():
         # The passes for tuning are large, and the client would warn about that.

@@ -173,7 +173,7 @@ class LineBatches:
             self._writer.write(kind, values)
 
     def use(self, product: Product | None) -> None:
-        """Count the following items for a product."""
+        """Set the product for which the following items are counted."""
         self.production.product = product
         if product is not None:
             self.write('product', {'name': product.name, **plain(product)})
@@ -195,7 +195,7 @@ class LineBatches:
         return is_new
 
     def feedback(self, verdict: Verdict) -> FillerFeedback | None:
-        """Return and record the feedback to the filler, or return None if there is none."""
+        """Return and record the feedback to the filler if the item completes a subgroup."""
         found = self._filler.add(verdict) if self._filler is not None else None
         if found is not None:
             self._corrected = found.product, found.correction

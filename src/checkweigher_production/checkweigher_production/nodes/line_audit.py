@@ -112,7 +112,7 @@ class LineAudit:
     def _write_asked(self, kind: str, subject: str, value: Any) -> None:
         known, maker, service = self._asked.get(kind, (None, '', ''))
         if subject != known:
-            raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')
+            raise AuditError(f'{kind} of {subject}: cannot be changed on this line')
         by = self.author_of(service, maker)
         if kind == changes.CALIBRATION:
             self.trail.state(kind, subject, value, by)
@@ -127,7 +127,7 @@ class LineAudit:
         elif isinstance(value, str):
             self.trail.note(changes.PERSON, name, None, one_line(value), author)
         else:
-            raise AuditError(f'{name}: what a person did is a text')
+            raise AuditError(f'{name}: the action of a person must be a text')
 
     async def read_started(self) -> None:
         """Write pending entries, and the parameters of started and changed nodes."""

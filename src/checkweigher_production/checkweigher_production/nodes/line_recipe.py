@@ -26,8 +26,8 @@ class LineRecipe:
 
     A product is "on the line" when it is published to the reject node. While the parameters of the
     nodes are set, no product is on the line, and the reject node accepts no item. After each
-    publication, the methods await the confirmation of the reject node. They raise `RefusedError` if
-    a node refuses a parameter or does not answer.
+    publication, the methods await the confirmation of the reject node. The methods raise
+    `RefusedError` if a node refuses a parameter or does not answer.
 
     `line` is the client for the parameters of all nodes, `publish` publishes the product on the
     line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
@@ -51,7 +51,7 @@ class LineRecipe:
         self.selected: ProductOnLine | None = None
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
-        self._taken = Future()  # done when the reject node confirms the last published product
+        self._taken = Future()  # done when the reject node confirms the last published product.
         # Values before the first recipe was set, which apply if a recipe does not set a parameter.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # values for the selected product
@@ -133,7 +133,7 @@ class LineRecipe:
         if product.speed[1] < slowest['min_belt_speed']:
             raise RefusedError(
                 f'{product.name}.speed: {product.speed[1]:g} m/s is below min_belt_speed of '
-                f'segmenter, {slowest["min_belt_speed"]:g}: slower than what is weighed at all'
+                f'segmenter, {slowest["min_belt_speed"]:g} m/s, so no item would be weighed'
             )
 
     async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:

@@ -55,7 +55,7 @@ class LineTest:
         """
         who = by.who.strip()
         if not who:
-            raise ValueError('who makes the performance test has to be named')
+            raise ValueError('the person who makes the performance test must be named')
         plan = self._tests.plan_to_begin()
         product = self._tests.state.product
         self.trail.note(changes.TEST_BEGUN, product, None, True, by._replace(who=who))

@@ -63,14 +63,14 @@ class ProductParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.batch_folder and not self.recipes:
-            raise ParameterError('product.batch_folder: needs recipes, which have the batches')
+            raise ParameterError('product.batch_folder: needs a recipe file, see product.recipes')
 
 
 class ProductNode(StageNode[ProductParameters]):
     """Node for recipes, batches, statistics of production, alarms and the audit log."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        self._files = ExitStack()  # created first, because `destroy_node` closes it in any case
+        self._files = ExitStack()  # created first, because `destroy_node` always closes the files
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
         known, name = self.parameters, self.get_fully_qualified_name()
         self._host_clock = HostClock()

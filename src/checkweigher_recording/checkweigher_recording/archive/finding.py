@@ -14,7 +14,7 @@ _SUFFIXES = ('.mcap', '.db3')
 
 
 def find_bags(places: Iterable[str]) -> dict[str, str]:
-    """Return a dict with each bag found as a key, and the place where it was found as its value.
+    """Return the bags in some places, as a mapping from each bag to its place.
 
     A place is a path or a URL of fsspec. A bag is a ``.mcap`` or ``.db3`` file, or a folder with a
     ``.mcap`` file or ``metadata.yaml``. The bags are in the order of `places`, and in alphabetical
@@ -57,7 +57,7 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
         names = {bag: '/'.join(parts[bag][max(above[bag] - more, 0) :]) for bag in found}
         if len(set(names.values())) == len(names):
             return names
-    raise BagError('bags have the same place but for its spelling; weigh them one by one')
+    raise BagError('a place is given in several spellings; weigh its bags separately')
 
 
 def _spelled_out(bag: str) -> str:

@@ -106,7 +106,7 @@ def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
     message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
     if stamp.sec < 0 or stamp.nanosec >= NANOSECONDS:
-        raise ValueError(f'{port.name}: a stamp of {stamp.sec} s and {stamp.nanosec} ns')
+        raise ValueError(f'{port.name}: the stamp {stamp.sec} s, {stamp.nanosec} ns is not valid')
     return conversion.to_record(port, message)
 
 
@@ -129,8 +129,8 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
 def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
     """Return the definitions to use for the messages of a connection.
 
-    A bag contains the definitions of its messages. They are returned if they lack only fields that
-    were added in a later version. Otherwise the installed definitions are returned.
+    The definitions in the bag are returned if they lack only fields that were added in a later
+    version. Otherwise the installed definitions are returned.
 
     Raises `BagError` if the definitions differ in any other way.
     """
@@ -153,7 +153,7 @@ def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the hash of a definition from a bag. It is empty if the definition is missing."""
+    """Return the hash of a definition from a bag, or an empty text if there is no definition."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)

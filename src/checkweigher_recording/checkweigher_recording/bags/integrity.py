@@ -47,7 +47,7 @@ def _check_mcap(file: BinaryIO, name: Path) -> None:
         raise BagError(f'{name}: empty; the recording has not begun')
     file.seek(0)
     if file.read(MAGIC_SIZE) != MAGIC:
-        raise BagError(f'{name}: not an MCAP file: its first bytes are others')
+        raise BagError(f'{name}: not an MCAP file: its first bytes are wrong')
     file.seek(max(size - MAGIC_SIZE, MAGIC_SIZE))
     if file.read() != MAGIC:
         raise BagError(
@@ -62,7 +62,7 @@ def _check_mcap(file: BinaryIO, name: Path) -> None:
     file.seek(data_end)
     opcode, length, data_crc = _DATA_END.unpack(file.read(_DATA_END.size))
     if (opcode, length) != (Opcode.DATA_END, 4):
-        raise BagError(f'{name}: damaged: its data have no end; restore the file')
+        raise BagError(f'{name}: damaged: the end of its data is missing; restore the file')
     for what, begin, end, stated in (
         ('data', 0, data_end, data_crc),
         ('summary', summary, footer + _FOOTER.size - 4, summary_crc),

@@ -109,7 +109,7 @@ class LaneMessages:
     def _recording(self, blocks: BlockColumns, events: Sequence[EyeEdge | Reference]) -> Recording:
         if self._cell is None:
             raise BagError(
-                f'{self._path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that '
+                f'{self._path}: no {LOAD_CELL_INFO.name}, so the counts have no unit; record that '
                 'topic, too'
             )
         edges = tuple(event for event in events if isinstance(event, EyeEdge))

@@ -163,7 +163,7 @@ def _parts(reader: Reader) -> list[Any]:
 
 
 def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
-    """Return a warning for the user in one line. It is empty if there is no reason to warn."""
+    """Return a warning for the user in one line, or an empty text."""
     if isinstance(bag, UnfinishedBag):
         return (
             f'{path}: the recording broke off, or is still going on; read up to '

@@ -125,7 +125,7 @@ class _Part:
         self._counts: Counter[int] = Counter()
         with path.open('rb') as file:
             if not MAGIC.startswith(file.read(MAGIC_SIZE)):
-                raise BagError(f'{path}: not an MCAP file: its first bytes are others')
+                raise BagError(f'{path}: not an MCAP file: its first bytes are wrong')
             self._scan(file)
 
     def messages(self) -> Iterator[Message]:

@@ -198,7 +198,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._mcap.finish()
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-        # This file is written last, because readers regard a bag with metadata.yaml as complete.
+        # The file metadata.yaml is written last, because readers regard a bag with it as complete.
         write_whole(self._folder / 'metadata.yaml', text)
         if not self._in_place:
             self._folder.rename(self._path)

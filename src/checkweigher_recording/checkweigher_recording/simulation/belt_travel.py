@@ -42,8 +42,8 @@ class Pass:
 class BeltTravel:
     """Travel of the belt over time, and the passes of the products.
 
-    `plan` must be called with increasing times. It removes the passes that have ended, so that the
-    memory does not grow with the length of the line.
+    `plan` must be called with increasing times. Passes that have ended are removed, so that the
+    memory does not grow with the number of products.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class BeltTravel:
         self._next = 0.0  # travel in m at which the next product enters
         self._knots = 0
         self._impacts: deque[float] = deque()
-        # The travel is a linear interpolation between these times and travels.
+        # The travel at any time is interpolated linearly between these points.
         self._times = [-1.0, line.lead_in]
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FLOOR_BAND = (4.0, 12.0)  # Hz
-# The noise bandwidth of a Butterworth filter of order 2 is pi/4 / sin(pi/4) times its width.
+# Frequency band in Hz, and noise bandwidth in Hz. The noise bandwidth of a Butterworth filter of
+# order 2 is pi/4 / sin(pi/4) times its width.
+FLOOR_BAND = (4.0, 12.0)
 FLOOR_BANDWIDTH = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
 
 _WAVES = 12  # number of sines
@@ -50,8 +51,8 @@ class Wander:
     """Random function of one variable with mean 0 and standard deviation 1.
 
     The function is flicker noise: a sum of sines with random phases and equal power in each octave
-    of a frequency band. Its distribution is approximately normal. It has no state, so it can be
-    evaluated anywhere.
+    of a frequency band. The distribution is approximately normal. The function has no state, so it
+    can be evaluated at any argument.
     """
 
     def __init__(self, random: np.random.Generator, slowest: float, fastest: float) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulation of a weigh belt with platform, products, disturbances, converter and photo-eyes.
 
-The platform is a mass on a spring and a damper. Its displacement x is expressed as the static
-reading y = beta x / g in kg, where beta is the stiffness:
+The platform is a mass on a spring and a damper. The displacement x of the platform is expressed as
+the static reading y = beta x / g in kg, where beta is the stiffness:
 
     y'' = w^2 (f - y) - c / (m0 + m) y',    w^2 = beta / (m0 + m).
 
@@ -59,17 +59,17 @@ class Profile:
     """Platform and disturbances of a machine. A force in kg is the force in N divided by g."""
 
     natural_frequency: float = 38.0  # natural frequency of the empty platform in Hz
-    speed_jitter: float = 0.001  # relative standard deviation of the belt speed between products
+    speed_jitter: float = 0.001  # relative standard deviation of the belt speed between products.
     # Standard deviation of the peak force at entry, per product mass and belt speed, in s/m.
     impact: float = 0.03
     # Amplitudes of the roller vibration and its harmonics, per belt speed, in kg s/m.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)
     motor: float = 0.5e-3  # amplitude of the motor vibration per belt speed, in kg s/m
-    motor_frequency: float = 31.0  # frequency of the motor vibration per belt speed, in 1/m
+    motor_frequency: float = 31.0  # frequency of the motor vibration per belt speed, in 1/m.
     # Square root of the one-sided power density of the noise, per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = 0.033e-3
     floor: float = 0.05e-3  # standard deviation of the floor vibration in kg
-    electronic: float = 0.05e-3  # standard deviation of the white noise of the converter in kg
+    electronic: float = 0.05e-3  # standard deviation of the white noise of the converter in kg.
 
 
 # `paper` resembles the machine of Long et al.: with a good estimator, the standard deviation of the
@@ -219,8 +219,8 @@ class OperationParameters(Parameters):
 def own_values(profile: str) -> dict[str, float]:
     """Return the values of `SimulationParameters` that belong to a randomly drawn machine.
 
-    They are the sample rate, the sensitivity and the lengths. The caller must pass them to
-    `SimulationParameters`, which does not derive them from the profile. The dict is empty if the
+    The values are the sample rate, the sensitivity and the lengths. The caller must pass the values
+    to `SimulationParameters`, which does not derive them from the profile. The dict is empty if the
     profile is not a drawn machine.
     """
     machine = machine_of(profile)
@@ -228,7 +228,7 @@ def own_values(profile: str) -> dict[str, float]:
 
 
 class Simulation:
-    """Simulated line. An iteration over it yields its events in canonical order.
+    """Iterable over the events of a simulated line in canonical order.
 
     Each iteration yields the same events from the start. If the parameter ``count`` is 0, the
     iteration does not end. Events are not kept in memory. The first products do not depend on the

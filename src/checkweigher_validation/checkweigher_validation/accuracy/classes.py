@@ -5,8 +5,8 @@
 Category X contains checkweighers for prepackages. The classes XI, XII, XIII and XIIII limit the
 mean error in units of the verification scale interval e, and the class factor x scales the limit of
 the standard deviation. Category Y contains all other catchweighers. The classes Y(I), Y(II), Y(a)
-and Y(b) limit the error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with
-e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
+and Y(b) limit the error of each weighing. Table 2 of the paper (Long et al.) has the limits of
+XIII(1) with e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
 
 The classes, class factors (4.2), values of e, and errors of both categories at initial verification
 are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI 2016/1153, Schedule 1G.
@@ -14,9 +14,8 @@ Chapter II, Table 1, "Static", of the latter has the errors of category Y at res
 rest in service are from NI SR 2006/154, Schedule 5, Table 2. The smallest Min of Y(a) and Y(b) is
 from UK SI 2003/2761, Schedule 1. The errors of category Y in motion in service, and the standard
 deviations above 300 g, are quoted from memory and were not compared with the text of R 51. The rule
-on the
-prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table of the
-largest e is not used.
+on the prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table
+of the largest e is not used.
 
 Nothing here is type-approved for legal metrology. A result applies to a simulation or a test run
 and does not mean that a machine conforms.
@@ -44,8 +43,8 @@ _STEPS = {
 _LIKE = {'Y(I)': 'XI', 'Y(II)': 'XII', 'Y(a)': 'XIII', 'Y(b)': 'XIIII'}
 CLASSES = (*_STEPS, *_LIKE)
 
-# Largest error, in e, in each range of load, by category and by whether the machine is in service.
-# The values of category X also apply to loads at rest in category Y.
+# Largest error in e for each of the three ranges of load. The keys are the category and whether the
+# limits are those in service. The values of category X also apply to loads at rest in category Y.
 _ERRORS = {
     ('X', False): (0.5, 1.0, 1.5),
     ('X', True): (1.0, 2.0, 3.0),
@@ -69,7 +68,7 @@ _FACTORS: dict[str, tuple[str, Callable[[float], bool]]] = {
     'XIIII': ('above 1', lambda x: x > 1),
 }
 
-_LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # smallest Min in e
+_LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # smallest Min in e.
 
 # Each row has the largest load in kg, and the limits of the standard deviation for x = 1 at initial
 # verification and in service. The limits are relative to the load (_SHARE) or in kg (_CONSTANT).
@@ -87,7 +86,7 @@ _STD_DEV_ROWS = (
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
 
-_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service over tolerable negative error
+_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service over tolerable negative error.
 
 # Each row has the largest load in kg and the smallest number of weighings.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
@@ -100,9 +99,9 @@ class AccuracyClass:
     Raises `ValueError` if the class or the class factor is unknown, or e is not positive.
     """
 
-    name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
-    # Class factor x of category X, 1, 2 or 5 times 10^k. It is below 1 for XI and XII, at most 1
-    # for XIII, and above 1 and at most 2 for XIIII.
+    name: str = 'XIII'  # one of CLASSES, or XIV for XIIII.
+    # Class factor x of category X, 1, 2 or 5 times 10^k. The class factor is below 1 for XI and
+    # XII, at most 1 for XIII, and above 1 and at most 2 for XIIII.
     factor: float = 1.0
     interval: float = 0.1e-3  # verification scale interval e in kg
     in_service: bool = False  # True for the limits in service, False for initial verification
@@ -166,7 +165,7 @@ class AccuracyClass:
 
 
 def _class_name(name: str) -> str:
-    """Return the name of R 51 for a class; `ValueError` if there is no such class."""
+    """Return the name of a class in R 51. Raises `ValueError` if the class is unknown."""
     name = 'XIIII' if name == 'XIV' else name
     if name not in CLASSES:
         raise ValueError(f'class {name!r} is none of {", ".join(CLASSES)}')
@@ -200,7 +199,7 @@ def smallest_interval(name: str, maximum: float) -> float:
 
 
 def _interval_counts(name: str, interval: float) -> tuple[float, float]:
-    """Return the smallest and the largest Max in e for an e in kg, (inf, -inf) if not allowed."""
+    """Return the smallest and the largest Max in e, or (inf, -inf) if `interval` is not allowed."""
     for low, high, fewest, most in _INTERVALS[_LIKE.get(name, name)]:
         if low <= interval * _ON_BOUND and interval <= high * _ON_BOUND:
             return fewest, most
@@ -233,7 +232,7 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
     if maximum / interval * _ON_BOUND < fewest:
         raise ValueError(
             f'e: {e:g} g is {maximum / interval:g} times in a Max of {GRAMS * maximum:g} g, in '
-            f'class {name} it is so at least {fewest:g} times'
+            f'class {name} at least {fewest:g} times'
         )
     least = _LEAST_MINIMUM.get(name, 0) * interval
     if minimum * _ON_BOUND < least:

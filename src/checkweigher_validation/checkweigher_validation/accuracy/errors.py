@@ -4,8 +4,8 @@
 
 The statistics are those of Long et al.: the mean error mu, the standard deviation sigma of the
 errors with n - 1, and the overall index A = |mu| + 3 sigma. In equation 20 of the paper, the mean
-of the readings is subtracted, so that mu would always be zero. In its table, the true mass is
-subtracted, as it is here.
+of the readings is subtracted, so that mu would always be zero. Here, as in the table of the paper,
+the true mass is subtracted.
 """
 
 from collections.abc import Iterable
@@ -157,7 +157,8 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
 
     The interval is computed from the stated standard deviation for a normal distribution. `level`
     is the confidence level, between 0 and 1. The fraction is close to `level` if the stated
-    standard deviations are right and there is no bias. It is NaN if none is stated.
+    standard deviations are right and there is no bias. The fraction is NaN if no pass has a stated
+    standard deviation.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [

@@ -41,7 +41,7 @@ class Example:
     t3: float  # time at which the product begins to leave the belt
     t4: float  # time at which the product has left the belt
     signal: NDArray[np.float64]  # signal minus the zero, (n,)
-    ideal: NDArray[np.float64]  # signal without noise, (n,), or empty if the platform is unknown
+    ideal: NDArray[np.float64]  # signal without noise, (n,), or empty if the platform is unknown.
     # Name and signal from t2 to t3 for each method of thresholding: hard, soft, shrinkage.
     denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
     # Name and signal, (n,), of each band of the stationary wavelet transform: a7, d7 to d1.

@@ -60,7 +60,7 @@ class FamilyTable:
 
 
 def family_tables(machines: Sequence[MachineResult]) -> tuple[FamilyTable, FamilyTable]:
-    """Return the table of the tuned estimators and that of the untrained ones, for test passes."""
+    """Return the tables of the tuned estimators and of the untrained estimators on test passes."""
     return (
         _family_table('tuned', [each.tuned for each in machines]),
         _family_table('untrained', [each.untrained for each in machines]),
@@ -114,7 +114,7 @@ def _conditions(machines: Sequence[Evaluation], **chosen: Any) -> list[Condition
 
 
 def family_text(machines: Sequence[MachineResult], title: str) -> str:
-    """Return the table of the tuned estimators and that of the untrained ones as text."""
+    """Return the tables of the tuned estimators and of the untrained estimators as text."""
     lines = [f'{title}: A over the attainable A, mean over the machines and worst; test passes']
     for table in family_tables(machines):
         lines += _table_text(table)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of Long et al. on their own machine, from Table 3 of the paper.
+"""Results in Table 3 of the paper (Long et al.), which were obtained on a real machine.
 
 The simulated machine differs from that of the paper, whose signals are not public. Therefore only
 orders of magnitude and the ranking of the estimators can be compared.
@@ -71,7 +71,7 @@ def has_paper_conditions(evaluation: Evaluation) -> bool:
 
 
 def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
-    """Return `paper_index` if the evaluation has the averaged conditions, otherwise NaN."""
+    """Return `paper_index`, or NaN if an evaluation has other masses or other averaged speeds."""
     has_conditions = has_paper_conditions if speed is None else has_paper_masses
     return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan
 

@@ -17,7 +17,7 @@ from checkweigher_validation.accuracy.paper_table import comparable_index, has_p
 
 METRES_PER_MINUTE = 60.0  # m/min per m/s
 
-LEVELS = (0.68, 0.95)  # confidence levels of the intervals whose coverage is reported
+LEVELS = (0.68, 0.95)  # confidence levels of the intervals whose coverage is reported.
 
 # Formats of the CSV columns that do not have six decimal places.
 _FORMATS = {
@@ -65,9 +65,10 @@ def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
 def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
     """Return a text table of the means over the masses for each estimator and speed.
 
-    The table is on the test passes or, if there are none, on the training passes. It includes the
-    coverage of the stated 68 % and 95 % intervals, the number of conditions within the limits of
-    the class, and A of Long et al. if they have the same speed and masses.
+    The table is on the test passes or, if there are none, on the training passes. The columns
+    include the coverage of the stated 68 % and 95 % intervals, the number of conditions within the
+    limits of the class, and A in the paper (Long et al.) if the speed and the masses are those of
+    the paper.
     """
     part = evaluation.parts[0]
     lines = [

@@ -53,8 +53,8 @@ class ResultsFolder:
     def take(self, weighed: Weighed) -> Weighed:
         """Store the result of a job, and return the result with its summary.
 
-        If the bag is damaged, its earlier results are removed. They are kept if the bag could not
-        be weighed for another reason.
+        The earlier results of a damaged bag are removed. If a bag could not be weighed for another
+        reason, its earlier results are kept.
 
         Raises `OutputError` if the results cannot be written.
         """

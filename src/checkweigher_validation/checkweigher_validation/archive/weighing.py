@@ -48,7 +48,7 @@ class WeighJob:
 
 @dataclass(frozen=True)
 class Weighed:
-    """Result of a job. If the stored results are still valid, it has no file and no problem."""
+    """Result of a job. The file and the problem are empty if the stored results are still valid."""
 
     bag: str
     host: str  # name of the machine that ran the job, or empty
@@ -133,7 +133,7 @@ def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
 class _Tally:
     """Accumulator for the summary of a bag."""
 
-    name: str  # beginning of warnings, which is removed
+    name: str  # prefix that is removed from warnings
     begin: int | None = None  # time of the first sample in ns
     end: int = 0  # end of the last sample in ns
     decisions: Counter[Decision] = field(default_factory=Counter)

@@ -5,7 +5,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 import csv
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 import hashlib
 import io
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from checkweigher_core.changes import ALARM, RECORD
-from checkweigher_core.records import GRAMS, Alarm, Decision, Verdict
+from checkweigher_core.records import GRAMS, Alarm, Decision, FillerFeedback, Verdict
 from checkweigher_production.alarms import alarm_of
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.batch_record import RecordError, read_events
@@ -67,7 +67,7 @@ class Batch:
     begin: str = ''  # ISO 8601
     end: str = ''  # ISO 8601
     stops: tuple[dict[str, Any], ...] = ()  # stop requests in the record
-    corrections: tuple[dict[str, Any], ...] = ()  # feedback to the filler in the record
+    corrections: tuple[FillerFeedback, ...] = ()  # feedback to the filler in the record
     changes: tuple[Entry, ...] = ()  # entries of the audit log during the batch except alarms
     alarms: tuple[Alarm, ...] = ()  # last state of each alarm that changed during the batch
     in_log: InLog | None = None  # None without an audit log
@@ -95,7 +95,7 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 def read_csv(path: Path, product: Product) -> Batch:
     """Return the batch in a CSV file of `weigh` or `replay`.
 
-    Raises `BatchError` if the file is not such a file.
+    Raises `BatchError` if the file lacks a column or a row is not valid.
     """
     data = path.read_bytes()
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
@@ -114,7 +114,7 @@ def read_csv(path: Path, product: Product) -> Batch:
 
 def read_record(path: Path) -> Batch:
     """Return the batch in a batch record. Raises `RecordError` if the record is not valid."""
-    lines: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    lines: dict[str, list[Any]] = defaultdict(list)
     products = {'': Product('', math.nan)}
     items: dict[str, list[BatchItem]] = defaultdict(list)
     strays = 0
@@ -122,7 +122,7 @@ def read_record(path: Path) -> Batch:
         if kind == 'product':
             products[event.name] = event
         elif kind != 'verdict':
-            lines[kind].append(asdict(event) if kind == 'filler' else event)
+            lines[kind].append(event)
         elif event.product and event.batch != lines['begin'][0]['batch']:
             strays += 1
         else:

@@ -23,7 +23,7 @@ _MOST_BINS = 60
 
 @dataclass(frozen=True, slots=True)
 class PartFigures:
-    """Statistics of one product in a batch. Masses are those of the contents in kg.
+    """Statistics of one product in a batch. A mass is the mass of the contents in kg.
 
     All values except the numbers of decisions and reasons are computed from the accepted items.
     `judgement` and `reference` are None if no item was accepted, or if 76/211/EEC has no limits for
@@ -111,7 +111,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'products': [_part_as_json(part) for part in parts],
         'stops': batch.stops,
         'alarms': [asdict(each) for each in batch.alarms],
-        'filler': batch.corrections,
+        'filler': [asdict(each) for each in batch.corrections],
         'changes': [asdict(entry) for entry in batch.changes],
     }
     return plain_values(content)

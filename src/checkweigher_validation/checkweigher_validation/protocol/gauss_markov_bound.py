@@ -7,15 +7,15 @@ load of 1 kg, and n is noise with the covariance C. By the theorem of Gauss and 
 variance of an unbiased linear estimate of M is :math:`1 / (s^T C^{-1} s)`. Since s and C are known
 for a simulated pass, the accuracy of an estimator can be compared with this bound.
 
-C is the sum of four covariances: that of the vibration of rollers and motor, which are sines with
-known amplitudes and random phases; that of the broadband noise and the vibration of the floor,
-which are white noise filtered by a linear system; that of the impact at entry, which has a known
-form and a random size; and that of noise and quantisation of the converter. All forces act on the
-platform, whose moving mass increases while the product enters the belt.
+C is the sum of four covariances. The vibrations of rollers and motor are sines with known
+amplitudes and random phases. The broadband noise and the vibration of the floor are white noise
+filtered by a linear system. The impact at entry has a known form and a random size. The converter
+adds noise and quantisation. All forces act on the platform, whose moving mass increases while the
+product enters the belt.
 
 The vibration that the previous product has caused is assumed to be known. The change of s with the
-unknown mass is also assumed to be known. It is a few parts in a thousand, and would give an
-estimator almost no information.
+unknown mass is also assumed to be known. This change is a few parts in a thousand, and would give
+an estimator almost no information.
 """
 
 from collections.abc import Callable
@@ -112,7 +112,7 @@ class _SimulatedPass:
         return (np.arange(self._first, self._samples) - self._entry) / self._parameters.sample_rate
 
     def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the samples that an estimate may use for a force in each step, (steps,) in kg."""
+        """Return the samples that result from a force in each step, (steps,) in kg."""
         reading = self._platform().run(force, self._bounds, self._loads)
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 

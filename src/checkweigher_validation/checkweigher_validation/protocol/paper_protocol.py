@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Test of Long et al. on a simulated machine: 5 speeds, 5 masses, and 120 passes of each mass."""
+"""Test of the paper (Long et al.) with 5 speeds and 5 masses, on a simulated machine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

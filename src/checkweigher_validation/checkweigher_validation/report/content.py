@@ -86,7 +86,7 @@ class Content:
         self.part = evaluation.parts[0]
         self.means = evaluation.ranked(self.part)
         self.has_paper_average = has_paper_conditions(evaluation)
-        # True if Long et al. have a result at one of the speeds and masses.
+        # True if the paper (Long et al.) has a result at one of the speeds and masses.
         self.has_paper = any(
             paper_result(one.estimator, one.speed, one.mass) for one in evaluation.conditions
         )
@@ -125,22 +125,25 @@ class Content:
         return [judge(one, self._class).passed for one in self.conditions(estimator=name)]
 
     def best_by_speed(self) -> list[float]:
-        """Return the smallest A of all estimators in kg at each speed, and that of the averages."""
+        """Return the smallest A in kg of all estimators at each speed, and on average."""
         speeds = (*self._evaluation.speeds, None)
         rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]
         return list(np.fmin.reduce(rows))
 
     def paper_index(self, name: str, speed: float | None = None) -> float:
-        """Return A of Long et al. in kg, at a speed or on average, or NaN if not comparable."""
+        """Return A in the paper (Long et al.) in kg, or NaN if the conditions are different.
+
+        A is averaged over the masses and, if `speed` is None, over the speeds.
+        """
         return comparable_index(self._evaluation, name, speed)
 
     def is_in_paper(self, name: str) -> bool:
-        """Return whether Long et al. have a comparable A of an estimator at one of the speeds."""
+        """Return whether the paper has a comparable A of an estimator at one of the speeds."""
         found = (self.paper_index(name, speed) for speed in self._evaluation.speeds)
         return not all(map(math.isnan, found))
 
     def of_paper(self, name: str, speed: float) -> list[PaperResult | None]:
-        """Return the result of Long et al. at each mass, or None if there is no such result."""
+        """Return the result in the paper at each mass, or None if there is no such result."""
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:

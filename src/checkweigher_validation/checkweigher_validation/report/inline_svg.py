@@ -50,7 +50,7 @@ def to_inline_svg(figure: Figure, name: str, description: str) -> str:
     """Return a figure as an SVG element for an HTML page.
 
     The function must be called within the style `STYLE`. `name` is a prefix for all ids in the
-    figure, which must be unique on the page. `description` is for readers who cannot see it.
+    figure, which must be unique on the page. Screen readers speak the text `description`.
     """
     file = io.StringIO()
     # The metadata would contain a date, so that equal figures would differ.

@@ -72,7 +72,7 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
 
 
 def picture(name: str, figure: Figure, caption: str) -> Markup:
-    """Return a figure with its caption as HTML. `name` is a prefix for all ids in the figure."""
+    """Return a figure with its caption as HTML. The ids in the figure begin with `name`."""
     caption = Markup(' ').join(caption.split())
     return Markup(
         '<figure>\n<div class="scroll">{}</div>\n<figcaption>{}</figcaption>\n</figure>'

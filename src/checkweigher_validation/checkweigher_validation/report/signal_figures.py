@@ -20,7 +20,7 @@ from checkweigher_validation.report.inline_svg import (
     stand_in,
 )
 
-MILLISECONDS = 1000.0  # in a second
+MILLISECONDS = 1000.0  # in a second.
 
 # Numbers of the series whose colours do not belong to an estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93

@@ -24,9 +24,9 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
     The best estimator is that with the smallest A on held-out passes, as the geometric mean over
     the belt speeds. A simpler estimator is chosen instead if it is not inferior: the sum of the
     difference of ln A from that of the best estimator and of the standard error of the difference
-    must be negligible. The standard error is computed by a jackknife over blocks of passes. It is
-    large with few passes, so that the best estimator is chosen. Disturbances cancel in the
-    difference, because both estimators weigh the same passes. [own derivation]
+    must be negligible. The standard error is computed by a jackknife over blocks of passes. The
+    standard error is large with few passes, so that the best estimator is chosen. Disturbances
+    cancel in the difference, because both estimators weigh the same passes. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """
@@ -52,7 +52,7 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
 
 
 def _log_index(tuned: Tuned, block: int | None) -> float:
-    """Return the mean of ln A over the speeds. The passes of `block` are omitted unless None."""
+    """Return the mean of ln A over the speeds. If `block` is given, its passes are omitted."""
     logs = []
     for speed in tuned.speeds:
         errors, masses = np.array(speed.held_out_errors), np.array(speed.masses)

@@ -40,7 +40,7 @@ _PASSES_FOR_PLATFORM = 20  # number of passes of each speed to fit the platform
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # natural frequencies in Hz to start the fit with
 _LEAST_NOISE = 1e-9  # kg
-_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg.
 # Bounds of the fitted values: ln(natural frequency in Hz), ln(damping ratio), ln(moving mass /
 # heaviest product), and the parameters entry_begin and entry_end in mm.
 _LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
@@ -94,8 +94,8 @@ class TunedGaussMarkov(Tunable):
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
     """Return A in kg on some passes, each of which is weighed with a noise model of other passes.
 
-    This value shows whether a platform model is useful. It may be harmful if there are few passes,
-    or if disturbances mask the response of the platform.
+    This value shows whether the platform model of `base` is useful. A platform model may increase
+    the errors if there are few passes, or if disturbances mask the response of the platform.
     """
     indices = []
     for group in groups:

@@ -23,8 +23,8 @@ _PLATFORM = ('natural_frequency', 'damping_ratio')
 class TunedIswdEksi(Tunable):
     """Tuning of ISWD-EKSI, which includes the shrinkage table and the platform of the denoiser.
 
-    The factor of band 5 and the thresholds are searched only if they are positive in `base`, as in
-    Table 1 of Long et al. R, Q and P0 do not change.
+    The factor of band 5 and the thresholds are searched only if their values in `base` are
+    positive, as in Table 1 of the paper (Long et al.). R, Q and P0 do not change.
     """
 
     def searched(self) -> tuple[Axis, ...]:

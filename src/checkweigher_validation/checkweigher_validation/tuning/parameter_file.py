@@ -26,7 +26,7 @@ def parameter_file(
     """Return the text of a parameter file.
 
     The file has all parameters of the tuned estimators, and all other parameters that differ from
-    their defaults. It selects the first estimator of `tuned`.
+    their defaults. The first estimator of `tuned` is selected in the file.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 def accuracy_lines(text: str) -> list[str]:
     """Return the lines of the table of accuracies in a parameter file.
 
-    The first line has the headings. It is followed by a line for each estimator at each speed and,
-    if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if the
-    file has no table.
+    The first line has the headings. After that, there is a line for each estimator at each speed
+    and, if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if
+    the file has no table.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))

@@ -91,7 +91,7 @@ def search(
 def _explore(
     at: Callable[[Point], float], tried: Sequence[_Trial], dimensions: int, budget: int
 ) -> None:
-    """Evaluate points until the budget is used up. The function `at` adds each one to `tried`."""
+    """Evaluate points until the budget is used. `at` evaluates a point and adds it to `tried`."""
     points = qmc.LatinHypercube(dimensions, rng=np.random.default_rng(_SEED))
     for point in points.random(max(round(budget * _EXPLORED) - 1, 0)):
         at(point)

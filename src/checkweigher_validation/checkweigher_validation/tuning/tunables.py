@@ -36,17 +36,17 @@ class Tunable:
     """Estimator to be tuned on the passes of one belt speed, `group`.
 
     The class of the estimator defines which parameters are searched and which are learned.
-    Subclasses are for estimators that also need `others`, the passes at other speeds, or a model of
-    the machine. `base` has the parameters that are not tuned.
+    Subclasses are for estimators that also need the passes at other speeds, or a model of the
+    machine. `groups` has the passes at all speeds, and `base` the parameters that are not tuned.
     """
 
     def __init__(
-        self, name: str, group: SpeedGroup, base: LineParameters, others: Sequence[SpeedGroup] = ()
+        self, name: str, group: SpeedGroup, base: LineParameters, groups: Sequence[SpeedGroup] = ()
     ) -> None:
         self.name = name
         self.group = group
         self.base = base
-        self.others = others
+        self.others = [other for other in groups if other is not group]
         self.estimator = ESTIMATORS[name]
         self.windows = [each.window for each in group.passes]
 

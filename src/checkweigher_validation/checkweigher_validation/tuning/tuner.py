@@ -5,7 +5,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress
+from itertools import compress, product
 import math
 from typing import Any
 
@@ -64,7 +64,7 @@ class TunedSpeed:
     uncertainty: Uncertainty
     zero_std_dev: float  # median standard deviation of the zero in kg
     index: float  # A on the training passes in kg
-    held_out_index: float = math.nan  # A of the held-out errors in kg
+    held_out_index: float = math.nan  # A of the held-out errors in kg.
     # Error and true mass of each held-out pass in kg, in the same order for every estimator.
     held_out_errors: tuple[float, ...] = ()
     masses: tuple[float, ...] = ()
@@ -119,20 +119,21 @@ def tune(
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
     tasks = [
-        TUNABLES[name](name, group, line, [other for other in groups if other is not group])
-        for name, line in lines.items()
-        for group in groups
+        TUNABLES[name](name, group, line, groups)
+        for (name, line), group in product(lines.items(), groups)
     ]
     found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
     for (task, _), error in broken.items():
         failed.setdefault(task.name, error)
-    if failed and not (skip_failing and len(failed) < len(estimators)):
+    may_fail = len(estimators) - 1 if skip_failing else 0
+    if len(failed) > may_fail:
         raise next(iter(failed.values()))
-    tuned: dict[str, list[TunedSpeed]] = {name: [] for name in estimators if name not in failed}
-    for task in tasks:
-        if task.name in tuned:
-            tuned[task.name].append(_with_held_out(task, found))
-    return {name: _assemble(name, speeds, lines[name]) for name, speeds in tuned.items()}
+    tuned = {name: [task for task in tasks if task.name == name] for name in estimators}
+    return {
+        name: _assemble(name, [_with_held_out(task, found) for task in own], lines[name])
+        for name, own in tuned.items()
+        if name not in failed
+    }
 
 
 def _check_passes(groups: Sequence[SpeedGroup]) -> None:

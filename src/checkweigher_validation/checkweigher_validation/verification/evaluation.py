@@ -11,13 +11,14 @@ The rules are:
   applies in both categories.
 - The zero must be within 0.25 e after zeroing, and within 0.5 e later. The error of passes beside
   the middle of the belt must be within the limit of the class. Passes outside the range of dynamic
-  setting must not get a mass. These rules are from OIML R 51-1:2006, quoted from memory because its
-  text was not available.
-- A step fails if a pass did not get a mass. This is a rule of this program; otherwise a machine
-  could meet its limits by not weighing.
+  setting must not get a mass. The rules on zero, eccentricity and range are from OIML R 51-1:2006,
+  quoted from memory because its text was not available.
+- A step fails if a pass did not get a mass. This program adds this rule, because otherwise a
+  machine could meet its limits by not weighing.
 
-The stated uncertainty of an error is an expanded uncertainty with k = 2. It combines the scatter of
-the passes and the uncertainty of the reference mass. It is not subtracted from the limits.
+The stated uncertainty of an error is an expanded uncertainty with k = 2, which combines the scatter
+of the passes and the uncertainty of the reference mass. The uncertainty is not subtracted from the
+limits.
 """
 
 from collections import Counter
@@ -41,7 +42,7 @@ WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
-_THIRD = (0.25, 0.5)  # range of loads relative to Max that count as about a third
+_THIRD = (0.25, 0.5)  # loads that count as about a third of Max, relative to Max
 _REFERENCE_SHARE = 1 / 3  # largest uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
 _LATE = 1.0  # largest deviation from a planned warm-up time in min
@@ -99,7 +100,7 @@ class AttemptResults:
     def verdict(self) -> str:
         """Verdict 'failed', 'incomplete', 'undecided' or 'passed'.
 
-        It is computed from the last attempt at each step. If no step failed, the verification is
+        The last attempt at each step counts. If no step failed, the verification is
         incomplete if something is missing, and undecided if there is another departure.
         """
         if any(each.failures for each in self.last):
@@ -186,8 +187,9 @@ def _judge_reading(
 def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
     """Return the result of the passes of an attempt.
 
-    In a test of repeatability, the standard deviation is limited (in category Y, the spread). In
-    the tests of warm-up and eccentricity, the error is limited. Otherwise both are limited.
+    In a test of repeatability, the standard deviation is limited in category X, and the spread in
+    category Y. In tests of warm-up and eccentricity, the error is limited. In all other tests, the
+    error and the standard deviation are limited.
     """
     step, condition = blank.attempt.step, condition_of(blank.attempt)
     result = _with_figures(blank, condition)
@@ -279,7 +281,7 @@ def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iter
 
 
 def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
-    """Yield a sentence for each departure that leaves in doubt what was tested."""
+    """Yield a sentence for each departure that makes the meaning of a result uncertain."""
     yield from _warm_up_departures(procedure.plan, results)
     yield from _load_departures(procedure.plan)
     yield from _reference_departures(procedure.plan)

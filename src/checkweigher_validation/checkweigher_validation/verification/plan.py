@@ -50,7 +50,7 @@ class Mass(Settings):
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r'\w[\w.-]*', self.name):
-            raise SettingsError('a name is of letters, digits, _, - and .')
+            raise SettingsError('a name may have letters, digits, _, - and .')
 
     @property
     def mass(self) -> float:
@@ -100,7 +100,9 @@ class Eccentricity(PassesOfLoad):
     def __post_init__(self) -> None:
         for position in self.positions:
             if not re.fullmatch(r'\w+', position):
-                raise SettingsError(f'{position!r}: a name is of letters', 'positions')
+                raise SettingsError(
+                    f'{position!r}: a name may have letters, digits and _', 'positions'
+                )
         _check_distinct(self.positions, 'positions')
 
 

@@ -63,7 +63,7 @@ class ItemPass:
 class AtRest:
     """Reading of a load at rest in kg, relative to the zero of calibration."""
 
-    mass: float  # NaN, as the following values, if there is no valid reading
+    mass: float  # mean of the samples; all values are NaN if there is no valid reading
     std_error: float  # standard error of the mean, from the means of ten successive batches
     noise: float  # standard deviation of the samples
     samples: int
@@ -93,7 +93,7 @@ class Procedure:
     attempts: tuple[Attempt, ...]
     zeros: tuple[ZeroChange, ...]  # zeros that the operator has set
     digest: str  # SHA-256 of the bag
-    faults_between: tuple[ItemPass, ...] = ()  # items without a mass that belong to no attempt
+    faults_between: tuple[ItemPass, ...] = ()  # items without a mass that belong to no attempt.
     # A sentence for each change of settings since the first step, or None if this is unknown.
     changes: tuple[str, ...] | None = ()
 
@@ -125,7 +125,7 @@ def read_procedure(path: Path) -> Procedure:
         if each.state not in (StepState.DONE, StepState.SKIPPED):
             continue
         if each.step not in steps:
-            raise BagError(f'{path}: step {each.step!r} is none of its plan')
+            raise BagError(f'{path}: its plan has no step {each.step!r}')
         attempts.append(_attempt(steps[each.step], each, passes, recording))
     return Procedure(
         plan=plan,
@@ -152,7 +152,7 @@ def item_passes(
 
 
 def item_pass(verdict: Verdict, speed: float) -> ItemPass:
-    """Return the pass of a verdict. It has no mass if the decision is FAULT.
+    """Return the pass of a verdict, which has no mass if the decision is FAULT.
 
     The reason NoProduct is an exception, because the item was weighed and only limits are missing.
     """

@@ -181,7 +181,7 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
 
 
 def _in_grams(record: object, *names: str) -> Values:
-    """Return the values in g of some fields of a record, which are in kg."""
+    """Return some fields of a record, whose values in kg are converted to g."""
     return {f'{name}_g': _grams(getattr(record, name)) for name in names}
 
 
