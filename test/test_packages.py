@@ -34,7 +34,10 @@ KEYS = {
     'jinja2': 'python3-jinja2',
     'markupsafe': 'python3-jinja2',  # which returns its type
     'matplotlib': 'python3-matplotlib',
+    'google': 'python3-protobuf',
     'numpy': 'python3-numpy',
+    'paho': 'python3-paho-mqtt',
+    'prometheus_client': 'python3-prometheus-client',
     'pytest': 'python3-pytest',
     'pywt': 'python3-pywt',
     'ruamel': 'python3-ruamel.yaml',

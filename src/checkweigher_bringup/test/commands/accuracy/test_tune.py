@@ -198,7 +198,7 @@ class TestEvaluation:
         files = {kind: tmp_path / f'result.{kind}' for kind in ('html', 'csv', 'json', 'tuned')}
         done = checkweigher(
             'evaluate', *bags['test'], '--train', *bags['train'], '--estimator', 'hann', 'tvlpf',
-            *FAST, '--class', 'XIIII',
+            *FAST, '--class', 'XIIII', '--factor', '2',
             *(part for kind, path in files.items() for part in (f'--{kind}', path)),
         )  # fmt: skip
         assert done.stderr == ''
@@ -274,6 +274,7 @@ class TestEvaluation:
             (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIIII"),
             (('BAG', '--factor', '0.3'), 'class factor x: 0.3 is not 1, 2 or 5 x 10^k up to 2'),
             (('BAG', '--max', '1', '--interval', '1'), 'name one of them'),
+            (('BAG', '--class', 'XIIII'), 'class factor x: 1 is not above 1, for XIIII'),
             (('BAG', '--class', 'XIIII', '--max', '1'), 'no verification scale interval for Max'),
             (('BAG', '--nominal', '20000'), '--nominal'),
             (('BAG', '--tuned', 'OUT'), '--tuned: nothing would be tuned'),
