@@ -17,6 +17,7 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.hosts.description import LineDescription
 from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import ItemTable
+from checkweigher_bringup.service_manager import Watchdog, supervises
 from checkweigher_bringup.spinning import (
     asked_to_end,
     memory_file,
@@ -75,7 +76,8 @@ def run_line(
             lane = node.get_namespace().rstrip('/')
             names = (*ports.NODES, *processes)
             whole = processes.get('line')
-            _listen(node, {f'{lane}/{name}': processes.get(name, whole) for name in names})
+            process_of = {f'{lane}/{name}': processes.get(name, whole) for name in names}
+            watchdog = _listen(node, process_of)
             # If two lines start at the same time, only one line gets the place.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
@@ -89,11 +91,12 @@ def run_line(
             def meanwhile() -> None:
                 if folder is not None and folder.take_restart():
                     _restart(processes)
+                    watchdog.restarted(time.monotonic())
                 with suppress(queue.Empty):
                     table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
 
             try:
-                return _supervise(processes, asked, meanwhile)
+                return _supervise(processes, watchdog, asked, meanwhile)
             finally:
                 place.free()
 
@@ -110,29 +113,33 @@ def run_host(line: LineDescription, host: str) -> int:
             needs = {'needs_product': True} if 'recipes' in share.product else {}
             write_parameter_file(file, {'product': share.product, 'reject': needs})
             command = node_command(_MODULE, share.lane, *share.params, file, nodes=share.nodes)
-            process = SupervisedProcess(share.name, partial(list, command))
+            process = SupervisedProcess(share.name, partial(list, command), kept=not supervises())
             processes[share.name] = process
             process_of |= {f'/{share.lane}/{name}': process for name in share.nodes}
         print(f'{host}: {", ".join(processes) or "nothing to run"}', file=sys.stderr, flush=True)
         node = PortNode('run')
-        _listen(node, process_of)
+        watchdog = _listen(node, process_of)
         spinner.add(node)
-        return _supervise(processes, asked, partial(time.sleep, _POLL_PERIOD))
+        return _supervise(processes, watchdog, asked, partial(time.sleep, _POLL_PERIOD))
 
 
-def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> None:
+def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
     """Notify each process of the diagnostics of its nodes.
 
-    `process_of` has the process of each node by the full name of the node.
+    `process_of` has the process of each node by the full name of the node. Returns the watchdog of
+    the nodes of the line among them.
     """
+    watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
     def on_diagnostics(message: Any) -> None:
         for status in message.status:
-            name = status.name.partition(':')[0].strip('/')
-            if (process := process_of.get(f'/{name}')) is not None:
+            name = '/' + status.name.partition(':')[0].strip('/')
+            watchdog.heard(name, time.monotonic())
+            if (process := process_of.get(name)) is not None:
                 process.heard(time.monotonic())
 
     node.subscribe(ports.DIAGNOSTICS, on_diagnostics)
+    return watchdog
 
 
 def _parameter_files(
@@ -175,7 +182,12 @@ def _processes(
     if page is not None:
         commands[_PAGE] = partial(_page_command, page, namespace, folder)
     return {
-        name: SupervisedProcess(name, command, reports=name not in _SILENT)
+        name: SupervisedProcess(
+            name,
+            command,
+            reports=name not in _SILENT,
+            kept=name in _NOT_NEEDED or not supervises(),
+        )
         for name, command in commands.items()
     }
 
@@ -201,9 +213,15 @@ def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> li
 
 
 def _supervise(
-    processes: Mapping[str, SupervisedProcess], asked: Sequence[int], meanwhile: Callable[[], None]
+    processes: Mapping[str, SupervisedProcess],
+    watchdog: Watchdog,
+    asked: Sequence[int],
+    meanwhile: Callable[[], None],
 ) -> int:
-    """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives."""
+    """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
+
+    If systemd supervises this process, it feeds the watchdog, and ends with a process of the line.
+    """
     try:
         while not asked:
             now = time.monotonic()
@@ -211,6 +229,7 @@ def _supervise(
             failed = {name for name, process in processes.items() if not process.look(now)}
             if failed - _NOT_NEEDED:
                 return CANNOT_START
+            watchdog.feed(now)
             meanwhile()
         return 128 + asked[0]
     finally:

@@ -24,15 +24,22 @@ class SupervisedProcess:
 
     The process is not restarted if it ends with the status `CANNOT_START` before it has worked. A
     process that `reports` has worked when its first diagnostics arrive. Any other process has
-    worked after `STABLE` s, and is not killed if it hangs.
+    worked after `STABLE` s, and is not killed if it hangs. A process that is not `kept` is started
+    once, and a hang is left to systemd.
     """
 
     def __init__(
-        self, name: str, command: Callable[[], Sequence[str]], *, reports: bool = True
+        self,
+        name: str,
+        command: Callable[[], Sequence[str]],
+        *,
+        reports: bool = True,
+        kept: bool = True,
     ) -> None:
         self._name = name
         self._command = command
         self._reports = reports
+        self._kept = kept
         self.renew()
 
     def renew(self) -> None:
@@ -53,7 +60,7 @@ class SupervisedProcess:
         if self._child is not None and (status := self._child.poll()) is not None:
             self._record_end(now, status)
         if self._child is not None:
-            if self._reports and now > self._awaited and not self._hung:
+            if self._reports and self._kept and now > self._awaited and not self._hung:
                 self._hung = True
                 self._child.kill()
         elif not self._given_up and now >= self._ended + self._delay:
@@ -67,9 +74,11 @@ class SupervisedProcess:
         at_once = now - self._started < STABLE
         self._delay = min(2 * self._delay, LONGEST_DELAY) if at_once and self._reason else DELAY
         self._has_worked |= not (self._reports or at_once)
-        self._given_up = status == CANNOT_START and not self._has_worked
+        self._given_up = not self._kept or (status == CANNOT_START and not self._has_worked)
         self._reason = f'hung: no diagnostics for {SILENCE:g} s' if self._hung else _reason(status)
         self._child, self._ended = None, now
+        if not self._kept:
+            say(f'{self._name}: {self._reason}')
 
     def terminate(self) -> None:
         """Send SIGTERM to the process."""

@@ -76,8 +76,8 @@ class Product(Settings):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
-    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. The record of a batch has the
-    # limits at the begin of the batch.
+    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. The record of a batch keeps
+    # the limits with which the batch began.
     tu1: float = parameter(math.nan, 'TU1, instead of that of 76/211/EEC', unit='kg', minimum=0)
     tu2: float = parameter(math.nan, 'TU2, instead of that of 76/211/EEC', unit='kg', minimum=0)
     length: tuple[float, float] = parameter(

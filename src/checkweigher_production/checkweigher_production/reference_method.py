@@ -8,8 +8,8 @@ x >= Qn - k s, where Qn is the nominal quantity and k = t(0.995, n - 1) / sqrt(n
 The text was read on legislation.gov.uk, which shows the criteria of 2.3.3 as images. The values of
 k are therefore from the same tables in schedule 2 of UK SI 2006/659.
 
-In single sampling, one sample is judged. Its numbers are those of UK SI 2006/659, schedule 2, 3.3 to
-3.5. The mean and TU2 are judged as in OIML R 87, whose text was not available: k is from the
+In single sampling, one sample is judged. Its numbers are those of UK SI 2006/659, schedule 2, 3.3
+to 3.5. The mean and TU2 are judged as in OIML R 87, whose text was not available: k is from the
 Australian National Trade Measurement Regulations 2009, 4.34, and the rule that no prepackage in the
 sample may be below TU2 is from the examples in the Guide to the Average Quantity System in
 Australia.

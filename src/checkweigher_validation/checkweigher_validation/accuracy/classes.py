@@ -101,8 +101,8 @@ class AccuracyClass:
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
-    # Class factor x of category X, 1, 2 or 5 times 10^k. It is below 1 for XI and XII, at most 1 for
-    # XIII, and above 1 and at most 2 for XIIII.
+    # Class factor x of category X, 1, 2 or 5 times 10^k. It is below 1 for XI and XII, at most 1
+    # for XIII, and above 1 and at most 2 for XIIII.
     factor: float = 1.0
     interval: float = 0.1e-3  # verification scale interval e in kg
     in_service: bool = False  # True for the limits in service, False for initial verification
