@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: its help, its examples, and what it takes from the parameters."""
+"""The command line: its help, its examples, what it takes from the parameters, its imports."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -81,3 +81,15 @@ def test_security_that_cannot_be_used_is_one_line(
     assert line.startswith(f'checkweigher {words[0]}: ROS_SECURITY_ENABLE=true: ')
     assert line.endswith(f"SECURITY ERROR: directory '{tmp_path}/none/enclaves' does not exist")
     assert (done.returncode, done.stdout) == (2, '')
+
+
+def test_a_line_starts_without_what_only_a_source_or_a_report_needs():
+    code = """
+import sys
+import checkweigher_bringup.line
+heavy = {'scipy', 'matplotlib', 'rosbags', 'mcap', 'pymodbus', 'serial', 'gpiod'}
+print(sorted(heavy & {name.partition('.')[0] for name in sys.modules}))
+"""
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+
+    assert done.stdout.strip() == '[]'

@@ -1,12 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Lanes over several hosts on a good network, and on one that loses, delays and falls apart."""
+"""Lanes over several hosts: shares, a good network, and one that loses, delays and falls apart."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 import json
 from pathlib import Path
+import socket
 import subprocess
 import sys
 import threading
@@ -16,13 +18,15 @@ from typing import Any
 from network import Network, NoNetworkError, network
 from processes import LINE, parameter_file
 import pytest
-from running import BAGS, PATIENCE, ROOT, wait_for
+from running import BAGS, PATIENCE, ROOT, command_line, wait_for
 from verdicts import offline_verdicts
 
 from checkweigher_bringup.hosts.description import AT_MACHINE
-from checkweigher_bringup.spinning import node_command, running_processes
+from checkweigher_bringup.spinning import node_command, running_processes, spinning
 from checkweigher_core.records import Decision, Eye
 from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_recording.bags.reading import read_bag
 
 AWAY = ('denoise', 'identifier')
@@ -206,3 +210,51 @@ def test_every_item_of_two_lanes_has_one_verdict_on_a_bad_network(tmp_path: Path
 def test_every_item_of_twenty_lanes_has_one_verdict_on_a_bad_network(tmp_path: Path):
     # 40 processes that search for each other are more than two cores can serve.
     try_network(20, tmp_path, 10 * PATIENCE, 'host0')
+
+
+RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
+HALL_AND_SERVER = f"""
+hosts: {{hall: 127.0.0.1, server: 127.0.0.2}}
+lanes:
+  whole:
+    host: hall
+    recipes: {RECIPES}
+    product: crisps_150g
+  split:
+    nodes:
+      hall: [driver, segmenter, reject]
+      server: [product, denoise, identifier]
+"""
+EXPECTED = {f'{lane}/{node}' for lane in ('whole', 'split') for node in ports.NODES}
+
+
+def test_each_host_runs_its_share(tmp_path: Path):
+    file = tmp_path / 'line.yaml'
+    file.write_text(HALL_AND_SERVER)
+    commands = {
+        host: command_line('run', '--line', file, '--host', host) for host in ('hall', 'server')
+    }
+    board, passed = StatusBoard(), {'whole': 0, 'split': 0}
+    with running_processes(commands) as processes, spinning() as spinner:
+        node = PortNode('looker')
+        node.subscribe(ports.DIAGNOSTICS, lambda m: board.add(0.0, m.status))
+        for lane in passed:
+            topic = f'/{lane}/{ports.VERDICT.name}'
+            node.create_subscription(ports.VERDICT.type, topic, partial(count, passed, lane), 10)
+        spinner.add(node)
+        wait_for(lambda: all(passed.values()))
+        wait_for(lambda: {row.node for row in board.rows(0.0)} >= EXPECTED)
+        wait_for(lambda: "product 'crisps_150g'" in recipe(board))
+        assert board.hosts() == {lane: {socket.gethostname()} for lane in passed}
+        told = {row.node for row in board.rows(0.0) if row.aspect == 'Host clock'}
+        assert told == {f'{lane}/{node}' for lane in passed for node in ('driver', 'product')}
+        assert all(process.poll() is None for process in processes.values())
+
+
+def count(passed: dict[str, int], lane: str, verdict: object) -> None:
+    passed[lane] += 1
+
+
+def recipe(board: StatusBoard) -> str:
+    rows = board.rows(0.0)
+    return next((r.message for r in rows if (r.node, r.aspect) == ('whole/product', 'Recipe')), '')

@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reject node over real DDS when masses do not come, and what it asks of the line."""
+"""The reject node over real DDS: masses and edges that come late or not, and stops of the line."""
 
 import signal
 import subprocess
+import time
 
 from checkweigher_msgs.msg import StopRequest, Verdict
 from graph import heard, publish, wait_for
@@ -165,3 +166,18 @@ def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
     request = line.stop()
 
     assert (request.reason, request.item_id) == ('UnconfirmedReject', 4)
+
+
+LANE = 'late_edges'
+
+
+def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner):
+    # 4 s behind the outfeed eye. Item 1 is judged after 0.1 s, on a busy machine later.
+    line = RejectLine(spinner, rejector_distance=2.0, verdict_margin=3.9)
+    line.pass_item(1)
+    assert not line.verdict().late
+    time.sleep(5.5)  # item 2 passes 1 s after item 1; its edges do not
+    line.pass_item(2)
+    line.weigh(2)
+    verdict = line.verdict()
+    assert (verdict.item_id, verdict.late) == (2, True)
