@@ -16,8 +16,8 @@ from processes import pids_of
 import pytest
 from running import PATIENCE, ROOT, children, start_command, wait_for
 
-from checkweigher_bringup.service_manager import Watchdog
-from checkweigher_bringup.supervision import SILENCE, START
+from checkweigher_bringup.supervision.processes import SILENCE, START
+from checkweigher_bringup.supervision.service_manager import Watchdog
 
 FOLDER = ROOT / 'packaging/systemd'
 SERVICES = sorted(FOLDER.glob('*.service'))

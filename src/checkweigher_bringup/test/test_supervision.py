@@ -11,7 +11,7 @@ from graph import wait_for
 from processes import children
 import pytest
 
-from checkweigher_bringup.supervision import SupervisedProcess
+from checkweigher_bringup.supervision.processes import SupervisedProcess
 
 LIVES = 'exec sleep 1000'
 

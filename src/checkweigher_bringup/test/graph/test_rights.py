@@ -10,8 +10,8 @@ import rclpy
 from rclpy.node import Node
 from running import ROOT, command_line
 
-from checkweigher_bringup.running_line import BESIDE
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
+from checkweigher_bringup.supervision.running_line import BESIDE
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.policy import PAGE_WORK, REPORTER, Rights, rights
 from checkweigher_core.ros.services import OF_MACHINE

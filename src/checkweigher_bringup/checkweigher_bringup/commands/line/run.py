@@ -41,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.line is not None or arguments.host is not None:
         return _run_host(arguments)
     from checkweigher_bringup.commissioning.machine_folder import MachineFolder
-    from checkweigher_bringup.running_line import run_line
     from checkweigher_bringup.settings import check_namespace, line_parameters
+    from checkweigher_bringup.supervision.running_line import run_line
     from checkweigher_driver.devices import DriverParameters
 
     namespace = check_namespace(arguments.namespace)
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _run_host(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.hosts.description import read_line
-    from checkweigher_bringup.running_line import run_host
+    from checkweigher_bringup.supervision.running_line import run_host
 
     if arguments.line is None or arguments.host is None:
         raise UserError('--line and --host belong together: the file, and a host of it')

@@ -7,7 +7,7 @@ import math
 import os
 import socket
 
-from checkweigher_bringup.supervision import SILENCE, START
+from checkweigher_bringup.supervision.processes import SILENCE, START
 
 _VARIABLE = 'NOTIFY_SOCKET'
 _PERIOD = 1.0  # s between notifications

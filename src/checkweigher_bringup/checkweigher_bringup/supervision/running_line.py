@@ -17,7 +17,6 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.hosts.description import LineDescription
 from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import ItemTable
-from checkweigher_bringup.service_manager import Watchdog, supervises
 from checkweigher_bringup.spinning import (
     asked_to_end,
     memory_file,
@@ -25,7 +24,8 @@ from checkweigher_bringup.spinning import (
     spinning,
     write_parameter_file,
 )
-from checkweigher_bringup.supervision import CANNOT_START, SupervisedProcess, say
+from checkweigher_bringup.supervision.processes import CANNOT_START, SupervisedProcess, say
+from checkweigher_bringup.supervision.service_manager import Watchdog, supervises
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import Place
 from checkweigher_core.ros.port_node import PortNode
