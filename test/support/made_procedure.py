@@ -14,7 +14,8 @@ START = 1_780_000_000_000_000_000  # ns
 CELL = LoadCell(960.0, 1e6, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2, 'made', 'M-1')
 IDENTITY = {
     'program': 'checkweigher 0', 'program_sha256': 64 * '1', 'parameters_sha256': 64 * '2',
-    'audit_log': None, 'audit_log_sha256': None, 'audit_log_last_hash': None, 'how': 'by hand',
+    'audit_log': 'audit.log', 'audit_log_sha256': 64 * '4', 'audit_log_last_hash': 64 * '5',
+    'how': 'by hand',
 }  # fmt: skip
 # A verification with few passes of two loads.
 PLAN = """

@@ -45,7 +45,7 @@ products:
       denoise: {stretch: 2048}
       identifier: {estimator: mean, mean: {gain: [1.0, 1.1]}}
 """
-TU1_GROSS = 0.14325 + 0.004
+TU1_GROSS = 0.1432 + 0.004
 BELT = LoadCell(960.0, 5e5, 1.25e6, -(2**23), 2**23 - 1, 7.2, 0.2)
 
 

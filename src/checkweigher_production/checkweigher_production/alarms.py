@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The alarms of a lane: what went wrong, until it is over and a person has acknowledged it."""
+"""Alarms of a line. An alarm is listed until its cause has ended and a person acknowledges it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
@@ -29,16 +29,16 @@ _KILLED = 'it ended without being stopped: it was killed, it hung, or power was 
 
 
 def alarm_of(values: Mapping[str, Any]) -> Alarm:
-    """Return the alarm of an entry of the audit log; fields of newer versions are dropped."""
+    """Return the alarm in the value of an audit log entry. Unknown fields are ignored."""
     return Alarm(**{e.name: values[e.name] for e in fields(Alarm) if e.name in values})
 
 
 class AlarmList:
-    """The alarms of a lane, which are entries of its audit log and are restored from them.
+    """Alarms of a line, which are stored as entries of its audit log.
 
-    An entry is written when an alarm comes, ends or is acknowledged, and when the line is stopped;
-    of a fault only when it has come twice as often as its last entry says. `clock` returns the time
-    in ns.
+    An entry is written when an alarm begins, ends or is acknowledged, and when the line is shut
+    down. If an alarm counts faults of items, an entry is written only when its count has doubled.
+    `clock` returns the time in ns. `publish` is called with all alarms after each change.
     """
 
     def __init__(
@@ -49,38 +49,39 @@ class AlarmList:
         self._publish = publish
         alarms = [alarm_of(each) for each in trail.known(ALARM).values()]
         self._alarms = {(each.source, each.reason): each for each in alarms if not each.over}
-        self._nodes: set[str] = set()  # nodes that have been started
+        self._nodes: set[str] = set()  # nodes that were started at least once
 
     def begin_run(self) -> None:
-        """Record that the line runs; it is an alarm if the run before did not end in order."""
+        """Record the start of the line, and add an alarm if its last run was not shut down."""
         if self._trail.last(RUN, 'line') == 'begun':
             self._add(NODE, 'product', _KILLED)
         self._trail.saw(RUN, 'line', None, 'begun')
         self._send()
 
     def end_run(self) -> None:
-        """Record that the line ends in order, and the present counts of its alarms."""
+        """Record that the line is shut down, with the present counts of its alarms."""
         for alarm in self._alarms.values():
             self._write(alarm)
         self._trail.saw(RUN, 'line', 'begun', 'ended')
 
     def add_verdict(self, verdict: Verdict) -> None:
-        """Count the reasons of a fault; faults during a performance test are none."""
+        """Add an alarm for each reason of a FAULT verdict, except during a performance test."""
         if verdict.decision == Decision.FAULT and Reason.PERFORMANCE_TEST not in verdict.reasons:
             for reason in verdict.reasons:
                 self._add(FAULT, reason, hint_of(reason))
 
     def add_started(self, nodes: set[str]) -> None:
-        """Count the nodes that are started for a second time."""
+        """Add an alarm for each node that is started for at least the second time."""
         for node in nodes.intersection(NODES):
             if node in self._nodes:
                 self._add(NODE, node, _RESTARTED)
             self._nodes.add(node)
 
     def set_stop(self, request: StopRequest | None) -> None:
-        """Begin the alarm of a stop request, and end those of other requests; None ends all.
+        """Begin the alarm of a stop request, and end the alarms of all other stop requests.
 
-        NotReady is no alarm: it comes whenever a person stops the line.
+        None ends all of them. The reason NotReady is not an alarm, because it is also used when a
+        person stops the line.
         """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None
@@ -95,7 +96,7 @@ class AlarmList:
                 self._add(STOP, request.reason.value, request.hint, active=True)
 
     def acknowledge(self, by: Author) -> str:
-        """Acknowledge all alarms for a person, and return what was done in words."""
+        """Acknowledge all alarms in the name of a person, and return a message for that person."""
         waiting = [each for each in self._alarms.values() if not each.acknowledged_by]
         for alarm in waiting:
             self._put(replace(alarm, acknowledged_by=by.who), write=True, by=by)
@@ -105,7 +106,7 @@ class AlarmList:
         now = self._clock()
         known = self._alarms.get((source, reason), Alarm(source, reason, text, now, now))
         count = known.count + 1
-        doubled = count.bit_count() == 1  # a fault with each item must not fill the log
+        doubled = count.bit_count() == 1  # otherwise a fault of every item would fill the log
         added = replace(known, text=text, last=now, count=count, active=active)
         self._put(added, write=source != FAULT or doubled)
 
@@ -125,7 +126,7 @@ class AlarmList:
         self._publish(Alarms(self._clock(), tuple(self._alarms.values())))
 
     def finding(self) -> Finding:
-        """Return the aspect Alarms of the diagnostics."""
+        """Return the finding "Alarms" of the diagnostics."""
         waiting = [
             f'{each.source} {each.reason}'
             for each in self._alarms.values()

@@ -1,17 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The audit log: changes with their times, in a file whose lines are chained by hashes.
+"""Audit log: a file with one line per change, in which hashes reveal later manipulation.
 
-Each line is one entry in JSON of a fixed form. An entry holds the SHA-256 of the previous entry,
-and its own SHA-256 over all its other fields. A line that was changed, removed, inserted or moved
-therefore breaks the chain. A second file, `LOG.head`, holds the number and the hash of the last
-entry. It is written when the log is begun and after each entry, and shows whether lines were cut
-off at the end. After a power loss, the log may end with an incomplete entry, which `LOG.head` does
-not cover, or with an entry without its end of line. Such a torn end is not tampering, and the next
-entry records it.
+Each line is one entry in JSON with a fixed format. An entry contains the SHA-256 hash of the
+previous entry, and its own hash over all its other fields. A line that was changed, removed,
+inserted or moved therefore breaks the chain of hashes. A second file, `LOG.head`, contains the
+number and the hash of the last entry. It is written when the log is created and after each entry,
+and reveals whether lines are missing at the end.
 
-The chain has no key. A person who may write both files can rewrite them from any entry on. To
-detect that, compare the log with a hash that was noted elsewhere (`verify` with `known_hash`).
+After a power loss, the log may end with an incomplete ("torn") entry, which is not counted in
+`LOG.head`, or with an entry that lacks its end of line. This is not manipulation. The next entry
+records the torn entry.
+
+The chain has no key, so a person with write access to both files can rewrite them from any entry
+on. This can be detected with a hash that was noted elsewhere (`known_hash` of `verify`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,42 +35,42 @@ from checkweigher_core.state_files import sync_folder
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
 MAX_LOG = 2**25  # bytes
-_Change = tuple[str, str, str, str, Any, Any]  # time to new value of an entry
+_Change = tuple[str, str, str, str, Any, Any]  # values of `Entry` from `time` to `new`
 _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
 
 
 class AuditError(ValueError):
-    """An audit log that cannot be used. The message names the log and the fault in one line."""
+    """Error for an audit log that cannot be used. The message names the log and the fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Entry of a log. NaN and infinities in values are ``'nan'``, ``'inf'`` and ``'-inf'``."""
+    """Entry of a log. The numbers NaN, infinity and -infinity are stored as text."""
 
     sequence: int  # from 1, without gaps
     time: str  # ISO 8601, UTC
-    source: str  # node that wrote it, with its namespace
-    kind: str  # 'parameter', 'recipe', 'calibration', ...
-    subject: str  # name of the thing that was changed
-    old: Any  # JSON value, None if there is none
+    source: str  # full name of the node that wrote the entry
+    kind: str  # kind of the change: 'parameter', 'recipe', 'calibration', ...
+    subject: str  # name of the changed object
+    old: Any  # previous value in JSON, or None
     new: Any
     previous: str  # SHA-256 of the previous entry, hexadecimal
-    hash: str = ''  # SHA-256 of this entry
-    who: str | None = None  # person, or 'graph:' and a node; None in logs of older versions
-    why: str | None = None  # reason of the person, empty if none was given
+    hash: str = ''  # SHA-256 of this entry, hexadecimal
+    who: str | None = None  # person, or 'graph:' and a node, or None in old logs
+    why: str | None = None  # reason that the person has given, or None in old logs
 
     def line(self) -> bytes:
-        """Return the line of the entry in the file."""
+        """Return the line of the entry in the log."""
         return _canonical(self._values()) + b'\n'
 
     def digest(self) -> str:
-        """Return the SHA-256 over all fields except ``hash``."""
+        """Return the SHA-256 hash over all fields except ``hash``, hexadecimal."""
         values = self._values()
         del values['hash']
         return hashlib.sha256(_canonical(values)).hexdigest()
 
     def _values(self) -> dict[str, Any]:
-        """Return the fields, the hash last. Older versions wrote no ``who`` and ``why``."""
+        """Return the fields in the order of the file. Old entries have no ``who`` and ``why``."""
         values = asdict(self)
         if self.who is None:
             del values['who'], values['why']
@@ -79,16 +81,16 @@ class Entry:
 class Verification:
     """Result of verifying a log."""
 
-    entries: tuple[Entry, ...]  # before the first bad line
-    bad_line: int = 0  # number of the first bad line, from 1; 0 if there is none
-    problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut'; empty if the chain is whole
+    entries: tuple[Entry, ...]  # valid entries before the first fault
+    bad_line: int = 0  # number of the first faulty line from 1, or 0
+    problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut', or empty for a valid log
     reason: str = ''  # description of the fault
-    torn: bytes = b''  # beginning of an unfinished entry at the end
-    sha256: str = ''  # of the file, hexadecimal
+    torn: bytes = b''  # incomplete entry at the end
+    sha256: str = ''  # SHA-256 of the file, hexadecimal
 
     @property
     def whole(self) -> bool:
-        """Whether the chain is whole."""
+        """Whether the log is valid."""
         return not self.problem
 
 
@@ -99,11 +101,20 @@ def head_path(path: Path) -> Path:
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
     """Read and verify a log. Raises `AuditError` if the log cannot be read."""
-    while True:  # again if an entry was added between the reads
+    data, head = read_consistent(path)
+    return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
+
+
+def read_consistent(path: Path) -> tuple[bytes, bytes]:
+    """Return a log and its head, which is empty if it is missing, both of the same moment.
+
+    Raises `AuditError` if the log cannot be read.
+    """
+    while True:  # repeated if an entry was added between the two reads
         head = _read_head(path)
         data = _read_file(path)
         if _read_head(path) == head:
-            return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
+            return data, head
 
 
 def _read_file(path: Path) -> bytes:
@@ -120,7 +131,11 @@ def _read_head(path: Path) -> bytes:
 
 
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
-    """Verify a log against `LOG.head` (empty if missing) and against a known hash, if given."""
+    """Verify the bytes of a log.
+
+    `head` are the bytes of `LOG.head`, which are empty if that file is missing. If `known_hash` is
+    given, an entry must have this hash.
+    """
     chain = _Chain()
     try:
         chain.follow(data)
@@ -137,20 +152,20 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
 
 
 class _FaultError(Exception):
-    """Fault of a log: line, problem and reason, as in `Verification`."""
+    """Fault of a log, with the values of `bad_line`, `problem` and `reason` of `Verification`."""
 
 
 @dataclass
 class _Chain:
-    """Valid entries of a log, and the unfinished entry at its end."""
+    """Valid entries of a log so far."""
 
     entries: list[Entry] = field(default_factory=list)
     line: int = 1  # number of the next line
-    torn: bytes = b''
+    torn: bytes = b''  # incomplete entry after the valid ones
 
     def follow(self, data: bytes) -> None:
         """Check and add the entries of a log."""
-        others: list[bytes] = []  # lines since the last entry that are not entries
+        others: list[bytes] = []  # invalid lines since the last entry
         for line in data.split(b'\n'):
             entry = _parse(line)
             if entry is None:
@@ -164,7 +179,7 @@ class _Chain:
             self.entries.append(entry)
             self.line += 1
             others = []
-        # The last line is empty, a torn entry, or an entry that lacks only its end of line.
+        # The last line should be empty, a torn entry, or an entry that lacks its end of line.
         self.torn = b'\n'.join(others)
         if not _may_be_torn(self.torn, len(self.entries) + 1):
             raise self._changed()
@@ -189,11 +204,11 @@ class _Chain:
 
 
 def _may_be_torn(end: bytes, expected: int) -> bool:
-    """Return whether a power loss or a full disk may have left these bytes of entry `expected`."""
+    """Return whether `end` may be the entry with the number `expected`, torn by a power loss."""
     beginning = b'{"sequence":%d,' % expected
     first = end.split(b'\n')[0]
     begun = first.startswith(beginning) or (first != b'' and beginning.startswith(first))
-    # Some file systems leave zeros or older data. A file without any entry is not a log.
+    # After a power loss, some file systems leave zeros or old data, but not in the first entry.
     return begun or not end.strip(b'\0') or (expected > 1 and not end.endswith(b'\n'))
 
 
@@ -210,7 +225,7 @@ def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:
 
 
 def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
-    """Check that no entries were cut off at the end. `LOG.head` may be one entry behind."""
+    """Check that no entries are missing at the end. `LOG.head` may lack the last entry."""
     count, line = len(chain.entries), chain.line
     sequence, digest = _parse_head(head, chain)
     if sequence > count:
@@ -231,13 +246,12 @@ def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
 
 
 class AuditLog(AbstractContextManager['AuditLog', None]):
-    """A log that is open for appending, locked against other processes.
+    """Log that is open for appending, and locked against other processes.
 
-    Before each entry, the log and `LOG.head` are compared with their last known state. Nothing is
-    written to a log that was replaced, cut or changed.
+    Before an entry is written, the log and `LOG.head` are compared with their last known state. No
+    entry is written to a log that was replaced, shortened or changed.
 
-    Raises `AuditError` if the log cannot be opened, another process has it open, or its chain is
-    broken.
+    Raises `AuditError` if the log cannot be opened, is open in another process, or is not valid.
 
     Attributes
     ----------
@@ -289,7 +303,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         os.close(self._file)
 
     def trouble(self) -> str:
-        """Return why nothing may be appended, empty if the log is as this process left it."""
+        """Return why no entry may be appended. The text is empty if the log is unchanged."""
         own = os.fstat(self._file)
         try:
             there = self.path.stat()
@@ -302,7 +316,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         if _read_head(self.path) != self._head:
             return f'{head_path(self.path)}: was changed, moved or deleted'
         if (own.st_mtime_ns, own.st_ctime_ns) != (self._state.st_mtime_ns, self._state.st_ctime_ns):
-            # The times alone prove nothing: a backup may have touched the file.
+            # The content decides, because a backup may change the times of a file.
             self._altered = f'{self.path}: was changed'
             with suppress(AuditError):
                 found = read_log(self.path)
@@ -322,9 +336,10 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         who: str = '',
         why: str = '',
     ) -> Entry:
-        """Append an entry and sync it to the disk. Raises `AuditError` if that fails.
+        """Append an entry and sync the file to the disk.
 
-        `who` is the person, by default ``graph:`` and the `source`; `why` is the given reason.
+        `who` is the person who makes the change, by default ``graph:`` and the `source`, and `why`
+        is the reason. Raises `AuditError` if the entry cannot be written.
         """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')
@@ -336,7 +351,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
     def _finish(self, time: str, source: str) -> None:
-        """Finish an entry that a power loss, a kill or a full disk left unfinished."""
+        """Complete the writing of the last entry, which a power loss or a kill interrupted."""
         if self._head != _head_line(self._count, self.last_hash):
             os.fsync(self._file)
             self._write_head(self._count, self.last_hash)
@@ -345,7 +360,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             self._write(record, who=f'graph:{source}')
 
     def _write(self, change: _Change, *, who: str, why: str = '') -> Entry:
-        """Write the entry of a change, and before it the end of line that is missing, if any."""
+        """Write the entry of a change, after an end of line if the previous entry lacks one."""
         entry = Entry(self._count + 1, *change, self.last_hash, who=who, why=why)
         entry = replace(entry, hash=entry.digest())
         line = entry.line()
@@ -360,7 +375,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         return entry
 
     def _put(self, data: bytes, entry: Entry) -> None:
-        """Append the line of an entry and write `LOG.head`, all or nothing."""
+        """Append the line of an entry and write `LOG.head`; after an error, remove the line."""
         try:
             if os.write(self._file, data) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -385,13 +400,13 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             os.fsync(file.fileno())
         os.replace(following, head)
         self._head = text
-        # If this fails, a power loss may leave `LOG.head` one entry behind, which is harmless.
+        # If this fails, `LOG.head` may lack the last entry after a power loss, which is allowed.
         with suppress(OSError):
             sync_folder(self.path.parent)
 
 
 def _parse(line: bytes) -> Entry | None:
-    """Return the entry of a line, None if it is invalid or formatted in another way."""
+    """Return the entry of a line, or None if the line is not exactly as an entry is written."""
     try:
         entry = Entry(**json.loads(line))
         good = entry.line() == line + b'\n' and entry.digest() == entry.hash

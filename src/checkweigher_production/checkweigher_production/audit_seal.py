@@ -1,11 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Seals of an audit log: digests, signed with a key that the users of the machine do not have.
+"""Seals of an audit log: signed records of its hashes.
 
-If a log was rewritten as a whole, only a reader who noted one of its hashes can detect it. A seal
-is such a note: the number and hash of the last entry and the time of sealing, signed with Ed25519
-(RFC 8032). Each seal holds the hash of the previous one. Seals are kept in a file of their own, one
-per line, in JSON. Persons who may write the log must not have access to that file or to the key.
+If a whole log is rewritten, this can only be detected by someone who has noted one of its hashes. A
+seal is such a note. It contains the number and the hash of the last entry and the time, and is
+signed with Ed25519 (RFC 8032). It also contains the hash of the previous seal. Seals are stored in
+a separate file with one line of JSON per seal. Persons with write access to the log must not have
+access to that file or to the signing key.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,30 +32,31 @@ class Seal:
     """Seal of a log."""
 
     number: int  # from 1, without gaps
-    time: str  # of sealing, ISO 8601, UTC
-    entries: int  # number of the last entry that it covers
-    hash: str  # of that entry, hexadecimal
+    time: str  # time of the signature, ISO 8601, UTC
+    entries: int  # number of sealed entries
+    hash: str  # hash of the last sealed entry, hexadecimal
     previous: str  # SHA-256 of the line of the previous seal, hexadecimal
-    signature: str = ''  # Ed25519 over all the other fields, hexadecimal
+    signature: str = ''  # Ed25519 signature of all other fields, hexadecimal
 
     def line(self) -> bytes:
-        """Return the line of the seal in the file."""
+        """Return the line of the seal in its file."""
         return json.dumps(asdict(self), separators=(',', ':')).encode('ascii') + b'\n'
 
     def signed(self) -> bytes:
-        """Return the bytes that are signed."""
+        """Return the bytes to be signed."""
         return replace(self, signature='').line()
 
 
 def seals_path(log: Path) -> Path:
-    """Return the default file for the seals of a log."""
+    """Return the default path of the file with the seals of a log."""
     return log.with_name(log.name + '.seals')
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
-    """Read the signing key from a PEM file.
+    """Return the signing key in a PEM file.
 
-    Raises `AuditError` if it cannot be read, is not a key, or anyone but its owner may read it.
+    Raises `AuditError` if the file cannot be read, has no key, or is accessible to anyone except
+    its owner.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:
@@ -64,13 +66,13 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 
 
 def public_key(path: Path) -> Ed25519PublicKey:
-    """Read the public key from a PEM file; `AuditError` if it cannot be read or is not a key."""
+    """Return the public key in a PEM file. Raises `AuditError` if the file has no such key."""
     what = 'public key; make it of the private one: openssl pkey -in KEY -pubout -out PUBLIC'
     return _key(path, Ed25519PublicKey, partial(load_pem_public_key, _read(path)), what)
 
 
 def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
-    """Return the key of a file; `AuditError` unless it is a `kind`, which `what` describes."""
+    """Return the result of `load`. Raises `AuditError` unless it is a key of the class `kind`."""
     try:
         key = load()
     except (ValueError, TypeError, UnsupportedAlgorithm):
@@ -81,10 +83,10 @@ def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
 
 
 def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
-    """Read the seals of a file and check their signatures.
+    """Return the seals in a file after a check of their signatures.
 
-    Raises `AuditError` if the file cannot be read or is empty, or a seal is not signed with the key
-    or does not follow the previous seal.
+    Raises `AuditError` if the file cannot be read or is empty, a signature was not made with the
+    key, or a seal is missing.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -98,7 +100,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
             raise AuditError(f'{path}: line {number}: does not follow the seal before it')
         previous = hashlib.sha256(line).hexdigest()
         seals.append(seal)
-    if not seals:  # a file is created with its first seal, so an empty one has lost its seals
+    if not seals:  # the file was emptied, because it is created together with the first seal
         raise AuditError(
             f'{path}: there is no seal in it; put it back as it was, or name another file by '
             '--seals'
@@ -107,7 +109,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
 
 
 def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return how a log differs from the sealed log, empty if it does not."""
+    """Return the first difference between a log and its seals as text, which may be empty."""
     for seal in seals:
         begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
         if seal.entries > len(entries):
@@ -120,9 +122,9 @@ def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 def hold_to_seals(
     found: Verification, path: Path, key: Ed25519PublicKey
 ) -> tuple[tuple[Seal, ...], Verification]:
-    """Check a log by its seals. Returns the seals and the verification, with the fault if any.
+    """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
 
-    Raises `AuditError` if there is no file with seals.
+    Raises `AuditError` if the file with the seals does not exist.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name their file by --seals')
@@ -135,7 +137,7 @@ def hold_to_seals(
 
 
 def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return a text on how far a log is sealed."""
+    """Return a text that states how much of a log is sealed."""
     last = seals[-1]
     return (
         f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '
@@ -144,10 +146,10 @@ def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 
 
 def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:
-    """Seal the entries of a verified log, and sync the seal to the disk.
+    """Add a seal for the entries of a valid log to the file `path`, and sync the file.
 
-    Raises `AuditError` if the seals cannot be read or written, were made with another key, or are
-    of another log.
+    Raises `AuditError` if the earlier seals cannot be read, were made with another key, or do not
+    fit the log, or if the file cannot be written.
     """
     seals = read_seals(path, key.public_key()) if path.exists() else ()
     if broken := broken_seal(seals, entries):
@@ -161,7 +163,7 @@ def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519Privat
     )
     seal = replace(seal, signature=key.sign(seal.signed()).hex())
     try:
-        # An incomplete seal would look like a forged one.
+        # The whole file is replaced, because an incomplete seal would look like a forged seal.
         replace_file(path, (each.line() for each in (*seals, seal)))
     except OSError as error:
         raise AuditError(f'{path}: cannot be written: {error.strerror or error}') from None

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of the audit log for changes, each with its author and the previous value.
+"""Writer of changes to the audit log, with the author and the previous value of each change.
 
-The previous values are read from the log. A parameter file that was edited while the line was not
-running is therefore detected at the next start.
+The previous values are read from the log. Therefore, a change of a parameter file while the line
+was not running is detected at the next start.
 """
 
 from collections import deque
@@ -18,45 +18,46 @@ from checkweigher_production.audit_log import AuditError, AuditLog
 
 
 class Author(NamedTuple):
-    """Author of a change, a person or ``graph:`` and a node, and the reason that was given."""
+    """Author of a change, and the reason that the author has given."""
 
-    who: str = ''  # empty for the node that writes
+    who: str = ''  # person, or ``graph:`` and a node; empty for the node that writes the log
     why: str = ''
 
 
 class Authors:
-    """Persons who are about to call services of the lane.
+    """Persons who are about to call services of the line.
 
-    The request of a service has no field for a name. The page therefore announces the person before
-    the call and ends the announcement after it. Entries of the service in between name the person.
-    An announcement ends after `patience` s at the latest. `now` is the time in s.
+    A service request has no field for the name of a person. Therefore the web page announces the
+    person before a call, and withdraws the announcement after it. The audit log names this person
+    for all changes that the service makes in between. An announcement expires after `patience` s.
+    In all methods, `now` is the time in s.
     """
 
     def __init__(self, patience: float) -> None:
         self._patience = patience
-        self._callers: dict[str, tuple[Author, float]] = {}  # by service
+        self._callers: dict[str, tuple[Author, float]] = {}  # person and expiry time, by service
 
     def announce(self, author: Author, services: Sequence[str], now: float) -> None:
-        """Register the services that a person is about to call, in place of the earlier ones."""
+        """Replace the services that a person is about to call."""
         others = {n: known for n, known in self._callers.items() if known[0].who != author.who}
         self._callers = others | dict.fromkeys(services, (author, now + self._patience))
 
     def of(self, service: str, otherwise: str, now: float) -> Author:
-        """Return the person who calls a service, or the node `otherwise`."""
+        """Return the person who calls a service or, if no person is announced, a node."""
         author, until = self._callers.get(service, (None, now))
         return Author(f'graph:{otherwise}') if author is None or until < now else author
 
 
 class AuditTrail:
-    """Writer of changes to the audit log. Unchanged states and parameters are not written.
+    """Writer of changes to the audit log. States and parameters are written only if they differ.
 
-    `source` is the node that writes, and `clock` returns the time of an entry, ISO 8601, UTC.
-    Without a log nothing is written.
+    `source` is the name of this node, and `clock` returns the time of an entry (ISO 8601, UTC). If
+    `log` is None, the methods do not write anything.
 
-    `note`, `state`, `parameters` and `recipes` write an entry before a change is made. They raise
-    `AuditError` if that fails; the caller must then not make the change. `saw` and `saw_state`
-    write an entry on a past event as soon as possible, with the time of the event. `trouble` is the
-    reason why the log cannot be written now, else empty.
+    `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
+    raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
+    happened. Their entries are written later if the log cannot be written at present. `trouble` is
+    the reason why the log cannot be written at present, or empty.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -66,9 +67,10 @@ class AuditTrail:
         self._parameters: dict[str, dict[str, object]] = {}
         self._last: dict[tuple[str, str], object] = {}
         self._zero_out_of_range = False
-        # Arguments of `_append` for pending entries.
+        # Arguments of `_append` for the entries that could not be written yet.
         self._owed: deque[tuple[str, str, str, object, object, Author | None]] = deque(maxlen=1_000)
-        self._refused, self._reason = 0, ''  # refusals since the last entry, and the last reason
+        # Number of changes that were refused because of a fault of the log, and the last fault.
+        self._refused, self._reason = 0, ''
         self.trouble = ''
         for entry in log.entries if log else ():
             self._learn(entry.kind, entry.subject, entry.new)
@@ -83,7 +85,7 @@ class AuditTrail:
     def note(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write a change that is about to be made."""
+        """Write the entry of a change that is about to be made."""
         if not self._log:
             return
         try:
@@ -97,7 +99,7 @@ class AuditTrail:
     def saw(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write a change that was made."""
+        """Write the entry of a change that has happened."""
         if not self._log:
             return
         self._learn(kind, subject, plain(new))
@@ -106,7 +108,7 @@ class AuditTrail:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Write the pending entries, and the number of refused changes."""
+        """Write the entries that could not be written before, and the number of refused changes."""
         while self._owed:
             self._append(*self._owed[0])
             self._owed.popleft()
@@ -127,25 +129,25 @@ class AuditTrail:
         self.trouble = ''
 
     def last(self, kind: str, subject: str) -> Any:
-        """Return the last value of a subject, None if there is none."""
+        """Return the last value of a subject in the log, or None if the log has no value."""
         return self._last.get((kind, subject))
 
     def known(self, kind: str) -> dict[str, Any]:
-        """Return the last values of all subjects of a kind, in the order of their first entries."""
+        """Return the last value of each subject of a kind, in the order of their first entries."""
         return {subject: value for (each, subject), value in self._last.items() if each == kind}
 
     def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write a state that is about to be set, unless it equals the last one."""
+        """Write a state that is about to be set, unless it equals the last state in the log."""
         if (old := self.last(kind, subject)) != plain(value):
             self.note(kind, subject, old, value, by)
 
     def saw_state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write a state that was found, unless it equals the last one."""
+        """Write a state that has been set, unless it equals the last state in the log."""
         if (old := self.last(kind, subject)) != plain(value):
             self.saw(kind, subject, old, value, by)
 
     def found(self, node: str, values: Mapping[str, object]) -> None:
-        """Write the parameters of a node that differ from their last values."""
+        """Write the parameters of a started node that differ from the last values in the log."""
         if new := self._changed(node, values):
             known = self._parameters.get(node, {})
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
@@ -169,9 +171,9 @@ class AuditTrail:
             self.state(RECIPE, name, recipe, by)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Write that the zero has left its range, or has returned."""
+        """Write the begin and the end of the fault ZeroOutOfRange."""
         out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
-        # A verdict with other faults says nothing about the zero.
+        # Only a verdict without any fault shows that the zero is within its range again.
         if out != self._zero_out_of_range and (out or not verdict.reasons):
             self._zero_out_of_range = out
             self.saw(ZERO, Reason.ZERO_OUT_OF_RANGE.value, not out, out)

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Text of an audit log for the user: whether it is whole, and what each entry changed.
+"""Texts on an audit log for the user.
 
-The texts and values of a log are not trusted; they may be of any type.
+The values in a log may be of any type and are not trusted.
 """
 
 import json
@@ -10,11 +10,11 @@ from typing import Any
 
 from checkweigher_production.audit_log import Entry, Verification
 
-_WIDEST = 40  # characters of a value
+_WIDEST = 40  # default of the largest number of characters
 
 
 def conclusion(found: Verification) -> str:
-    """Return one line that says whether the hash chain is whole, or where it is broken."""
+    """Return one line that states whether a log is valid or where its first fault is."""
     if not found.whole:
         place = f'line {found.bad_line}: {found.problem}: ' if found.bad_line else ''
         return f'BROKEN: {place}{found.reason}'
@@ -28,7 +28,10 @@ def conclusion(found: Verification) -> str:
 
 
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
-    """Return name, old and new value of each change, or the number of values if all are new."""
+    """Return name, old value and new value of each change in an entry.
+
+    If all values of an object are new, the only change is their number.
+    """
     old, new = entry.old, entry.new
     if not isinstance(new, dict):
         return [(entry.subject, old, new)]
@@ -39,7 +42,7 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
 
 
 def shortened(value: Any, widest: int = _WIDEST) -> str:
-    """Return a value as printable text of at most `widest` characters, a dash for None."""
+    """Return a value as printable text with at most `widest` characters. None becomes a dash."""
     text = '-' if value is None else value if isinstance(value, str) else json.dumps(value)
     text = text if text.isprintable() else repr(text)
     return text if len(text) <= widest else text[: widest - 3] + '...'

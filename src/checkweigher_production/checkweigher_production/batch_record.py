@@ -1,12 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The record of a batch: a file with a line of JSON for each event of the batch.
+"""Record of a batch: a file with one line of JSON for each event of the batch.
 
-The kinds of lines are begin, product (the recipe), verdict, stop, filler, reset and end. Each line
-has its kind and a checksum; older versions wrote no checksum. NaN and infinities are written as
-NaN, Infinity and -Infinity, as in Python. A separate thread writes and syncs the lines, so that
-production does not wait for the disk. If the disk is full, the thread retries until the lines are
-written. A record without an end is continued after a restart.
+The kinds of lines are begin, product (with its recipe), verdict, stop, filler, reset and end. Each
+line has its kind and, except in old files, a checksum. NaN and infinities are written as NaN,
+Infinity and -Infinity. A separate thread writes and syncs the lines, so that production does not
+wait for the disk. If the disk is full, the thread retries until the lines are written. A record
+without an end is continued after a restart.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -32,19 +32,19 @@ from checkweigher_core.state_files import replace_file
 from checkweigher_production.recipes import product_of
 
 SUFFIX = '.jsonl'
-_LONGEST = 200  # characters of the name of a batch in a file name
-_RETRY = 1.0  # s
+_LONGEST = 200  # largest number of characters of a batch name in a file name
+_RETRY = 1.0  # time between two attempts to write in s
 _LONGEST_LINE = 2**16  # bytes
-_NEWER = ('station', 'station_at')  # fields of verdicts that the first version did not write
+_NEWER = ('station', 'station_at')  # fields of a verdict that are missing in old files
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 
 class RecordError(ValueError):
-    """A record that cannot be used. The message names the file, the place and the fault."""
+    """Error for a record that cannot be used. The message names the file and the fault."""
 
 
 def record_path(folder: Path, batch: str) -> Path:
-    """Return the file of the record of a batch; `RecordError` if its name would be too long."""
+    """Return the path of the record of a batch. Raises `RecordError` if the name is too long."""
     name = quote(batch, safe=' ') or 'unnamed'
     if len(name) > _LONGEST:
         rule = f'at most {_LONGEST}, of which others than A-Z, a-z and 0-9 count 3 or more'
@@ -53,9 +53,9 @@ def record_path(folder: Path, batch: str) -> Path:
 
 
 def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
-    """Return the records without an end, by batch, and the faults of other records.
+    """Return the paths of the records without an end by batch, and the faults of invalid records.
 
-    Only the first and the last line of each file are read.
+    Only the first line and the last line of each file are read.
     """
     found: dict[str, Path] = {}
     faults = []
@@ -74,7 +74,7 @@ def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
 
 
 def _ends(path: Path) -> bool:
-    """Return whether the last complete line of a record is its end."""
+    """Return whether the last complete line of a file is the end of a record."""
     with path.open('rb') as file:
         file.seek(max(0, path.stat().st_size - _LONGEST_LINE))
         *lines, _ = file.read().split(b'\n')
@@ -82,7 +82,7 @@ def _ends(path: Path) -> bool:
 
 
 def ended_record(path: Path) -> BatchResult | None:
-    """Return the result of a batch that has ended, with the stamp 0, else None."""
+    """Return the result in a record that has an end, with the stamp 0, or None without an end."""
     begin = next(read_lines(path), None)
     if begin is None or not _ends(path):
         return None
@@ -91,9 +91,9 @@ def ended_record(path: Path) -> BatchResult | None:
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a record, except a last line that a power loss left incomplete.
+    """Yield the lines of a record. An incomplete last line, as after a power loss, is ignored.
 
-    Raises `RecordError` if the file cannot be read or a line does not belong to a record.
+    Raises `RecordError` if the file cannot be read or a line is not valid.
     """
     try:
         with path.open('rb') as file:
@@ -101,7 +101,7 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                 if not line.endswith(b'\n'):
                     return
                 try:
-                    # No message holds a larger whole number.
+                    # Integers in ROS messages have at most 64 bits.
                     values = json.loads(line, parse_int=lambda text: int(np.int64(text)))
                     begins = values['kind'] == 'begin'
                     checksum = values.pop('crc32', None)
@@ -117,9 +117,10 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield the kind and the content of each line: a record of that kind, or a dict for others.
+    """Yield kind and content of each line.
 
-    Raises `RecordError` with file and line, as `read_lines`, or if a content is not valid.
+    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds. The
+    exceptions are as in `read_lines`.
     """
     for number, values in enumerate(read_lines(path), 1):
         kind = values.pop('kind')
@@ -137,7 +138,7 @@ def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
-    """Return a record. Unknown fields are ignored; only `_NEWER` fields may be missing."""
+    """Return a record. Unknown fields are ignored. Only fields in `_NEWER` may be missing."""
     own, hints = {}, get_type_hints(kind)
     for each in fields(kind):
         if each.name in values:
@@ -151,7 +152,7 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     if hint is Decision and value in Decision.__members__:
         return Decision[value]
     if hint == tuple[str, ...]:
-        if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        if isinstance(value, list) and {*map(type, value)} <= {str}:
             return tuple(value)
     elif hint is float and type(value) is int:
         return float(value)
@@ -169,10 +170,10 @@ _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 
 
 class RecordWriter:
-    """Writer of the records of a lane, one batch after the other.
+    """Writer of the records of successive batches.
 
-    `ended` is the queue of complete records. `trouble` is the reason why nothing can be written
-    now, else empty.
+    `ended` is a queue of the results of complete records. `trouble` is the reason why lines cannot
+    be written at present, or empty.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -180,7 +181,7 @@ class RecordWriter:
         self.trouble = ''
         self._folder = folder
         self._closing, self._lost = threading.Event(), False
-        # Used by the thread of the executor: the open file, its size and its hash.
+        # Only the thread of the executor uses the open file and its size and hash.
         self._file: int | None = None
         self._batch, self._path = '', folder
         self._size, self._hash = 0, hashlib.sha256()
@@ -193,7 +194,7 @@ class RecordWriter:
     def begin(self, batch: str, time: str, **others: object) -> None:
         """Begin the record of a batch, and end the record of the previous batch."""
         line = line_of('begin', {'time': time, 'batch': batch, **others})
-        # Created whole before the other record ends, so that a batch is always in progress.
+        # The new record is created before the old one ends, so that a batch is always in progress.
         self._submit(self._create, record_path(self._folder, batch), line)
         self.end(time)
         self.resume(batch)
@@ -203,7 +204,7 @@ class RecordWriter:
         self._submit(self._open, batch)
 
     def write(self, kind: str, values: object) -> None:
-        """Append a line: a verdict, a stop request, feedback to the filler, or a mapping."""
+        """Append a line with a verdict, a stop request, feedback to the filler, or a mapping."""
         self._submit(self._append, line_of(kind, values))
 
     def end(self, time: str) -> None:
@@ -212,7 +213,7 @@ class RecordWriter:
         self._submit(self._finish)
 
     def close(self) -> None:
-        """Write the remaining lines and stop. Lines that cannot be written are lost."""
+        """Write the remaining lines, and stop the thread. Lines that cannot be written are lost."""
         self._closing.set()
         self._executor.submit(self._release)
         self._executor.shutdown()
@@ -229,14 +230,14 @@ class RecordWriter:
                 return
             except OSError as error:
                 self.trouble = f'{error.filename or self._folder}: {error.strerror or error}'
-                self._lost = self._closing.wait(_RETRY)  # no line may follow a lost one
+                self._lost = self._closing.wait(_RETRY)  # after a lost line, none may be written
 
     def _create(self, path: Path, line: bytes) -> None:
         if not path.exists():
             replace_file(path, [line])
 
     def _open(self, batch: str) -> None:
-        """Open the file, and remove a last line that a power loss left incomplete."""
+        """Open the record of a batch, and remove an incomplete last line."""
         self._batch, self._path = batch, record_path(self._folder, batch)
         self._file = os.open(self._path, os.O_RDWR | os.O_APPEND)
         there = self._path.read_bytes()
@@ -245,7 +246,7 @@ class RecordWriter:
         self._size, self._hash = len(there), hashlib.sha256(there)
 
     def _append(self, line: bytes) -> None:
-        """Append a whole line or nothing."""
+        """Append a line. If that fails, the file is unchanged."""
         if self._file is None:
             return
         try:
@@ -272,7 +273,7 @@ class RecordWriter:
 
 
 def line_of(kind: str, values: object) -> bytes:
-    """Return the line of a record or of a mapping of values."""
+    """Return the line for a record or a mapping of values."""
     given: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
     line = {'kind': kind} | {n: v.name if isinstance(v, Decision) else v for n, v in given.items()}
     return _compact({**line, 'crc32': _checksum(line)}) + b'\n'

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Control chart of mean and spread over subgroups, with the rules of ISO 7870-2.
+"""Control chart of means and standard deviations of subgroups, with the rules of ISO 7870-2.
 
-The rules of ISO 7870-2:2013, 8.2, are quoted from memory and not checked against its text.
+The rules of ISO 7870-2:2013, 8.2, are quoted from memory. They were not compared with its text.
 """
 
 from collections.abc import Sequence
@@ -14,31 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 SUBGROUP = 5  # items
-_RUN = 7  # points on one side of the centre line, or in one direction
+_RUN = 7  # successive points on one side of the centre line, or rising, or falling
 
 
 @dataclass(frozen=True, slots=True)
 class ControlChart:
-    """Means and standard deviations of subgroups, (groups,), with centre lines and limits in kg.
+    """Means and standard deviations of subgroups, with centre lines and limits, in kg."""
 
-    `marks` has the rule that each mean breaks, empty if it breaks none.
-    """
-
-    means: NDArray[np.float64]
-    std_devs: NDArray[np.float64]
+    means: NDArray[np.float64]  # (groups,)
+    std_devs: NDArray[np.float64]  # (groups,)
     centre: float
     lower: float
     upper: float
     spread: float  # centre line of the standard deviations
-    spread_upper: float
-    marks: tuple[str, ...]
+    spread_upper: float  # upper limit of the standard deviations
+    marks: tuple[str, ...]  # rule that each mean violates, or an empty text
 
 
 def control_chart(masses: Sequence[float]) -> ControlChart | None:
-    """Return the chart of masses in kg in chronological order, None below two subgroups.
+    """Return the control chart of masses in kg, which are in chronological order.
 
-    The limits are three standard deviations of a mean (or of a standard deviation) of `SUBGROUP`
-    values, estimated from the mean of the standard deviations (A3, B4 of ISO 7870-2, table 2).
+    Returns None if there are fewer than two subgroups of `SUBGROUP` masses. A limit has a distance
+    of three standard deviations from the centre line. The standard deviation of a mean or of a
+    standard deviation of `SUBGROUP` values is estimated from the mean of the standard deviations
+    (A3 and B4 of ISO 7870-2, table 2).
 
     Examples
     --------
@@ -52,7 +51,7 @@ def control_chart(masses: Sequence[float]) -> ControlChart | None:
     groups = np.reshape(masses[: count * SUBGROUP], (count, SUBGROUP))
     means, std_devs = groups.mean(axis=1), groups.std(axis=1, ddof=1)
     centre, spread = float(means.mean()), float(std_devs.mean())
-    # Mean of the standard deviation of SUBGROUP values of the standard normal distribution.
+    # Expected standard deviation of SUBGROUP values from the standard normal distribution.
     c4 = math.sqrt(2 / (SUBGROUP - 1)) * math.gamma(SUBGROUP / 2) / math.gamma((SUBGROUP - 1) / 2)
     reach = 3 * spread / c4 / math.sqrt(SUBGROUP)
     lower, upper = centre - reach, centre + reach

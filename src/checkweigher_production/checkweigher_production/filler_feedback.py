@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Feedback to the filler: an integral controller of its set point, with a dead band.
+"""Integral controller of the set point of a filler, with a dead band.
 
-The median of a subgroup of items is compared with the target. If the difference exceeds the dead
-band, the set point is changed by a share of it. Items that were filled before the change are still
-on their way to the scale. The next `delay` items are therefore ignored; otherwise the same
-difference would be corrected twice.
+The median mass of a subgroup of items is compared with the target. If the difference exceeds the
+dead band, the set point is changed by a fraction of the difference. Items that were filled before
+the change have not reached the scale yet. The next `delay` items are therefore ignored; otherwise
+the same difference would be corrected twice.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from checkweigher_core.records.reasons import Reason
 
 @dataclass(frozen=True)
 class FillerParameters(Parameters):
-    """Parameters of the controller of the filler in a recipe. Masses are of the contents."""
+    """Parameters of the controller. Masses are those of the contents."""
 
     node: ClassVar[str] = 'filler'
 
@@ -49,10 +49,11 @@ class FillerParameters(Parameters):
 
 
 class FillerController:
-    """Controller of one filler for one product, with its correction in kg.
+    """Controller of one filler for one product.
 
-    `nominal` and `tare` of the product are in kg. `correction` is the sum of the steps that the
-    filler has made already, in kg.
+    `nominal` is the nominal quantity and `tare` the mass of the packaging, both in kg. `correction`
+    is the sum of all changes of the set point in kg; its initial value is limited to the allowed
+    range.
     """
 
     def __init__(
@@ -73,9 +74,9 @@ class FillerController:
         self._on_the_way = 0
 
     def add(self, verdict: Verdict) -> FillerFeedback | None:
-        """Add an item, in order of the verdicts; return feedback if it completes a subgroup."""
+        """Add an item. Return feedback if the item completes a subgroup, otherwise None."""
         if Reason.PERFORMANCE_TEST in verdict.reasons:
-            return None  # a test product does not come from the filler
+            return None  # the test product was not filled by the filler
         if self._on_the_way:
             self._on_the_way -= 1
             return None
@@ -102,7 +103,7 @@ class FillerController:
         )
 
     def _step(self, difference: float) -> tuple[float, bool]:
-        """Return the step in kg, and whether a limit has reduced it."""
+        """Return the change of the set point in kg, and whether a limit has reduced it."""
         known = self._parameters
         if abs(difference) <= known.dead_band:
             return 0.0, False

@@ -1,15 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The performance test of a recipe: passes of a test product of known mass, at due times.
+"""Performance test: passes of a test product of known mass, at times that the recipe prescribes.
 
-A recipe asks for a test after a number of hours, at the start of each shift, in each batch, or by
-several of these rules. A reminder is shown from the due time on, and after a grace time the line is
-asked to stop. A passed test is valid until the next due time. A failed test stops the line until a
-test passes.
+A test is due after a number of hours, at the start of each shift, in each batch, or by several of
+these rules. A reminder is shown from the due time on. If no test has passed at the end of a grace
+period, the line is stopped. A failed test stops the line until a test passes.
 """
 
 from dataclasses import asdict, dataclass, fields, replace
-from datetime import datetime, time, timedelta, tzinfo
+from datetime import UTC, datetime, time, timedelta
 import math
 import re
 from typing import Any, ClassVar
@@ -60,54 +59,65 @@ class PerformancePlan(Parameters):
         if not (times or self.every_hours or self.every_batch):
             raise ParameterError('test: needs every_hours, shifts or every_batch')
 
-    def due(self, last: int | None, began: int, *, in_batch: bool, zone: tzinfo) -> int | None:
-        """Return the due time of the next test in ns, None if only the next batch asks for one.
+    def due(self, last: int | None, began: int, *, in_batch: bool) -> int | None:
+        """Return the time in ns at which the next test is due.
 
-        `last` is the time of the last test that passed (None if none has), `began` the start of the
-        product or of the batch, both in ns. `in_batch` is whether a test has passed in this batch,
-        and `zone` the time zone of the shifts.
+        Returns None if no test is due before the next batch. Shifts begin by the local time of the
+        computer, also after a change to summer time.
+
+        Parameters
+        ----------
+        last : int or None
+            Time in ns of the last test that passed, or None if no test has passed.
+        began : int
+            Time in ns at which the product or the batch was selected.
+        in_batch : bool
+            Whether a test has passed in this batch.
         """
         if last is None:
             return began
         times = (
             began if self.every_batch and not in_batch else None,
             last + round(self.every_hours * _HOUR) if self.every_hours else None,
-            self._next_shift(last, zone) if self.shifts else None,
+            self._next_shift(last) if self.shifts else None,
         )
         return min((each for each in times if each is not None), default=None)
 
-    def _next_shift(self, after: int, zone: tzinfo) -> int:
-        moment = datetime.fromtimestamp(after / NANOSECONDS, zone)
-        times = map(time.fromisoformat, self.shifts.split())
-        starts = (datetime.combine(moment, each, zone) for each in times)
-        coming = (start if start > moment else start + timedelta(days=1) for start in starts)
-        return round(min(coming).timestamp()) * NANOSECONDS
+    def _next_shift(self, after: int) -> int:
+        moment = datetime.fromtimestamp(after / NANOSECONDS, UTC)
+        today = moment.astimezone().date()
+        starts = (
+            # `astimezone` uses the offset from UTC that holds at this start.
+            datetime.combine(today + timedelta(days), time.fromisoformat(each)).astimezone()
+            for days in (0, 1)
+            for each in self.shifts.split()
+        )
+        return round(min(each for each in starts if each > moment).timestamp()) * NANOSECONDS
 
 
 @dataclass(frozen=True)
 class LastTest:
-    """Last test that has ended: its time in ns, batch, person, and errors of the passes in kg."""
+    """Last completed test of a product."""
 
-    time: int
+    time: int  # ns
     batch: str
     who: str
     passed: bool
-    errors: tuple[float, ...] = ()
+    errors: tuple[float, ...] = ()  # error of each pass in kg
 
 
-_NEVER = LastTest(0, '', '', passed=True)  # before the first test
+_NEVER = LastTest(0, '', '', passed=True)  # value before the first test
 
 
 class PerformanceTests:
-    """State of the performance test of the product on the line.
+    """State of the performance test of the selected product.
 
-    Times are in ns of the system clock, and shifts are in the time zone `zone`. `plan` is the plan
-    of the recipe, None if the recipe asks for no test.
+    `plan` has the rules of the recipe, or is None if the recipe requires no test. Times are in ns
+    of the system clock.
     """
 
-    def __init__(self, zone: tzinfo) -> None:
-        self._zone = zone
-        # The last test and the last one that passed, by product.
+    def __init__(self) -> None:
+        # The last test and the last test that passed, by product.
         self._known: dict[str, tuple[LastTest, LastTest | None]] = {}
         self._began = 0
         self.plan: PerformancePlan | None = None
@@ -115,15 +125,15 @@ class PerformanceTests:
 
     @property
     def wanted(self) -> bool:
-        """Whether a test is running. Each item is then a test product, and must be rejected."""
+        """Whether a test is running. All items are then test products and must be rejected."""
         return self.state.state is PerformanceState.RUNNING
 
     def remember(self, product: str, last: LastTest) -> None:
-        """Add the last test of a product before this start, unless a later one is known."""
+        """Add the last test of a product from the audit log, unless a later test is known."""
         self._known.setdefault(product, (last, last if last.passed else None))
 
     def select(self, product: str, batch: str, plan: PerformancePlan | None, now: int) -> None:
-        """Use another product, batch or plan, and break off the present test."""
+        """Cancel the present test, and continue with another product, batch or plan."""
         if (product, batch, plan) != (self.state.product, self.state.batch, self.plan):
             self._began = now
         self.plan = plan
@@ -131,7 +141,7 @@ class PerformanceTests:
         self.advance(now)
 
     def plan_to_begin(self) -> PerformancePlan:
-        """Return the plan of the recipe; `ValueError` if there is none, or a test is running."""
+        """Return the plan. Raises `ValueError` if no test may begin."""
         if self.plan is None:
             raise ValueError('the recipe of the product asks for no performance test')
         if self.wanted:
@@ -139,18 +149,18 @@ class PerformanceTests:
         return self.plan
 
     def begin(self, who: str, now: int) -> None:
-        """Begin a test, which `plan_to_begin` has allowed."""
+        """Begin a test. The caller must have called `plan_to_begin`."""
         self.state = replace(
             self.state, stamp=now, state=PerformanceState.RUNNING, who=who, errors=(), text=''
         )
 
     def cancel(self, now: int) -> None:
-        """Break off the present test; the due time does not change."""
+        """Cancel the present test. The due time does not change."""
         self.state = replace(self.state, state=PerformanceState.NOT_ASKED, errors=())
         self.advance(now)
 
     def take(self, verdict: Verdict, now: int) -> LastTest | None:
-        """Process a verdict; return the test if this pass completes it."""
+        """Process a verdict. Return the test if the item completes it, otherwise None."""
         plan, test = self.plan, self.state
         if plan is None or not self.wanted or Reason.PERFORMANCE_TEST not in verdict.reasons:
             return None
@@ -168,7 +178,7 @@ class PerformanceTests:
         return ended
 
     def advance(self, now: int) -> bool:
-        """Advance to `now`; return whether the state has changed."""
+        """Update the state to the time `now` in ns; return whether the state has changed."""
         before = self.state
         if self.plan is not None and not self.wanted:
             self.state = self._judge(self.plan, now)
@@ -179,7 +189,7 @@ class PerformanceTests:
         last, passed = self._known.get(product, (_NEVER, None))
         passed_at = passed.time if passed else None
         in_batch = passed is not None and passed.batch == batch
-        due = plan.due(passed_at, self._began, in_batch=in_batch, zone=self._zone)
+        due = plan.due(passed_at, self._began, in_batch=in_batch)
         stop_at = None if due is None else due + round(plan.grace * NANOSECONDS)
         state, text = PerformanceState.IN_TIME, ''
         if not last.passed:
@@ -206,7 +216,7 @@ class PerformanceTests:
 
 
 def passes(plan: PerformancePlan, errors: tuple[float, ...]) -> bool:
-    """Return whether errors in kg pass: enough of them, each known and within the limit."""
+    """Return whether there are enough errors, and each of them (in kg) is within the limit."""
     return len(errors) >= plan.passes and all(abs(each) <= plan.limit for each in errors)
 
 
@@ -227,11 +237,11 @@ def _why_failed(plan: PerformancePlan, last: LastTest) -> str:
 
 
 def as_entry(plan: PerformancePlan, ended: LastTest, reason: str) -> dict[str, Any]:
-    """Return the value of a completed test for the audit log."""
+    """Return the content of the audit log entry of a completed test."""
     return asdict(ended) | {'reason': reason, 'mass': plan.mass, 'limit': plan.limit}
 
 
 def from_entry(values: dict[str, Any]) -> LastTest:
-    """Return the test of an entry of the audit log."""
+    """Return the test in the content of an audit log entry."""
     own = {each.name: values[each.name] for each in fields(LastTest)}
     return LastTest(**own | {'errors': tuple(map(float, values['errors']))})

@@ -1,18 +1,18 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Prepackages of one nominal quantity: EU Directive 76/211/EEC, Annex I.
+"""Requirements for prepackages of one nominal quantity, EU Directive 76/211/EEC, Annex I.
 
-The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is
-not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE, and none is below
-TU2 = nominal - 2 TNE. The directive rounds a TNE given in percent up to the next 0.1 g (quoted from
-memory). It is not rounded here, so the limits are never less strict.
+The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is at
+least the nominal quantity, at most 2.5 % of the prepackages are below TU1 = nominal - TNE, and none
+is below TU2 = nominal - 2 TNE. A TNE that is given in percent is rounded up to the next 0.1 g (2.4).
 
-Nothing here is type-approved for legal metrology. The reference test of Annex II, which draws
-samples, is in `reference_method`.
+Nothing here is type-approved for legal metrology. The module `reference_method` has the reference
+test of Annex II.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
-SMALLEST, LARGEST = 0.005, 10.0  # kg, range of the table
+SMALLEST, LARGEST = 0.005, 10.0  # range of nominal quantities in kg
+_STEP = 1e-4  # step in kg to which a TNE in percent is rounded up
 
-# Largest nominal quantity of a row in kg, and its TNE: a share of the quantity, plus kg.
+# Each row has the largest nominal quantity in kg, and two summands of the TNE: the first one is
+# relative to the nominal quantity, and the second one is in kg.
 _ROWS = (
     (0.05, 0.09, 0.0),
     (0.1, 0.0, 0.0045),
@@ -46,12 +48,12 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class BatchJudgement:
-    """Figures of a batch, and whether it meets each requirement of the directive."""
+    """Result of the check of a batch against the three requirements of the directive."""
 
     limits: Limits
     count: int
     mean: float  # kg
-    below_tu1: int  # including those below TU2
+    below_tu1: int  # number below TU1, which includes those below TU2
     below_tu2: int
     mean_passed: bool
     tu1_passed: bool
@@ -59,12 +61,12 @@ class BatchJudgement:
 
     @property
     def share_below_tu1(self) -> float:
-        """Share of the batch below TU1, in 0..1."""
+        """Fraction of the batch that is below TU1."""
         return self.below_tu1 / self.count
 
     @property
     def passed(self) -> bool:
-        """Whether all three requirements are met."""
+        """Whether the batch meets all three requirements."""
         return self.mean_passed and self.tu1_passed and self.tu2_passed
 
 
@@ -79,7 +81,9 @@ def tolerable_negative_error(nominal: float) -> float:
             'directive has limits'
         )
     _, share, constant = next(row for row in _ROWS if nominal <= row[0] * (1 + ROUNDING))
-    return share * nominal + constant
+    # Without rounding to `ROUNDING` first, 9 % of 10 g would be 1.0 g.
+    tenths = math.ceil(share * nominal / _STEP * (1 - ROUNDING))
+    return tenths * _STEP + constant
 
 
 def limits(nominal: float) -> Limits:
@@ -89,7 +93,7 @@ def limits(nominal: float) -> Limits:
 
 
 def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float64]:
-    """Return masses as an array; `ValueError` if there are none or one is not finite."""
+    """Return masses as an array. Raises `ValueError` if it is empty or a mass is not finite."""
     batch = np.array(masses, dtype=np.float64)
     if not len(batch):
         raise ValueError(f'a batch of no prepackages cannot be {done}')
@@ -99,9 +103,9 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Judge a batch by the three requirements. Masses are of the contents, in kg.
+    """Check a batch against the three requirements. `masses` are those of the contents in kg.
 
-    Raises `ValueError` if the batch is empty, a mass is not finite or the directive has no limits
+    Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.
     """
     batch = batch_of(list(masses))

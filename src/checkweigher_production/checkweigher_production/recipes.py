@@ -1,27 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recipes: masses, limits and parameters of each product, in one YAML file.
+"""Recipes: a YAML file with the masses, limits and parameters of each product.
 
     products:
       crisps_150g:
-        nominal: 0.150            # kg, contents
-        tare: 0.004               # kg, of the packaging
+        nominal: 0.150            # kg, contents tare: 0.004               # kg, of the packaging
         lower_limit: TU1          # kg of contents, or TU1 or TU2 of directive 76/211/EEC
-        upper_limit: 0.165        # kg of contents
-        length: [0.09, 0.12]      # m, shortest and longest
-        speed: [0.5, 1.5]         # m/s, slowest and fastest
-        tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
-        mean_value: true          # the mean of the batch is never below nominal
-        filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
-        test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  # performance test
-        reason: true              # a person at the page has to say why something is changed
-        parameters:               # of the nodes, as in a parameter file
+        upper_limit: 0.165        # kg of contents length: [0.09, 0.12]      # m, shortest and
+        longest speed: [0.5, 1.5]         # m/s, slowest and fastest tu1_quota: 0.025          #
+        share of the batch that may be between TU2 and TU1 mean_value: true          # the mean of
+        the batch is never below nominal filler: {max_correction: 0.004, dead_band: 0.0002, delay:
+        6}  # feedback to the filler test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  #
+        performance test reason: true              # a person at the page has to say why something
+        is changed parameters:               # of the nodes, as in a parameter file
           identifier:
             estimator: gauss_markov
 
-Masses are of the contents, except `tare` and the mass of the test product, which includes its
-packaging. The scale weighs contents and packaging, so the limits of the reject node are tare +
-limit.
+A mass is that of the contents, except `tare` and the mass of the test product, which includes its
+packaging. The scale weighs contents and packaging together. Therefore the tare is added to all
+limits for the reject node.
 """
 
 from collections.abc import Mapping
@@ -53,9 +50,9 @@ NODES: dict[str, type[Parameters]] = {
     'identifier': IdentifierParameters,
     'reject': RejectParameters,
 }
-_OWN = (*LIMITS, 'needs_product')  # parameters of reject that `parameters` must not set
+_OWN = (*LIMITS, 'needs_product')  # parameters of the reject node that the section may not set
 _LARGEST_MASS = 1e4  # kg
-_LARGEST_ERROR = 0.1  # share of the mass of a test product
+_LARGEST_ERROR = 0.1  # largest limit of a performance test, relative to the mass
 
 Changes = dict[str, dict[str, object]]
 
@@ -79,8 +76,10 @@ class Product(Settings):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
-    tu1: float = math.nan  # of 76/211/EEC; NaN if it has none for this nominal weight
-    tu2: float = math.nan
+    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. The record of a batch keeps
+    # the limits with which the batch began.
+    tu1: float = parameter(math.nan, 'TU1, instead of that of 76/211/EEC', unit='kg', minimum=0)
+    tu2: float = parameter(math.nan, 'TU2, instead of that of 76/211/EEC', unit='kg', minimum=0)
     length: tuple[float, float] = parameter(
         (0.0, math.inf), 'smallest and largest', unit='m', minimum=0, maximum=1e3
     )
@@ -103,10 +102,11 @@ class Product(Settings):
         object.__setattr__(self, 'parameters', _parameters(self.parameters))
         if self.nominal == 0:
             raise SettingsError('must be above 0', 'nominal')
-        if math.isnan(self.tu1) and SMALLEST <= self.nominal <= LARGEST:
+        if SMALLEST <= self.nominal <= LARGEST:
             its = limits(self.nominal)
-            object.__setattr__(self, 'tu1', its.tu1)
-            object.__setattr__(self, 'tu2', its.tu2)
+            for name, limit in (('tu1', its.tu1), ('tu2', its.tu2)):
+                if math.isnan(getattr(self, name)):
+                    object.__setattr__(self, name, limit)
         object.__setattr__(self, 'lower_limit', self._lower_limit())
         for name, side, beyond in (
             ('lower_limit', 'above', self.lower_limit > self.nominal),
@@ -130,12 +130,12 @@ class Product(Settings):
             _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
-        """Return the lower limit in kg, which may be given as TU1 or TU2."""
+        """Return the lower limit in kg. A recipe may name it as TU1 or TU2."""
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
             if math.isnan(self.tu1):
                 raise SettingsError('76/211/EEC has no TU1 for this nominal weight', 'tu1_quota')
-            # The record of a batch has the mass instead of TU2.
+            # The record of a batch has the mass of TU2 instead of its name.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
                 raise SettingsError(
@@ -155,7 +155,7 @@ class Product(Settings):
         return self.tu1 if given == 'TU1' else self.tu2
 
     def limits(self) -> dict[str, object]:
-        """Return the limits of contents and packaging, by parameter of reject."""
+        """Return the limits of contents with packaging, by parameter name of the reject node."""
         quota = math.isfinite(self.tu1_quota)
         return {
             'lower_limit': self.tare + self.lower_limit,
@@ -171,33 +171,33 @@ class Product(Settings):
         }
 
     def stage_values(self) -> dict[str, object]:
-        """Return all parameters that the recipe sets, including its limits, by `node.name`."""
+        """Return all parameters and limits of the recipe. The keys have the form ``node.name``."""
         return flatten(self.parameters) | flatten({'reject': self.limits()})
 
     def on_line(self, batch: str) -> ProductOnLine:
-        """Return the product in a batch for the reject node."""
+        """Return the product and its limits in the form for the reject node."""
         limits: dict[str, Any] = self.limits()
         return ProductOnLine(0, self.name, batch, needed=True, **limits)
 
 
 @dataclass(frozen=True)
 class RecipeFile(Settings):
-    """The products of a file by their names."""
+    """Content of a recipe file."""
 
     products: Mapping[str, Product] = parameter(text='recipes by the names of the products')
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
-    """Read all products of a recipe file; `SettingsError` if one of them cannot be used."""
+    """Return the products of a recipe file by name. Raises `SettingsError` if one is not valid."""
     return dict(read_settings(path, RecipeFile).products)
 
 
 def product_of(values: Mapping[str, Any]) -> Product:
-    """Return the product of the record of a batch; `SettingsError` if it is not valid."""
+    """Return the product in a line of a batch record. Raises `SettingsError` if it is not valid."""
     return settings_of(Product, values, values.get('name'), newer=True)
 
 
-# These bounds detect masses that were given in g instead of kg. No product comes near them.
+# These wide bounds detect masses that were given in g instead of kg.
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
         raise SettingsError(
@@ -230,7 +230,7 @@ def _is_near(mass: float, nominal: float) -> bool:
 
 
 def _parameters(given: Mapping[str, Any] | None) -> Changes:
-    """Return the checked parameters by node. The nodes check combinations of parameters."""
+    """Return the parameters by node. Each value is checked, but combinations of values are not."""
     made: Changes = {}
     for node, section in (given or {}).items():
         if node not in NODES:

@@ -1,20 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reference test of an inspector on a batch, non-destructive, by one of two sampling plans.
+"""Non-destructive reference test of a batch, as an inspector makes it, by one of two plans.
 
 Double sampling follows EU Directive 76/211/EEC, Annex II, section 2. The contents are judged by one
-or two samples (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - k s. The text
-was read on legislation.gov.uk, which shows the criteria of 2.3.3 as pictures. Therefore k is taken
-from the same tables in schedule 2 of UK SI 2006/659. It equals t(0.995, n - 1) / sqrt(n) of 2.3.1.
+or two samples (2.2.1). The mean x of n contents with the standard deviation s must satisfy
+x >= Qn - k s, where Qn is the nominal quantity and k = t(0.995, n - 1) / sqrt(n) (2.3.1, 2.3.3).
+The text was read on legislation.gov.uk, which shows the criteria of 2.3.3 as images. The values of
+k are therefore from the same tables in schedule 2 of UK SI 2006/659.
 
-Single sampling follows OIML R 87, whose text was not available. One sample is judged, also for the
-mean, and no prepackage in it may be below TU2. The numbers of R 87 are from the Australian National
-Trade Measurement Regulations 2009, 4.34. The rule on TU2 is from the examples in the Guide to the
-Average Quantity System in Australia.
+In single sampling, one sample is judged. Its numbers are those of UK SI 2006/659, schedule 2, 3.3
+to 3.5. The mean and TU2 are judged as in OIML R 87, whose text was not available: k is from the
+Australian National Trade Measurement Regulations 2009, 4.34, and the rule that no prepackage in the
+sample may be below TU2 is from the examples in the Guide to the Average Quantity System in
+Australia.
 
-A batch of fewer than 100 is tested whole (2.1.3). The directive has no numbers for that. Here, the
-mean must reach the nominal quantity (UK SI 2006/659, 4.7), and the packers' rules apply to the
-shares below TU1 and TU2. A batch at the end of the packing line may exceed 10,000 (2.1.2).
+All prepackages of a batch of fewer than 100 are tested (2.1.3). The directive has no criteria for
+this case. By UK SI 2006/659, schedule 2, at most 5 % of the batch may be below TU1 (3.6), and its
+mean must be at least the nominal quantity (4.7). No prepackage may be below TU2, because such a
+prepackage may not be sold (76/211/EEC, Annex I, 5). A batch at the end of the packing line may have
+more than 10,000 prepackages (2.1.2).
 
 Nothing here is type-approved for legal metrology.
 """
@@ -27,20 +31,22 @@ import math
 import numpy as np
 
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
-from checkweigher_production.prepackages import MAX_SHARE_BELOW_TU1, batch_of, limits
+from checkweigher_production.prepackages import batch_of, limits
 
-WHOLE_BELOW = 100  # prepackages; a smaller batch is tested whole
+WHOLE_BELOW = 100  # number of prepackages below which all of them are tested
+_MAX_DEFECTIVE_PERCENT = 5  # limit for a batch of which all prepackages are tested
 
 
 class SamplingPlan(Enum):
     """Plan for drawing samples from a batch."""
 
     DOUBLE = 'double'  # 76/211/EEC, Annex II
-    SINGLE = 'single'  # OIML R 87
+    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87
 
 
-# Largest batch of a row; then, for the first sample and for both samples together: the size, the
-# largest number of defective prepackages to accept, and the smallest number to reject.
+# Each row has the largest size of a batch. It is followed, for the first sample and for both
+# samples together, by the size of the sample, the largest number of defective prepackages with
+# which the batch is accepted, and the smallest number with which it is rejected.
 _CONTENTS = {
     SamplingPlan.DOUBLE: (
         (500, ((30, 1, 3), (60, 4, 5))),
@@ -53,7 +59,7 @@ _CONTENTS = {
         (math.inf, ((125, 7, 8),)),
     ),
 }
-# Largest batch of a row, size of the sample, and k.
+# Each row has the largest size of a batch, the size of the sample, and k.
 _MEANS = {
     SamplingPlan.DOUBLE: ((500, 30, 0.503), (math.inf, 50, 0.379)),
     SamplingPlan.SINGLE: ((500, 50, 0.379), (3_200, 80, 0.295), (math.inf, 125, 0.234)),
@@ -62,31 +68,31 @@ _MEANS = {
 
 @dataclass(frozen=True, slots=True)
 class SampleResult:
-    """Number of defective prepackages in the samples up to this one, with its limits."""
+    """Number of defective prepackages in the samples up to this one, and its limits."""
 
-    count: int  # of the samples up to this one
-    defective: int  # below TU1
+    count: int  # size of the samples up to this one
+    defective: int  # number of prepackages below TU1
     accept: int
     reject: int
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceTest:
-    """Result of the reference test. Masses are in kg, `drawn` are positions in the batch."""
+    """Result of a reference test. Masses are in kg."""
 
     plan: SamplingPlan
     batch_size: int
     seed: int
-    drawn: tuple[int, ...]
+    drawn: tuple[int, ...]  # positions of the drawn prepackages in the batch
     samples: tuple[SampleResult, ...]
-    below_tu2: int  # number among the drawn prepackages
-    tu2_decides: bool  # whether a single prepackage below TU2 fails the contents
+    below_tu2: int  # number of drawn prepackages below TU2
+    tu2_decides: bool  # whether the batch fails if one prepackage is below TU2
     contents_passed: bool
-    mean_count: int
+    mean_count: int  # size of the sample for the mean
     mean: float
-    std_dev: float  # of the sample of the mean; NaN for one prepackage
-    k: float  # 0 if the batch is tested whole
-    mean_limit: float  # nominal - k std_dev
+    std_dev: float  # standard deviation of the sample for the mean, NaN for one prepackage
+    k: float  # 0 if all prepackages are tested
+    mean_limit: float  # smallest mean that passes, nominal - k std_dev
     mean_passed: bool
 
     @property
@@ -101,12 +107,13 @@ def reference_test(
     seed: int = 1,
     plan: SamplingPlan = SamplingPlan.DOUBLE,
 ) -> ReferenceTest:
-    """Draw the samples of a batch at random by a plan, and judge the batch by them.
+    """Judge a batch by random samples.
 
-    `masses` are the contents of all prepackages and `nominal` is the nominal quantity, in kg.
-    `seed` is the seed of the random draw. A batch of fewer than 100 is tested whole.
+    `masses` are the contents of all prepackages in kg, `nominal` is the nominal quantity in kg, and
+    `seed` is the seed of the random draw. If there are fewer than 100 prepackages, all of them are
+    tested.
 
-    Raises `ValueError` if the batch is empty, a mass is not finite or the directive has no limits
+    Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.
     """
     batch = batch_of(masses, 'tested')
@@ -146,7 +153,7 @@ def reference_test(
 def _samples(defective: np.ndarray, plan: SamplingPlan) -> tuple[SampleResult, ...]:
     size = len(defective)
     if size < WHOLE_BELOW:
-        accept = math.floor(MAX_SHARE_BELOW_TU1 * size * (1 + ROUNDING))
+        accept = _MAX_DEFECTIVE_PERCENT * size // 100
         return (SampleResult(size, int(defective.sum()), accept, accept + 1),)
     rows = next(rows for most, rows in _CONTENTS[plan] if size <= most)
     first, *second = (SampleResult(n, int(defective[:n].sum()), a, r) for n, a, r in rows)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The selection on the line, kept across restarts: product, limits and batch."""
+"""File with the selected product, its limits and the batch, which survives a restart."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from checkweigher_dsp.rejection.parameters import LIMITS, limits_of
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.recipes import Product
 
-FILE = 'on_line.state'  # in the folder of the records of batches
+FILE = 'on_line.state'  # name of the file in the folder of the batch records
 _ANEW = 'select the product again'
 
 
@@ -36,58 +36,55 @@ class Selection(Settings):
     def of(
         cls, batch: str, before: str, product: Product | None, limits: ProductOnLine | None
     ) -> Self:
-        """Return a selection; without a product or its limits, no product is selected."""
+        """Return a selection. It has no product if `product` or `limits` is None."""
         if product is None or limits is None:
             return cls(batch=batch, before=before)
-        return cls(
-            batch=batch,
-            before=before,
-            products={product.name: product},
-            limits=limits_of(limits),
-        )
+        products = {product.name: product}
+        return cls(batch=batch, before=before, products=products, limits=limits_of(limits))
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the table; `SettingsError` if it was changed after it was written."""
+        """Return the content of a file. Raises `SettingsError` if its digest is wrong."""
         if not isinstance(content, dict) or content.get('sha256') != _digest(content):
             raise SettingsError(f'is not as it was written; {_ANEW}')
         return content
 
     @property
     def product(self) -> Product | None:
-        """Recipe of the selected product, None if there is none or its limits are incomplete."""
+        """Recipe of the selected product. It is None without a product or with missing limits."""
         known = (self.limits or {}).keys() == {*LIMITS}
         return next(iter((self.products or {}).values()), None) if known else None
 
     @property
     def on_line(self) -> ProductOnLine | None:
-        """Product and its limits for the reject node, None for no product."""
+        """Selected product and its limits for the reject node, or None."""
         product = self.product
         return None if product is None else replace(product.on_line(self.batch), **self.limits)
 
 
 def read_selection(folder: Path, entries: Sequence[Entry]) -> Selection | None:
-    """Return the last selection, None if the folder has none.
+    """Return the selection that is stored in a folder, or None if there is no file.
 
-    Raises `SettingsError` if it cannot be used, or if the audit log `entries` have a later one.
+    Raises `SettingsError` if the file cannot be used, or if `entries`, the entries of the audit
+    log, contain a later selection.
     """
     path = folder / FILE
     if not path.exists():
         return None
     found = read_settings(path, Selection)
-    if _goes_on(entries, found.entry):
+    if _has_later_selection(entries, found.entry):
         raise SettingsError(f'{path}: the audit log has a later selection; {_ANEW}')
     return found
 
 
 def write_selection(folder: Path, selection: Selection) -> None:
-    """Replace the saved selection; if that raises OSError, the old one stays."""
+    """Write a selection to its file. If OSError is raised, the file is unchanged."""
     content = {'format': selection.format, **plain(selection)}
     write_settings(folder / FILE, replace(selection, sha256=_digest(content)))
 
 
-def _goes_on(entries: Sequence[Entry], last: str) -> bool:
-    """Return whether a product or batch was selected after the entry with the hash `last`."""
+def _has_later_selection(entries: Sequence[Entry], last: str) -> bool:
+    """Return whether an entry after the one with the hash `last` selects a product or batch."""
     for entry in reversed(entries):
         if entry.hash == last:
             return False

@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of production for each product and batch, timed by the stamps of the samples.
+"""Statistics of production for each product and batch.
 
-All items are counted by decision and reason. Mean, standard deviation, giveaway and the shares
-below TU1 and TU2 are computed from the accepted items. Masses are of the contents, without tare.
+All items are counted by decision and reason. Mean, standard deviation, giveaway, and the fractions
+below TU1 and TU2 are computed from the accepted items. Masses are those of the contents, without
+tare. Times are those of the samples.
 """
 
 from collections import Counter
@@ -23,17 +24,17 @@ _OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
 
 
 class ProductionStatistics:
-    """Counts, mean and spread of one product in one batch, or of items without a product."""
+    """Statistics of one product in one batch, or of items without a product."""
 
     def __init__(self, product: Product | None = None) -> None:
         self.product = product
         self._decisions: Counter[Decision] = Counter()
-        self._reasons: Counter[str] = Counter()  # an item may have several
-        self._masses = RunningMoments()  # kg, of accepted items
+        self._reasons: Counter[str] = Counter()
+        self._masses = RunningMoments()  # masses of the accepted items in kg
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
         self._stamp: int | None = None  # largest t3 in ns
-        # Smallest and largest t3 in ns since the stream began, and the number of items with a t3.
+        # Smallest t3 and largest t3 in ns, and number of t3, since the start of the stream.
         self._timed: tuple[int, int, int] | None = None
 
     def add(self, verdict: Verdict) -> None:
@@ -53,14 +54,14 @@ class ProductionStatistics:
             self._below_tu2 += mass < product.tu2 - slack
 
     def begin_stream(self) -> None:
-        """Restart the measurement of throughput, because a new stream may have another clock."""
+        """Measure the throughput anew, because a new stream of samples may have another clock."""
         self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
-        """Count an item with a length or speed outside its limits; return whether it is one."""
+        """Count an item whose length or speed is outside the limits; return whether one is."""
         if self.product is None:
             return False
-        # An unknown value (NaN) is not counted, because the item has another reason.
+        # An unknown value (NaN) is not counted. Such an item has another fault.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
         self._length_faults += length
@@ -68,7 +69,7 @@ class ProductionStatistics:
         return length or speed
 
     def summary(self, batch: str = '') -> Statistics:
-        """Return the present statistics with the name of a batch."""
+        """Return the present statistics. `batch` is the name of the batch."""
         product = self.product or _NO_PRODUCT
         mean, count = self._masses.mean, self._masses.count
         share = math.nan if math.isnan(product.tu1) or not count else self._below_tu1 / count
@@ -101,13 +102,13 @@ class ProductionStatistics:
         )
 
     def _throughput(self) -> float:
-        """Return the number of items per minute since the stream began, NaN below two items."""
+        """Return the items per minute since the start of the stream, or NaN below two items."""
         first, last, count = self._timed or (0, 0, 0)
         return math.nan if first == last else (count - 1) * _MINUTE / (last - first)
 
 
 class ProductionRecord:
-    """Statistics of every product in every batch since the start of the line."""
+    """Statistics of each product in each batch since the start of the line."""
 
     def __init__(self, batch: str = '') -> None:
         self.batch = batch
@@ -123,20 +124,20 @@ class ProductionRecord:
     def current(self) -> ProductionStatistics:
         """Statistics of the present product in the present batch."""
         found = self._all.get(self._key)
-        # If the recipe has changed, count from 0 because the limits differ.
+        # A changed recipe has other limits, so its items are counted from 0.
         if found is None or found.product != self.product:
             found = self._all[self._key] = ProductionStatistics(self.product)
         return found
 
     def tally(self, product: str, batch: str) -> BatchTally:
-        """Return the counts in the last verdict on a product in a batch."""
+        """Return the counts that the last verdict on a product in a batch contains."""
         return self._tallies.get((product, batch), BatchTally(product, batch))
 
     def add(self, verdict: Verdict) -> bool:
-        """Count an item for the product and batch of its verdict, unless it was counted before.
+        """Count an item for the product and batch of its verdict; return whether it was new.
 
-        Returns whether it was counted. A restarted node receives verdicts again. The number of
-        items of the batch in a verdict shows whether the verdict is new.
+        A restarted node receives verdicts again. An item is new if the number of items in its
+        verdict, which counts the items of the batch, exceeds that of all earlier verdicts.
         """
         key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
@@ -155,11 +156,11 @@ class ProductionRecord:
         return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
-        """Return whether a batch is the present one or has any counts."""
+        """Return whether a name is that of the present batch or of a batch with counts."""
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
-        """Restart the measurement of throughput for all products and batches."""
+        """Measure the throughput of all products and batches anew."""
         for each in self._all.values():
             each.begin_stream()
 

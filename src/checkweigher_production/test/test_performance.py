@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The performance test: when it is due, what passes it, and when the line has to stop."""
 
+from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime
 import json
 import math
+import time
 
 import pytest
 
@@ -24,11 +26,13 @@ HOUR, MINUTE = 3600 * NANOSECONDS, 60 * NANOSECONDS
 NOW = round(datetime(2026, 5, 28, 10, 30, tzinfo=UTC).timestamp()) * NANOSECONDS
 PLAN = PerformancePlan(mass=0.2, limit=0.0005, passes=3, every_hours=8.0, grace=600.0)
 IN_TIME, DUE, OVERDUE = PerformanceState.IN_TIME, PerformanceState.DUE, PerformanceState.OVERDUE
+# Time zones as POSIX writes them, for a computer without a list of zones.
+BERLIN, NEW_YORK = 'CET-1CEST,M3.5.0,M10.5.0/3', 'EST5EDT,M3.2.0,M11.1.0'
 RUNNING, FAILED = PerformanceState.RUNNING, PerformanceState.FAILED
 
 
 def made(plan: PerformancePlan | None = PLAN, batch: str = 'b1') -> PerformanceTests:
-    tests = PerformanceTests(UTC)
+    tests = PerformanceTests()
     tests.select('crisps', batch, plan, NOW)
     return tests
 
@@ -112,20 +116,37 @@ def test_two_cannot_make_it_at_once_and_without_a_plan_there_is_none():
         made(None).plan_to_begin()
 
 
+@pytest.fixture
+def zone(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The local time zone of the computer."""
+    monkeypatch.setenv('TZ', request.param)
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
 @pytest.mark.parametrize(
-    ('hour', 'minute', 'zone', 'due'),
+    ('zone', 'last', 'due'),
     [
-        (10, 30, UTC, datetime(2026, 5, 28, 14, 0, tzinfo=UTC)),
-        (14, 0, UTC, datetime(2026, 5, 28, 22, 0, tzinfo=UTC)),
-        (23, 0, UTC, datetime(2026, 5, 29, 6, 0, tzinfo=UTC)),
-        (12, 30, timezone(timedelta(hours=2)), datetime(2026, 5, 28, 20, 0, tzinfo=UTC)),
+        ('UTC', '2026-05-28T10:30', '2026-05-28T14:00'),
+        ('UTC', '2026-05-28T14:00', '2026-05-28T22:00'),
+        ('UTC', '2026-05-28T23:00', '2026-05-29T06:00'),
+        (BERLIN, '2026-05-28T12:30', '2026-05-28T20:00'),
+        # The clock goes on to summer time at 01:00 UTC, and back in October.
+        (BERLIN, '2026-03-28T21:30', '2026-03-29T04:00'),
+        (BERLIN, '2026-10-24T20:30', '2026-10-25T05:00'),
+        (NEW_YORK, '2026-11-01T03:30', '2026-11-01T11:00'),
     ],
+    indirect=['zone'],
 )
-def test_each_shift_asks_for_its_own(hour: int, minute: int, zone: timezone, due: datetime):
+@pytest.mark.usefixtures('zone')
+def test_each_shift_asks_for_its_own_by_local_time(last: str, due: str):
     plan = PerformancePlan(mass=0.2, limit=5e-4, shifts='06:00 14:00 22:00')
-    last = round(datetime(2026, 5, 28, hour, minute, tzinfo=UTC).timestamp()) * NANOSECONDS
-    found = plan.due(last, 0, in_batch=True, zone=zone)
-    assert found == round(due.timestamp()) * NANOSECONDS
+    last_ns, due_ns = (
+        round(datetime.fromisoformat(f'{each}Z').timestamp()) * NANOSECONDS for each in (last, due)
+    )
+    assert plan.due(last_ns, 0, in_batch=True) == due_ns
 
 
 def test_each_batch_asks_for_its_own_and_the_first_rule_counts():
@@ -151,7 +172,7 @@ def test_after_a_restart_the_entry_of_the_log_counts():
     ended = passed_by(tests, NOW, 0.2, 0.2001, 0.2)
     entry = json.loads(json.dumps(plain(as_entry(PLAN, ended, 'shift'))))
 
-    after = PerformanceTests(UTC)
+    after = PerformanceTests()
     after.remember('crisps', from_entry(entry))
     after.select('crisps', 'b1', PLAN, NOW + HOUR)
     assert (after.state.state, after.state.due) == (IN_TIME, NOW + 8 * HOUR)

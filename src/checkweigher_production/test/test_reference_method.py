@@ -115,10 +115,14 @@ def test_the_mean_is_held_to_a_limit_that_its_spread_lowers():
 
 
 def test_a_batch_below_a_hundred_is_tested_whole():
-    found = reference_test([DEFECTIVE, DEFECTIVE, *[GOOD] * 78], 0.1)
-    assert (found.drawn, found.samples[0].accept) == (tuple(range(80)), 2)
+    # UK SI 2006/659, schedule 2, 3.6: at most 5 % are defective.
+    for size, accept in ((19, 0), (20, 1), (40, 2), (99, 4)):
+        found = reference_test([DEFECTIVE] * accept + [GOOD] * (size - accept), 0.1)
+        assert (found.drawn, found.samples[0].accept) == (tuple(range(size)), accept)
+        assert found.contents_passed
+        more = reference_test([DEFECTIVE] * (accept + 1) + [GOOD] * (size - accept - 1), 0.1)
+        assert not more.contents_passed
     assert (found.mean_limit, found.passed) == (0.1, True)
-    assert not reference_test([DEFECTIVE, DEFECTIVE, *[GOOD] * 77], 0.1).contents_passed
     assert not reference_test([FAR_BELOW, *[GOOD] * 78], 0.1).contents_passed
     assert not reference_test([0.0999] * 99, 0.1).mean_passed
 

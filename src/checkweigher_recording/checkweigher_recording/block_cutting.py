@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Joining and cutting of the blocks of a recording or simulation to suit its pace.
+"""Division of a recorded or simulated signal into blocks of samples.
 
-The masses do not depend on how a stream is cut into blocks or on the place of an edge between
-blocks. The stamp of each sample is preserved to within a nanosecond.
+Long blocks are fast to process; short blocks arrive with little delay. The computed masses do not
+depend on the division. The time stamp of each sample is preserved to within 1 ns.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import BlockColumns, Event, Recording
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
-LONGEST = 0.25  # s, longest joined block; equal to the period of the segmenter's reports
-_ROUNDING = 1  # ns
-_NEARLY = 1e-3  # samples; tolerance above the rounding of stamps
+LONGEST = 0.25  # longest joined block in s, equal to the period of the segmenter's reports
+_ROUNDING = 1  # largest rounding error of a stamp in ns
+_NEARLY = 1e-3  # tolerance of a position in samples; it covers the rounding of stamps
 
 
 def join(
@@ -29,12 +29,14 @@ def join(
     *,
     ends_block: Callable[[EyeEdge], bool] = lambda edge: False,
 ) -> Iterator[Event]:
-    """Yield a stream with fewer, longer blocks. An edge precedes the block that contains it.
+    """Yield the events with fewer and longer blocks.
 
-    Blocks without a gap in index or time are joined to at most `longest` s of signal. A longer
-    block is cut at each edge. If the events are in canonical order, they are yielded in the order
-    in which they are due; a block is due when its last sample has been taken. If `ends_block`
-    returns True for an edge, the block ends there and precedes the edge.
+    Consecutive blocks are joined up to `longest` s of signal, unless there is a gap between them in
+    the sample index or in time. An edge precedes the block that contains its time. However, if
+    `ends_block` returns True for an edge, or the block is longer than `longest`, the block is cut
+    at the edge, and the samples before the edge precede it. If `events` are in canonical order, the
+    output is in the order in which a live source would send it, because a source sends a block
+    after the last sample of that block.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -50,7 +52,7 @@ def join(
 
 
 class _Run:
-    """Blocks without a gap between them, which will be joined to one block."""
+    """Consecutive blocks that will be joined to one block."""
 
     def __init__(self, sample_rate: float, longest: float) -> None:
         self._sample_rate = sample_rate
@@ -63,7 +65,7 @@ class _Run:
         self._count += len(block.counts)
 
     def goes_on_with(self, block: SampleBlock) -> bool:
-        """Return whether a block follows without a gap and leaves the run short enough."""
+        """Return whether a block follows without a gap, and the joined block is short enough."""
         if not self._blocks:
             return True
         first = self._blocks[0]
@@ -75,13 +77,16 @@ class _Run:
         )
 
     def take(self) -> Iterator[SampleBlock]:
-        """Yield the run as one block unless it is empty, and begin the next run."""
+        """Yield the joined block, if there are samples, and remove them."""
         if self._blocks:
             yield self._joined()
         self._blocks, self._count = [], 0
 
     def take_before(self, stamp: int, *, ends_block: bool) -> Iterator[SampleBlock]:
-        """Yield the samples that precede an edge: the whole run, a part of it, or none."""
+        """Yield the samples before the time `stamp` of an edge, and remove them.
+
+        Nothing is yielded if the edge is within the run and does not end the block.
+        """
         if not self._blocks:
             return
         samples = (stamp - self._blocks[0].stamp) * self._sample_rate / NANOSECONDS
@@ -102,10 +107,11 @@ class _Run:
 
 
 def join_recording(recording: Recording, longest: float = LONGEST) -> list[SampleBlock | EyeEdge]:
-    """Return samples and edges of a recording with fewer, longer blocks, without the references.
+    """Return the blocks and edges of a recording, with fewer and longer blocks.
 
-    The result equals that of `join` if no edge ends a block, and takes a fraction of the time.
-    Blocks of the recording that are longer than `longest` s stay whole and precede their edges.
+    This function is a fast version of `join` for a whole recording, in which no edge ends a block.
+    In contrast to `join`, it does not cut a block that is longer than `longest` s; such a block
+    precedes the edges within it. Reference masses are omitted.
     """
     rate = recording.load_cell.sample_rate
     blocks = BlockColumns.of(recording.blocks)
@@ -124,20 +130,21 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
 
 
 def join_stretches(stretches: Iterable[Recording]) -> Iterator[SampleBlock | EyeEdge]:
-    """Yield samples and edges of a recording in stretches; each stretch is joined separately."""
+    """Yield the result of `join_recording` for each of the consecutive parts of a recording."""
     return chain.from_iterable(map(join_recording, stretches))
 
 
 def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:
-    """Return the number of the first block of each joined block."""
+    """Return the positions in `blocks` of the first block of each joined block."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
-    # A difference of unsigned numbers may have wrapped around.
+    # The first comparison is necessary because a difference of unsigned integers cannot be
+    # negative.
     lost[1:] = (first[1:] < first[:-1]) | (np.diff(first) != blocks.lengths[:-1].astype(np.uint64))
     begins = blocks.begins
     columns = (lost, blocks.stamps, begins, begins + blocks.lengths)
     starts: list[int] = []
-    origin = since = 0  # position and stamp of the first sample of the joined block
+    origin = since = 0  # position and stamp of the first sample of the present joined block
     rows = zip(*(column.tolist() for column in columns), strict=True)
     for number, (is_lost, stamp, begin, end) in enumerate(rows):
         expected = since + _duration(begin - origin, sample_rate)
@@ -148,18 +155,18 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
 
 
 def is_exit(edge: EyeEdge) -> bool:
-    """Return whether an edge is t3, the only edge that waits for the samples before it."""
+    """Return whether an edge is t3, the time at which a product reaches the outfeed eye."""
     return edge.eye == Eye.OUTFEED and edge.blocked
 
 
 def cut_for_pace(
     events: Iterable[Event], sample_rate: float, pace: float, block_time: float
 ) -> Iterator[Event]:
-    """Yield a recorded or simulated stream in the blocks in which it is published.
+    """Yield the events with blocks that suit the playback speed.
 
-    `pace` is in seconds of signal per second; 0 means as fast as possible without losses, in long
-    blocks. At any other pace a block holds `block_time` s of signal, and a block ends at each t3 so
-    that no window waits for the end of a block.
+    `pace` is the playback speed in seconds of signal per second. If it is 0, the signal is played
+    as fast as possible, and long blocks are used. Otherwise each block has `block_time` s of
+    signal. A block also ends at each t3, because the weighing of a product can begin at that time.
     """
     if pace == 0:
         return join(events, sample_rate)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress bars for work that may take some time."""
+"""Progress bar for a long computation."""
 
 from collections.abc import Iterable
 import sys
@@ -8,7 +8,7 @@ from typing import TypeVar
 
 T = TypeVar('T')
 
-_DELAY = 1.0  # s before a bar appears
+_DELAY = 1.0  # delay of the bar in s
 
 
 def with_progress(
@@ -19,12 +19,13 @@ def with_progress(
     unit: str = 'messages',
     shown: bool = True,
 ) -> Iterable[T]:
-    """Return the same items, with a bar on a terminal if they take more than a second.
+    """Return an iterable over the same items that shows a progress bar.
 
-    `total` is the number of items if they have no length. If `shown` is False, there is no bar.
+    The bar appears only on a terminal, and only after one second. `total` is the number of items,
+    which is needed if `items` has no length. If `shown` is False, no bar appears.
     """
     if not shown or not sys.stderr.isatty():
         return items
-    from tqdm import tqdm  # the import takes as long as reading a short bag
+    from tqdm import tqdm  # imported late, because the import is slow
 
     return tqdm(items, desc=doing, total=total, unit=f' {unit}', delay=_DELAY, leave=False)

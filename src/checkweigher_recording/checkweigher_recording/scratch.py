@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Temporary folders for copies of bags, which are removed even if their process was killed."""
+"""Temporary folders for copies of bags. A folder is removed even if its process was killed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,10 +15,10 @@ _PREFIX = 'checkweigher-bag-'
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Make a temporary folder and remove it at the end of the block.
+    """Create a temporary folder, and remove it at the end of the block.
 
-    The process holds a lock on the folder, which the kernel releases however the process ends.
-    Folders of processes that have ended are removed first.
+    The process holds a lock on its folder. The kernel releases the lock when the process ends, so
+    `remove_abandoned`, which is called first, can find the folders of killed processes.
     """
     remove_abandoned()
     folder, lock = _locked_folder()
@@ -34,9 +34,9 @@ def remove_abandoned() -> None:
     for folder in Path(tempfile.gettempdir()).glob(f'{_PREFIX}*'):
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        except OSError:  # of another user, or removed by another process
+        except OSError:  # the folder belongs to another user, or was removed meanwhile
             continue
-        with suppress(OSError):  # in use, or on a file system without locks
+        with suppress(OSError):  # the folder is in use, or the file system has no locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(lock).st_uid == os.getuid():
                 shutil.rmtree(folder, ignore_errors=True)
@@ -48,9 +48,9 @@ def _locked_folder() -> tuple[Path, int]:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        except FileNotFoundError:  # removed by another process before it was locked
+        except FileNotFoundError:  # another process removed the folder before it was locked
             continue
-        with suppress(OSError):  # on a file system without locks
+        with suppress(OSError):  # some file systems have no locks
             fcntl.flock(lock, fcntl.LOCK_EX)
         if folder.exists():
             return folder, lock

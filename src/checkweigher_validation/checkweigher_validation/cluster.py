@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs on the workers of a Dask cluster; dask.distributed is optional."""
+"""Jobs on the workers of a Dask cluster. The package dask.distributed is optional."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future
@@ -15,19 +15,19 @@ from checkweigher_core.printable import one_line
 from checkweigher_validation.jobs import ClusterLostError, Job, Workers, jobs_done_by
 
 LOCAL = 'local'
-_ANSWER = 10.0  # s, for the scheduler to answer
-_PATIENCE = 60.0  # s, for a worker to come back if all have ended
+_ANSWER = 10.0  # longest time to wait for an answer of the scheduler in s
+_PATIENCE = 60.0  # longest time without any worker in s
 _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
 
 class SchedulerError(ValueError):
-    """A cluster that cannot be used. The message has its address, the reason and advice."""
+    """Error for a cluster that cannot be used. The message has address, reason and advice."""
 
 
 class _Cluster(Workers):
-    """Workers of a cluster with the given addresses, or all workers, including later ones."""
+    """Workers of a cluster with some addresses. If `addresses` is None, all workers are used."""
 
-    ahead = 5000  # enough for any cluster, with little memory in its scheduler
+    ahead = 5000  # a number above that of the workers, which the memory of the scheduler can hold
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
         from distributed import KilledWorker
@@ -36,7 +36,7 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor: Executor = client.get_executor(pure=False, workers=addresses)
-        self._gone: float | None = None  # time since which there has been no worker
+        self._gone: float | None = None  # time in s of the first check without any worker, if any
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         return self._executor.submit(job)
@@ -45,7 +45,7 @@ class _Cluster(Workers):
         try:
             there = self._client.scheduler_info(n_workers=-1)['workers']
         except (OSError, TimeoutError):
-            return  # the jobs will fail if the connection is lost
+            return  # if the connection is lost, the jobs will fail
         if self._client.status == 'closed':
             raise ClusterLostError(f'the cluster was lost: {_UNREACHABLE}')
         now = time.monotonic()
@@ -72,16 +72,16 @@ class _Cluster(Workers):
 def on_scheduler(
     address: str, question: Callable[[], Any], refusal: Callable[[Any], str]
 ) -> Iterator[list[str]]:
-    """Run the jobs of `checkweigher_validation.jobs` on a scheduler.
+    """Run the jobs of this block (see `checkweigher_validation.jobs`) on a scheduler.
 
     `address` is 'local' for processes of this machine, or the address of a Dask scheduler, for
-    example 'tcp://HOST:8786'. Each worker of a cluster calls `question`, and its answer is pickled.
-    `refusal` gets the answer and returns why the worker is not used, in one line, or an empty text.
+    example 'tcp://HOST:8786'. Each worker of a cluster calls `question`. `refusal` is called with
+    the answer, and returns a line with the reason why the worker is not used, or an empty text.
 
-    Yields a line for each worker that is refused. The others do the jobs.
+    Yields a list with a line for each worker that is not used.
 
-    Raises `SchedulerError` if dask.distributed is not installed, the cluster does not answer, or no
-    worker is left.
+    Raises `SchedulerError` if dask.distributed is not installed, the scheduler does not answer, or
+    no worker can be used.
     """
     if address == LOCAL:
         yield []
@@ -93,7 +93,8 @@ def on_scheduler(
         if not workers:
             lines = '; '.join(refused.values()) or 'it has no worker; start "dask worker" there'
             raise SchedulerError(f'{address}: {lines}')
-        # Name addresses only if some are refused, because a restarted worker has another address.
+        # If all workers can be used, later ones are used as well, because a restarted worker has
+        # another address.
         with jobs_done_by(partial(_Cluster, client, workers if refused else None)):
             yield list(refused.values())
 
@@ -106,10 +107,10 @@ def _client(address: str) -> Iterator[Any]:
         raise SchedulerError(
             f'--scheduler {address}: dask.distributed is not installed; pip install distributed'
         ) from None
-    # The client logs tracebacks while it reconnects, but raises the exceptions as well.
+    # The client would log tracebacks while it reconnects. It raises the exceptions as well.
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     with warnings.catch_warnings():
-        # Tuning sends passes of known mass, which are large.
+        # The passes for tuning are large, and the client would warn about that.
         warnings.filterwarnings('ignore', 'Sending large graph', UserWarning)
         try:
             client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
@@ -127,8 +128,7 @@ def _refused(
 ) -> dict[str, str]:
     refused = {}
     for name, answer in client.run(question, on_error='return').items():
-        # A connection error of Dask has no errno: the worker has ended meanwhile, and its
-        # replacement has another address.
+        # A connection error of Dask has no errno. In this case the worker has ended.
         if isinstance(answer, OSError) and answer.errno is None:
             continue
         is_error = isinstance(answer, BaseException)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A small recording of one item, cut from a long one so that it is weighed in the same way."""
+"""Short recording of one item from a long recording, in which the item has the same result."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,28 +13,27 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, V
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
-# Largest difference of the masses, in standard deviations. They differ because the zero depends on
-# all earlier samples.
+# Largest difference of the masses in standard deviations. The mass in the short recording differs
+# because the zero depends on all earlier samples.
 _SAME_MASS = 0.1
-_FEWEST = 2  # smallest number of items before it, which give belt speed and zero
-_AFTER = NANOSECONDS  # signal after the item, for each item before it
+_FEWEST = 2  # smallest number of preceding items, from which belt speed and zero are computed
+_AFTER = NANOSECONDS  # duration in ns of the signal after the item, for each preceding item
 
 
 class KeepError(ValueError):
-    """An item that cannot be kept. The message has the reason and advice."""
+    """Error for an item that cannot be cut out. The message has the reason and advice."""
 
 
 def keep_item(
     recording: Recording, parameters: LineParameters, estimate: MassEstimate, verdict: Verdict
 ) -> tuple[Recording, ItemResult]:
-    """Cut an item out, with as many items before it as its verdict depends on.
+    """Return a short recording of an item and of some preceding items, and the result of the item.
 
-    Zero, belt speed and lag of the eyes are learned from earlier items. Their number is doubled
-    until the item in the small recording has the same verdict. `parameters` must be the ones that
-    gave the estimate and the verdict.
-
-    Returns the small recording and the item in it. Its decision and reasons are the same, and its
-    mass differs by at most a tenth of its standard deviation. Its number is counted from 1.
+    The result depends on preceding items, because zero, belt speed and lag of the photo-eyes are
+    computed from them. The number of preceding items is therefore doubled until the item has the
+    same decision and reasons, and a mass that differs by at most a tenth of its standard deviation.
+    In the short recording, the numbers of the items begin with 1. The item was weighed with
+    `parameters`, and has the given `estimate` and `verdict`.
 
     Raises `KeepError` if the item has another result even in the whole recording.
     """
@@ -57,7 +56,7 @@ def keep_item(
 
 
 def cut(recording: Recording, begin: int, end: int) -> Recording:
-    """Return the part of a recording from `begin` to `end`, ns, in whole blocks."""
+    """Return the part of a recording from `begin` to `end`, in ns. Blocks are not divided."""
     blocks = BlockColumns.of(recording.blocks)
     first = max(int(np.searchsorted(blocks.stamps, begin, 'right')) - 1, 0)
     last = max(int(np.searchsorted(blocks.stamps, end, 'right')), first + 1)
@@ -70,7 +69,7 @@ def cut(recording: Recording, begin: int, end: int) -> Recording:
 
 
 def _empty_moments(edges: Sequence[EyeEdge], until: int) -> list[int]:
-    """Return times in ns between the exit of an item and the entry of the next one."""
+    """Return the times in ns midway between the exit of an item and the entry of the next item."""
     return [
         (before.stamp + edge.stamp) // 2
         for before, edge in pairwise([edge for edge in edges if edge.stamp <= until])

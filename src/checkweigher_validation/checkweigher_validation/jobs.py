@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Independent jobs in parallel, by `concurrent.futures`, on this machine or on a cluster."""
+"""Parallel execution of independent jobs on this machine or on a cluster."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -19,35 +19,35 @@ from checkweigher_recording.progress import with_progress
 
 Job = Callable[[], Any]
 
-# Each core has a worker, so further threads of a matrix library would only slow the others down.
+# There is a worker for each core, so more threads in a worker would slow down the other workers.
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
-_LOOK = 5.0  # interval of the checks of the workers while no job is done, s
+_LOOK = 5.0  # longest time between two checks of the workers in s
 
 
 class WorkerLostError(ValueError):
-    """A job that killed its worker twice, the second time when it ran alone."""
+    """Error for a job whose worker was killed twice, the second time without any other jobs."""
 
 
 class ClusterLostError(ValueError):
-    """A cluster that has ended, has no worker left, or cannot be reached any more."""
+    """Error for a cluster that has ended, has no workers, or cannot be reached."""
 
 
 class Workers(AbstractContextManager['Workers']):
-    """Processes that do jobs. An error in the block cancels the jobs that are not done."""
+    """Context manager of processes that run jobs. An exception in the block cancels all jobs."""
 
-    ahead: int  # number of jobs that are submitted at the same time
-    lost: type[Exception]  # raised by a job whose worker was killed, perhaps by another job
+    ahead: int  # largest number of submitted jobs
+    lost: type[Exception]  # exception of a job whose worker was killed, perhaps by another job
 
     @abstractmethod
     def submit(self, job: Job, alone: bool) -> Future[Any]:
-        """Submit a job; if `alone`, no other job may run."""
+        """Submit a job. If `alone` is True, no other job is running."""
 
     def check(self) -> None:
-        """Raise ClusterLostError if no further job will be done."""
+        """Raise `ClusterLostError` if no worker can run jobs any more."""
 
 
 class _Processes(Workers):
-    """Processes of this machine, which are reused for later jobs."""
+    """Processes on this machine, which are reused for later jobs."""
 
     lost = BrokenExecutor
 
@@ -59,7 +59,7 @@ class _Processes(Workers):
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         with _mute():
             while True:
-                # This makes a new executor if a process of the last one was killed.
+                # The function returns a new executor if a process of the last one was killed.
                 self._executor = get_reusable_executor(
                     1 if alone else self._count,
                     timeout=None,
@@ -79,10 +79,10 @@ class _Processes(Workers):
 
 @contextmanager
 def _mute() -> Iterator[None]:
-    """Discard the error output of processes that start in this block.
+    """Discard the error output of the processes that are started in this block.
 
-    Ctrl-C reaches all processes of the terminal, and a process that is interrupted during its
-    imports would print a traceback.
+    Ctrl-C interrupts all processes of a terminal. A process that is interrupted during its imports
+    would print a traceback.
     """
     kept = os.dup(2)
     null = os.open(os.devnull, os.O_WRONLY)
@@ -96,7 +96,7 @@ def _mute() -> Iterator[None]:
 
 
 def _begin_worker(parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this process
     end_with_parent(parent)
 
 
@@ -105,7 +105,7 @@ _ELSEWHERE: ContextVar[Callable[[], Workers] | None] = ContextVar('elsewhere', d
 
 @contextmanager
 def jobs_done_by(workers: Callable[[], Workers]) -> Iterator[None]:
-    """Run the jobs of this block on other workers instead of processes of this machine."""
+    """Run the jobs of this block on the given workers instead of processes on this machine."""
     token = _ELSEWHERE.set(workers)
     try:
         yield
@@ -118,13 +118,13 @@ def run_jobs(
 ) -> list[Any]:
     """Run independent jobs, and return their results in the same order.
 
-    Jobs are called without arguments (see `functools.partial`); jobs and results are pickled.
-    `n_jobs` is the number of processes on this machine, by default one for each core; with 1, this
-    process runs the jobs. A bar labelled `doing` is shown on a terminal if they take more than a
-    second.
+    A job is a function without parameters (see `functools.partial`). Jobs and results must be
+    picklable. `n_jobs` is the number of processes on this machine, by default one for each core. If
+    it is 1, this process runs the jobs. On a terminal, a progress bar with the label `doing` is
+    shown.
 
-    Raises `WorkerLostError` if a job killed its worker, also when it was tried alone, and
-    `ClusterLostError` if a cluster does the jobs and is lost.
+    Raises `WorkerLostError` if the worker of a job was killed twice, and `ClusterLostError` if the
+    jobs ran on a cluster that was lost.
     """
     with closing(jobs_as_done(jobs, n_jobs)) as results:
         found = dict(with_progress(results, doing, len(jobs), unit=unit))
@@ -137,13 +137,13 @@ def run_jobs(
 def jobs_as_done(
     jobs: Sequence[Job], n_jobs: int | None = None
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run independent jobs; yield the number and the result of each as soon as it is done.
+    """Run independent jobs, and yield the position and the result of each job when it is done.
 
-    If a worker is killed, the jobs that were submitted at that time are tried again, one at a time.
-    The result of a job that kills its worker again is a `WorkerLostError`. The parameters are as in
-    `run_jobs`.
+    If a worker is killed, all jobs that were submitted at that time are run again one at a time. If
+    the worker of a job is killed again, the result of the job is a `WorkerLostError`. The
+    parameters are as in `run_jobs`.
 
-    Raises `ClusterLostError` if the jobs were done by a cluster, and it was lost.
+    Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
     count = min(n_jobs or cpu_count(), len(jobs))
     elsewhere = _ELSEWHERE.get()
@@ -164,7 +164,7 @@ def jobs_as_done(
 def _results(
     workers: Workers, jobs: Mapping[int, Job], at_once: int
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run jobs and yield numbers and results; a result is a WorkerLostError if its worker died."""
+    """Run jobs, and yield their numbers and results. A result may be a `WorkerLostError`."""
     left = iter(jobs.items())
     running: dict[Future[Any], int] = {}
     while True:

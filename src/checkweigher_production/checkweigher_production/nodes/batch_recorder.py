@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The batches of a line, across restarts: counts, records and feedback to the filler."""
+"""Batches of a line, which continue after a restart: counts, records and filler feedback."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -27,25 +27,25 @@ from checkweigher_production.statistics import ProductionRecord
 
 
 class LineBatches:
-    """Counts of the batches of a line, with a record of each batch if `folder` is not empty.
+    """Counts of the batches of a line, with a record of each batch in the folder `folder`.
 
-    A batch that a restart interrupted continues with its name, product and counts. If it is not
-    certain which batch that is, or if its counts are lost, no batch continues until a person begins
-    one. `first` is the name of the first batch, `clock` returns the time for the records (ISO 8601,
-    UTC), and `log` is the audit log of the lane, or None.
+    If `folder` is empty, there are no records. Otherwise, the batch of the last run continues with
+    its product and counts. If this batch is uncertain or its counts are lost, a person must begin a
+    batch. `first` is the name of the first batch, `clock` returns the time for the records (ISO
+    8601, UTC), and `log` is the audit log of the line.
 
-    Raises `RecordError` if the folder cannot be used.
+    Raises `RecordError` if the folder cannot be created.
 
     Attributes
     ----------
     production : ProductionRecord
-        The counts.
+        Counts of all products and batches.
     selected : Selection or None
-        Last selection before this start, None if there is none or it is uncertain.
+        Selection of the last run, or None if it is unknown.
     doubt : str
-        Reason why no batch continues, empty if one does.
+        Reason why no batch is in progress, or empty.
     not_kept : str
-        Reason why product and batch could not be saved for the next start, else empty.
+        Reason why product and batch could not be saved for the next start, or empty.
     """
 
     def __init__(
@@ -57,15 +57,15 @@ class LineBatches:
         self._clock = clock
         self._log = log
         self._filler: FillerController | None = None
-        self._corrected = '', 0.0  # last product, and the correction of the filler for it
+        self._corrected = '', 0.0  # last product, and the last correction of its filler in kg
         self._folder = Path(folder)
         self._writer: RecordWriter | None = None
         self._open: dict[str, Path] = {}  # records without an end, except the present one
-        self._left_out: list[str] = []  # faults of other records
-        self._forgotten = ''  # why the last selection is unknown
-        self._batch = self._before = ''  # recorded batch, and previous batch
-        self._kept: Selection | None = None  # selection in the file
-        self.not_kept = ''  # why the file was not written
+        self._left_out: list[str] = []  # faults of invalid records
+        self._forgotten = ''  # reason why the last selection is unknown, or empty
+        self._batch = self._before = ''  # batch of the present record, and the batch before it
+        self._kept: Selection | None = None  # content of the file with the selection, if known
+        self.not_kept = ''
         if folder:
             self._writer = RecordWriter(self._folder)
             self._open, self._left_out = records_in(self._folder)
@@ -73,7 +73,7 @@ class LineBatches:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether a person must select the product or begin a batch, because it is uncertain."""
+        """Whether a person must select the product or begin a batch after a restart."""
         return bool(self.doubt or self._forgotten)
 
     def _resume(self, writer: RecordWriter) -> None:
@@ -95,7 +95,10 @@ class LineBatches:
             self.use(self.selected.product if self.selected else None)
 
     def _batch_in_progress(self, first: str) -> str:
-        """Return the only open batch, or `first` if none is open; `RecordError` if in doubt."""
+        """Return the only batch without an end or, if there is none, the batch `first`.
+
+        Raises `RecordError` if the batch in progress is uncertain.
+        """
         if len(self._open) > 1 or self._left_out:
             several = '; '.join([*map(str, self._open.values()), *self._left_out])
             raise RecordError(f'it is not certain which batch is in progress: {several}')
@@ -104,7 +107,10 @@ class LineBatches:
         return next(iter(self._open), first)
 
     def _continue(self, writer: RecordWriter, batch: str, before: str) -> None:
-        """Continue a batch, and end the previous one if it is open; `RecordError` if in doubt."""
+        """Continue a batch, and end the record of the batch `before` if it has no end.
+
+        Raises `RecordError` if the counts of the batch are lost.
+        """
         self.production.batch, path = batch, record_path(self._folder, batch)
         interrupted = before != batch and before in self._open
         goes_on = self._open.pop(batch, None) is not None
@@ -118,7 +124,7 @@ class LineBatches:
         elif before != batch:
             with suppress(RecordError):
                 if ended := ended_record(record_path(self._folder, before)):
-                    writer.ended.put(ended)  # its hash may not be in the audit log yet
+                    writer.ended.put(ended)  # the audit log may lack the hash of this record
         if goes_on:
             writer.end(self._clock())
             writer.resume(batch)
@@ -127,7 +133,7 @@ class LineBatches:
         self._batch, self._before = batch, before
 
     def _restore(self, path: Path) -> None:
-        """Restore the counts from a record; `RecordError` if it cannot be used."""
+        """Restore the counts from a record. Raises `RecordError` if the record is not valid."""
         production = self.production
         try:
             for kind, event in read_events(path):
@@ -142,10 +148,10 @@ class LineBatches:
                 elif kind == 'reset':
                     production.reset()
         finally:
-            production.product = None  # it has not been selected yet
+            production.product = None  # the product has not been selected since the restart
 
     def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
-        """Save product, limits and batch if they have changed, with `anew` in any case."""
+        """Save product, limits and batch if they have changed or `anew` is True."""
         if self._writer is None or self.doubt:
             return
         its = self.production
@@ -167,13 +173,13 @@ class LineBatches:
             self._writer.write(kind, values)
 
     def use(self, product: Product | None) -> None:
-        """Count for a product from now on."""
+        """Count the following items for a product."""
         self.production.product = product
         if product is not None:
             self.write('product', {'name': product.name, **plain(product)})
 
     def control_filler(self, product: Product) -> None:
-        """Begin to control the filler for a product, from its last correction if known."""
+        """Begin the feedback to the filler for a product, with its last correction if known."""
         last, correction = self._corrected
         correction = correction if last == product.name else 0.0
         self._corrected, self._filler = (product.name, correction), None
@@ -183,13 +189,13 @@ class LineBatches:
             )
 
     def add(self, verdict: Verdict) -> bool:
-        """Count and record an item; return False if it was counted before a restart."""
+        """Count and record an item; return whether the item was new."""
         if is_new := self.production.add(verdict):
             self.write('verdict', verdict)
         return is_new
 
     def feedback(self, verdict: Verdict) -> FillerFeedback | None:
-        """Return and record the feedback to the filler if an item completes a subgroup."""
+        """Return and record the feedback to the filler, or return None if there is none."""
         found = self._filler.add(verdict) if self._filler is not None else None
         if found is not None:
             self._corrected = found.product, found.correction
@@ -197,14 +203,14 @@ class LineBatches:
         return found
 
     def reset(self) -> None:
-        """Count the product in this batch from 0."""
+        """Reset the counts of the product in this batch."""
         self.production.reset()
         self.write('reset', {'time': self._clock()})
 
     def begin(self) -> None:
-        """End the record of the previous batch, and begin or continue the record of this one.
+        """Begin or continue the record of the present batch, and end that of the batch before.
 
-        Raises `RecordError` if the record to continue cannot be used.
+        Raises `RecordError` if a record to be continued is not valid.
         """
         if self._writer is not None:
             if path := self._open.get(self.production.batch):
@@ -222,17 +228,21 @@ class LineBatches:
         writer.begin(self.production.batch, self._clock(), **audit)
 
     def has_record(self, batch: str) -> bool:
-        """Return whether there is a record of a batch."""
+        """Return whether a batch has a record."""
         return self._writer is not None and record_path(self._folder, batch).exists()
 
     def may_begin(self, batch: str) -> bool:
-        """Return whether a name is unused or, while in doubt, names an open batch."""
+        """Return whether a batch of this name may begin.
+
+        The name must be unused. After a restart without a batch in progress, it may also be that of
+        a record without an end.
+        """
         if self.doubt and batch in self._open:
             return True
         return not (self.production.has_batch(batch) or self.has_record(batch))
 
     def ended(self) -> Iterator[BatchResult]:
-        """Yield the batches whose records were completed since the last call, with the stamp 0."""
+        """Yield the results, with the stamp 0, of records that have ended since the last call."""
         while self._writer is not None and not self._writer.ended.empty():
             yield self._writer.ended.get()
 
@@ -242,7 +252,7 @@ class LineBatches:
             self._writer.close()
 
     def finding(self) -> Finding:
-        """Return the aspect Batch record of the diagnostics."""
+        """Return the finding "Batch record" of the diagnostics."""
         if self._writer is None:
             return conclude('Batch record', 'none: batches are not recorded', ())
         full = 'make room, or see to the disk: verdicts wait in memory'

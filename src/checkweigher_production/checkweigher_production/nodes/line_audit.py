@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The audit log of a lane: changes that its nodes are about to make, or that were found."""
+"""Audit log of a line, for changes that its nodes are about to make and for changed parameters."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -21,19 +21,20 @@ from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_production.audit_trail import AuditTrail, Author, Authors
 
-_LONGEST_NAME = 64  # characters, of a person
-_CALL_PATIENCE = 150.0  # s, longest time from the announcement of a person's call to its end
+_LONGEST_NAME = 64  # characters of the name of a person
+_CALL_PATIENCE = 150.0  # longest time from the announcement of a service call to its end in s
 
 
 class LineAudit:
-    """Writer of the audit log of a lane: what changes, who changes it, and why.
+    """Writer of the audit log of a line.
 
-    The parameters of a node are written when it starts, and each change before it is made. If an
-    announced change was not made, a later reading of the parameters shows that.
+    The parameters of a node are written when the node starts. A change of a parameter is written
+    before it is made. The parameters are read again later, so that the log is right even if the
+    change was not made.
 
-    `log` is None on a lane without a log. `node` is the full name of the node that writes, `clock`
-    returns the time of an entry (ISO 8601, UTC), and `line` is the client of the parameters.
-    `has_record` returns whether the named batch has a record, and `warn` logs a warning.
+    `log` may be None. `node` is the full name of this node, `clock` returns the time of an entry
+    (ISO 8601, UTC), and `line` is the client for the parameters of all nodes. `has_record` returns
+    whether a batch has a record, and `warn` logs a warning.
     """
 
     def __init__(
@@ -52,9 +53,10 @@ class LineAudit:
         self._warn = warn
         self._authors = Authors(_CALL_PATIENCE)
         self._unread = set(ports.NODES)  # nodes whose parameters have not been read yet
-        self._announced: dict[str, float] = {}  # time of the entry, by node to read again
+        self._announced: dict[str, float] = {}  # time of the last announced change in s, by node
         self.trail = AuditTrail(log, node, clock)
-        # Subject, node that makes the change, and service that asks for it, by kind of the entry.
+        # For each kind of change: its subject, the node that makes it, and the service to request
+        # it.
         self._asked = {
             changes.ZERO: (ports.ZERO, 'segmenter', ports.ZERO),
             changes.LEARNED: (f'{self._namespace}/identifier', 'identifier', ports.FORGET_LEARNED),
@@ -63,17 +65,17 @@ class LineAudit:
         }
 
     def awaits(self, nodes: set[str]) -> bool:
-        """Return whether the log lacks parameters of `nodes`, which must not change until then."""
+        """Return whether the log lacks the parameters of some nodes; they must not be set then."""
         return self._log is not None and not self._unread.isdisjoint(nodes)
 
     def add_started(self, nodes: set[str]) -> None:
-        """Register started nodes, so that their parameters are read."""
+        """Register started nodes, whose parameters must be read."""
         self._unread |= nodes.intersection(ports.NODES)
 
     def announce(self, changes: Mapping[str, Values], by: Author) -> None:
-        """Write the parameters that are about to be set in some nodes.
+        """Write the parameters that are about to be set, by node.
 
-        Raises `AuditError` if that fails; the caller must then not set them.
+        If `AuditError` is raised, the caller must not set the parameters.
         """
         for node, values in changes.items():
             if node not in ports.NODES:
@@ -82,11 +84,11 @@ class LineAudit:
             self.trail.parameters(f'{self._namespace}/{node}', values, by)
 
     def author_of(self, service: str, node: str = 'product') -> Author:
-        """Return the person who calls a service of `node`; if no person does, return the node."""
+        """Return the person who calls a service or, if no person is announced, the node `node`."""
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
     def on_change(self, request: Any, response: Any) -> Any:
-        """Write a change that a node of the line is about to make."""
+        """Write the change that another node is about to make, as the callback of a service."""
         try:
             self._write(request, json.loads(request.new_value))
             response.success = True
@@ -118,7 +120,7 @@ class LineAudit:
             self.trail.note(kind, subject, None, value, by)
 
     def _write_person(self, name: str, request: Any, value: Any) -> None:
-        """Register the services that a person is about to call, or write an action of a person."""
+        """Register the services that a person is about to call, or write the action of a person."""
         author = Author(name, one_line(request.reason))
         if value is None:
             self._authors.announce(author, list(request.subjects), time.monotonic())
@@ -128,8 +130,8 @@ class LineAudit:
             raise AuditError(f'{name}: what a person did is a text')
 
     async def read_started(self) -> None:
-        """Write pending entries, and compare the parameters of nodes with the log."""
-        with suppress(AuditError):  # shown by the diagnostics
+        """Write pending entries, and the parameters of started and changed nodes."""
+        with suppress(AuditError):  # the diagnostics show this fault
             self.trail.catch_up()
         for node in ports.NODES:
             began = time.monotonic()
@@ -138,7 +140,7 @@ class LineAudit:
                 continue
             try:
                 values = await self._line.get_all(node)
-                # Otherwise the values may precede a change that has been announced.
+                # If a change was announced meanwhile, the values may be those before the change.
                 if self._announced.get(node, -math.inf) < began:
                     self.trail.found(f'{self._namespace}/{node}', values)
                     self._unread.discard(node)
@@ -148,17 +150,17 @@ class LineAudit:
                 self._warn(str(error))
 
     def on_load_cell(self, load_cell: LoadCell) -> None:
-        """Write a calibration that differs from the last known one."""
+        """Write the calibration if it differs from the last calibration in the log."""
         by = Author(f'graph:{self._namespace}/driver')
         self.trail.saw_state(changes.CALIBRATION, ports.LOAD_CELL_INFO.name, asdict(load_cell), by)
 
     def on_zero_setting(self, change: ZeroChange) -> None:
-        """Write the zero that was set."""
+        """Write a zero that an operator has set."""
         by = self.author_of(ports.ZERO, 'segmenter')
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
     def finding(self) -> Finding:
-        """Return the aspect Audit log of the diagnostics."""
+        """Return the finding "Audit log" of the diagnostics."""
         if self._log is None:
             return conclude('Audit log', 'none: changes are not written down', ())
         values: dict[str, float | str] = {

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The product on the line: its limits for the reject node, and its parameters in all nodes."""
+"""Limits of the selected product in the reject node, and its parameters in all nodes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -22,23 +22,24 @@ from checkweigher_production.recipes import NODES, Product
 
 @dataclass(eq=False)
 class LineRecipe:
-    """Limits and parameters of the selected product, in all nodes of the line or in none.
+    """Setter of limits and parameters of the selected product, in all nodes or in none.
 
-    Until all nodes have their parameters, no product is on the line, and the reject node accepts
-    nothing. Each step waits until the reject node uses the result of the previous one. The
-    coroutines raise `RefusedError` if a node refuses its part or does not answer.
+    A product is "on the line" when it is published to the reject node. While the parameters of the
+    nodes are set, no product is on the line, and the reject node accepts no item. After each
+    publication, the methods await the confirmation of the reject node. They raise `RefusedError` if
+    a node refuses a parameter or does not answer.
 
-    `line` is the client of the parameters, `publish` publishes the product on the line, `clock`
-    returns the time in ns, and `tally` returns the counts of a product in a batch.
+    `line` is the client for the parameters of all nodes, `publish` publishes the product on the
+    line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
 
     Attributes
     ----------
     selected : ProductOnLine or None
-        Selected product, with the limits in use; it may not be on the line yet.
+        Selected product with its limits. It may not be on the line yet.
     on_line : ProductOnLine
-        Last published product; its name is empty while no product is on the line.
+        Last published product. Its name is empty if no product is on the line.
     in_use : ProductOnLine or None
-        Product by which the reject node judges, None while unknown.
+        Product that the reject node has confirmed, or None before the first confirmation.
     """
 
     line: LineParametersClient
@@ -50,20 +51,20 @@ class LineRecipe:
         self.selected: ProductOnLine | None = None
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
-        self._taken = Future()  # done when the reject node uses the last published product
-        # Values from before any recipe set them, for products that do not set them.
+        self._taken = Future()  # done when the reject node confirms the last published product
+        # Values before the first recipe was set, which apply if a recipe does not set a parameter.
         self._base: dict[str, Values] = {}
-        self._set: dict[str, Values] = {}  # values of the selected product
+        self._set: dict[str, Values] = {}  # values for the selected product
         self._restarted: set[str] = set()
 
     @property
     def ready(self) -> bool:
-        """Whether all nodes of a recipe are ready, and the product in use is known."""
+        """Whether all nodes with parameters in recipes run, and `in_use` is known."""
         return self.in_use is not None and all(self.line.ready(node) for node in NODES)
 
     @property
     def lost(self) -> set[str]:
-        """Restarted nodes that do not have the parameters of the product yet."""
+        """Restarted nodes that do not have the parameters of the product."""
         return self._restarted & self._set.keys()
 
     def add_started(self, nodes: set[str]) -> None:
@@ -73,23 +74,23 @@ class LineRecipe:
     def taken(
         self, product: ProductOnLine, resumed: ProductOnLine | None = None, *, waits: bool = False
     ) -> None:
-        """Process the product by which the reject node judges from now on.
+        """Process the confirmation of a product by the reject node.
 
-        If that node has no product when this node starts, `resumed` is selected. It is also put on
-        the line, unless it `waits` for the parameters of other nodes.
+        If the reject node has no product when this node starts, `resumed` is selected. Unless
+        `waits` is True, it is also put on the line.
         """
         first, self.in_use = self.in_use is None, product
-        # The reject node may have had a product, or limits of its own, when this node started.
+        # When this node starts, the reject node may have a product with other limits.
         if product.product and (first or product.stamp == self.on_line.stamp):
             self.on_line = self.selected = product
-        elif first and not self.on_line.stamp:  # nothing was selected meanwhile
+        elif first and not self.on_line.stamp:  # no product was selected meanwhile
             self.selected = resumed
             self.put(None if waits else resumed)
         if product.stamp == self.on_line.stamp and not self._taken.done():
             self._taken.set_result(product)
 
     def update(self) -> None:
-        """Publish the present counts, from which a restarted reject node continues."""
+        """Publish the present counts of the batch, from which a restarted reject node continues."""
         if self.on_line.product:
             self.publish(self._counted(self.on_line))
 
@@ -99,10 +100,11 @@ class LineRecipe:
         selected: ProductOnLine,
         announce: Callable[[dict[str, Values]], object],
     ) -> None:
-        """Put a product on the line. If a node refuses, all nodes keep their parameters.
+        """Set the parameters of a product, and put the product on the line.
 
-        `selected` has the limits of the product. `announce` is called with the parameters to set,
-        by node; if it raises, no parameter is set.
+        If a node refuses a parameter, all nodes keep their parameters. `selected` has the limits of
+        the product. `announce` is called with the new parameters by node before the first one is
+        set. If it raises an exception, no parameter is set.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)
@@ -114,7 +116,7 @@ class LineRecipe:
             for node, new in whole.items()
             if plain(new) != plain(await self.line.get(node, list(new)))
         }
-        announce(changes)  # of all nodes, before the first one is changed
+        announce(changes)
         before = self.selected if self.on_line.product else None
         try:
             await self._change(changes, selected, before)
@@ -135,7 +137,7 @@ class LineRecipe:
             )
 
     async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
-        """Return the values, before any recipe, of the parameters of this and past products."""
+        """Return the values before the first recipe of the parameters that recipes have changed."""
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
             if not self.line.ready(node):
@@ -145,17 +147,17 @@ class LineRecipe:
         return {node: base[node] for node in NODES if node in base}
 
     async def change(self, **values: Any) -> None:
-        """Change batch or test of the selected product, if there is one."""
+        """Change fields of the selected product, such as its batch, if there is a product."""
         if self.selected is None:
             return
         changed = replace(self.selected, **values)
         if self.on_line.product:
             await self._change({}, changed, self.selected)
-        else:  # it is put on the line once all nodes have their parameters
+        else:  # the product will be put on the line when all nodes have their parameters
             self.selected = changed
 
     async def restore(self) -> str:
-        """Set the parameters of the product in the lost nodes, and return its name."""
+        """Set the parameters of the product in all nodes in `lost`, and return its name."""
         lost = self.lost
         assert self.selected is not None
         await self._change({n: self._set[n] for n in NODES if n in lost}, self.selected, None)
@@ -165,9 +167,9 @@ class LineRecipe:
     async def _change(
         self, values: dict[str, Values], product: ProductOnLine, otherwise: ProductOnLine | None
     ) -> None:
-        """Set parameters while no product is on the line, then put a product there.
+        """Set parameters while no product is on the line, and then put a product on the line.
 
-        If a node refuses, put `otherwise` there, or no product if the parameters may not fit it.
+        If this fails and no parameter was changed, the product `otherwise` is put on the line.
         """
         try:
             if values:
@@ -180,13 +182,13 @@ class LineRecipe:
             raise
 
     async def _put_and_wait(self, product: ProductOnLine | None) -> None:
-        """Publish the product on the line, and wait until the reject node uses it."""
+        """Publish the product on the line, and await the confirmation of the reject node."""
         self._taken = Future()
         self.put(product)
         await self.line.answer('reject', self._taken)
 
     def put(self, product: ProductOnLine | None) -> None:
-        """Publish the product on the line, None for no product."""
+        """Publish the product on the line. None means that no product is on the line."""
         none = ProductOnLine(0, needed=True)
         self.on_line = self._counted(replace(product or none, stamp=self.clock()))
         self.publish(self.on_line)

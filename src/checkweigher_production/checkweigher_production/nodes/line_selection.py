@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The selection of product and batch: by an operator, at the start, and after a restart."""
+"""Selection of product and batch by an operator, at the first start and after a restart."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -23,12 +23,15 @@ from checkweigher_production.nodes.line_recipe import LineRecipe
 from checkweigher_production.nodes.performance import LineTest
 from checkweigher_production.recipes import NODES, Product, read_recipes
 
-# Statistics in the entries of the audit log.
+# Fields of `Statistics` that are written to the audit log.
 _COUNTED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
 
 
 def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
-    """Return all products of a recipe file, and the named one; `SettingsError` if it is missing."""
+    """Return all products of a recipe file, and the product `name`.
+
+    Raises `SettingsError` if the file is not valid or has no such product.
+    """
     if not file:
         raise SettingsError('the parameter recipes of the node product names no file')
     products = read_recipes(Path(file))
@@ -39,12 +42,11 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
 
 @dataclass(eq=False)
 class LineSelection:
-    """Selection of product and batch, for nodes, counts and records.
+    """Selection of product and batch.
 
-    Each change is written to the audit log before it is made.
-
-    `file` is the recipe file and `first` the product at the first start; empty for none. `warn`
-    logs a warning.
+    Each change is written to the audit log before it is made. `file` is the path of the recipe file
+    and `first` the name of the product at the first start; both may be empty. `warn` logs a
+    warning.
     """
 
     file: str
@@ -56,22 +58,22 @@ class LineSelection:
     warn: Callable[[str], object]
 
     def __post_init__(self) -> None:
-        # Product and limits to restore after a restart of the line; None once all nodes have them.
+        # Product and limits of the last run that are not restored yet.
         selected = self.batches.selected
         self._resumed = (selected.product, selected.on_line) if selected else (None, None)
-        self._begun = not self.file  # whether the product at the start is on the line
+        self._begun = not self.file  # whether the selection at the start is completed
 
     async def select(self, name: str, by: Author) -> None:
-        """Select a product; if that raises an error, the selection is unchanged."""
+        """Select a product. If an exception is raised, the selection is unchanged."""
         products, product = find(self.file, name)
         if self.batches.doubt:
             raise SettingsError(self.batches.doubt)
         trail, production = self.audit.trail, self.batches.production
         trail.recipes(plain(products), by)
-        # Written first, because a change that cannot be written must not be made.
+        # The entry is written first, because a change without an entry must not be made.
         before, wanted = production.product, product.on_line(production.batch)
         trail.note(changes.SELECTION, 'product', _audited(self.recipe.in_use), _audited(wanted), by)
-        # Items judged by the new recipe while it is being set already count for it.
+        # Items may be judged by the new recipe before all its parameters are set.
         self.batches.use(product)
         try:
             await self.recipe.set(product, wanted, partial(self.audit.announce, by=by))
@@ -89,19 +91,22 @@ class LineSelection:
         self.test.select(product, self.batches.production.batch)
 
     def taken(self, product: ProductOnLine) -> None:
-        """Process the product by which the reject node judges from now on."""
-        if self.batches.doubt:  # without a batch, no item is accepted
+        """Process the product whose limits the reject node uses from now on."""
+        if self.batches.doubt:  # no item is accepted without a batch
             product = replace(product, product='')
         recipe, limits = self._resumed
         if recipe is not None and self.recipe.in_use is None:
             self._select_in_counts(recipe)
-        # A product with parameters of its own waits until the nodes have them.
+        # A product with parameters is not put on the line until the nodes have these parameters.
         self.recipe.taken(product, limits, waits=recipe is not None and bool(recipe.parameters))
         if product.product:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the previous or the first product; return whether this call selected one."""
+        """Select the product of the last run or the first product; return whether one was selected.
+
+        The method must be called repeatedly, because it has no effect while nodes are missing.
+        """
         if self._begun or self.batches.doubt:
             return False
         resumed, _ = self._resumed
@@ -113,7 +118,7 @@ class LineSelection:
             return False
         if self.audit.awaits(set(NODES)):
             return False
-        # If only this node was restarted, the product on the line stays.
+        # If only this node was restarted, the product on the line is still in use.
         name = self.recipe.on_line.product or name
         try:
             await self._begin(name)
@@ -124,18 +129,18 @@ class LineSelection:
         return bool(name)
 
     async def _begin(self, name: str) -> None:
-        """Restore the previous product with its limits, or select `name`, '' for none."""
+        """Restore the product of the last run with its limits, or select the product `name`."""
         resumed, limits = self._resumed
         if resumed is not None and limits is not None and resumed.name == name:
             known = self.recipe.on_line if self.recipe.on_line.product else limits
-            # A batch may have begun meanwhile.
+            # An operator may have begun a batch since the restart.
             wanted = replace(known, batch=self.batches.production.batch)
             await self.recipe.set(resumed, wanted, partial(self.audit.announce, by=Author()))
         elif name and self.batches.production.product is None:
-            await self.select(name, Author())  # otherwise the line keeps its limits
+            await self.select(name, Author())
 
     async def restore(self) -> None:
-        """Set the parameters of the product in restarted nodes of the line."""
+        """Set the parameters of the product in the nodes that have been restarted."""
         lost = self.recipe.lost
         if not lost or self.audit.awaits(lost):
             return
@@ -148,9 +153,9 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Begin a batch at the reject node, then end the record of the previous batch.
+        """Begin a batch, end the record of the previous batch, and return its statistics.
 
-        Returns the statistics of the previous batch; raises an error if the batch does not begin.
+        If an exception is raised, the previous batch continues.
         """
         if not name or not self.batches.may_begin(name):
             raise RecordError(f'batch {name!r}: a name that was not used before is needed')
@@ -171,7 +176,7 @@ class LineSelection:
         return finished
 
     async def reset_counts(self, by: Author) -> Statistics:
-        """Reset the counts of the product in this batch; return the statistics until then."""
+        """Reset the counts of the product in this batch, and return the statistics before that."""
         finished = self._end_count(changes.RESET, None, by)
         self.batches.reset()
         return finished
@@ -183,14 +188,14 @@ class LineSelection:
         return finished
 
     def ended_batches(self) -> Iterator[BatchResult]:
-        """Yield the batches with a complete record, after writing its hash to the audit log."""
+        """Yield the results of ended batches, after writing their hashes to the audit log."""
         for ended in self.batches.ended():
             if self.audit.trail.last(changes.RECORD, ended.batch) != ended.sha256:
                 self.audit.trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
                 yield ended
 
     def finding(self) -> Finding:
-        """Return the aspect Recipe of the diagnostics."""
+        """Return the finding "Recipe" of the diagnostics."""
         production = self.batches.production
         product = production.product
         values: dict[str, float | str] = {
@@ -216,7 +221,7 @@ class LineSelection:
 
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:
-    """Return a product and its limits in the form of the audit log."""
+    """Return a product and its limits as the value of an audit log entry."""
     if product is None:
         return None
     return {'product': product.product, 'batch': product.batch, **limits_of(product)}

@@ -1,10 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The performance test of the product on the line, in the audit log and at the reject node."""
+"""Performance test of the selected product, with its entries in the audit log."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 import math
 
 from checkweigher_core import changes
@@ -26,10 +25,10 @@ _LEVELS = {
 
 @dataclass(eq=False)
 class LineTest:
-    """Performance test of the product on the line. During a test, all items are rejected.
+    """Performance test of the selected product. All items are rejected during a test.
 
-    `recipe` tells the reject node that a test is running, and `trail` writes the entries. `publish`
-    publishes a new state, and `clock` returns the time of the system clock in ns.
+    `recipe` sets the reject node to reject all items, and `trail` writes the audit log. `publish`
+    publishes the state, and `clock` returns the time of the system clock in ns.
     """
 
     recipe: LineRecipe
@@ -38,19 +37,19 @@ class LineTest:
     clock: Callable[[], int]
 
     def __post_init__(self) -> None:
-        self._tests = PerformanceTests(datetime.now(UTC).astimezone().tzinfo or UTC)
+        self._tests = PerformanceTests()
         self._reason = ''
-        self._rejecting = False  # whether the reject node was told that a test is running
+        self._rejecting = False  # whether the reject node was set to reject all items
 
     def select(self, product: Product, batch: str) -> None:
-        """Use the product and the batch on the line."""
+        """Process the selection of a product or batch."""
         if (entry := self.trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
         self._tests.select(product.name, batch, product.test, self.clock())
         self.publish(self._tests.state)
 
     async def begin(self, by: Author) -> str:
-        """Begin a test, and return the instruction for the person who makes it.
+        """Begin a test, and return an instruction for the person who makes it.
 
         Raises `ValueError` or `RefusedError` if the test cannot begin.
         """
@@ -67,7 +66,7 @@ class LineTest:
         return f'let the test product of {GRAMS * plan.mass:g} g pass {plan.passes} times'
 
     async def cancel(self, by: Author) -> str:
-        """Break off the present test, and return a message for the person."""
+        """Cancel the present test, and return a message for the person."""
         if not self._tests.wanted:
             return 'no performance test was under way'
         self.trail.note(changes.TEST_BEGUN, self._tests.state.product, True, False, by)
@@ -76,7 +75,7 @@ class LineTest:
         return 'the performance test was broken off'
 
     def take(self, verdict: Verdict) -> None:
-        """Process a verdict, which may be a pass of the test."""
+        """Process a verdict. During a test, it is a pass of the test product."""
         before, plan = self._tests.state, self._tests.plan
         ended = self._tests.take(verdict, self.clock())
         if ended is not None and plan is not None:
@@ -87,7 +86,7 @@ class LineTest:
             self.publish(self._tests.state)
 
     async def advance(self) -> None:
-        """Publish a new state, and let the reject node accept items again after a test."""
+        """Update the state, and set the reject node to accept items again after a test."""
         if self._tests.advance(self.clock()):
             self.publish(self._tests.state)
         if self._rejecting and not self._tests.wanted:
@@ -95,7 +94,7 @@ class LineTest:
             self._rejecting = False
 
     def finding(self) -> Finding:
-        """Return the aspect Performance test of the diagnostics."""
+        """Return the finding "Performance test" of the diagnostics."""
         state = self._tests.state
         well = {
             PerformanceState.NOT_ASKED: 'the recipe asks for none',

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The product node: recipes of the line, statistics of production, and the audit log."""
+"""Node for recipes, batches, statistics of production, alarms and the audit log."""
 
 from collections.abc import Awaitable
 from contextlib import ExitStack
@@ -40,13 +40,13 @@ from checkweigher_production.nodes.line_recipe import LineRecipe
 from checkweigher_production.nodes.line_selection import LineSelection, find
 from checkweigher_production.nodes.performance import LineTest
 
-_PATIENCE = 2.0  # s, for an answer of another node
+_PATIENCE = 2.0  # longest time to wait for an answer of another node in s
 _POLL_PERIOD = 0.5  # s
 
 
 @dataclass(frozen=True)
 class ProductParameters(Parameters):
-    """Files of the node, and the product and the batch at the start."""
+    """Parameters of the product node."""
 
     node: ClassVar[str] = 'product'
 
@@ -67,10 +67,10 @@ class ProductParameters(Parameters):
 
 
 class ProductNode(StageNode[ProductParameters]):
-    """Node for the recipes of the line, the counts of its batches, and its audit log."""
+    """Node for recipes, batches, statistics of production, alarms and the audit log."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        self._files = ExitStack()  # `destroy_node` closes it, also if a parameter is refused
+        self._files = ExitStack()  # created first, because `destroy_node` closes it in any case
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
         known, name = self.parameters, self.get_fully_qualified_name()
         self._host_clock = HostClock()
@@ -104,7 +104,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
-        # With a record, also receive the verdicts that were published while this node was down.
+        # With records, this node also needs the verdicts that were published during its restart.
         latched = ports.VERDICT.qos if known.batch_folder else None
         self.subscribe(ports.VERDICT, self._on_verdict, qos=latched)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
@@ -117,8 +117,8 @@ class ProductNode(StageNode[ProductParameters]):
             self._audit_others()
 
     def _serve(self) -> None:
-        """Offer the services, and begin the periodic work for the recipes."""
-        # One callback at a time, because each waits for other nodes of the line.
+        """Create the services, and the timer of the recipes."""
+        # The callbacks must not run at the same time, because each of them awaits other nodes.
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
             (SelectProduct, ports.SELECT_PRODUCT, self._on_select),
@@ -133,14 +133,14 @@ class ProductNode(StageNode[ProductParameters]):
             self.create_timer(_POLL_PERIOD, self._advance_recipe, callback_group=group)
 
     def _audit_others(self) -> None:
-        """Begin to log the changes of other nodes of the line."""
+        """Create the service, the subscription and the timer that log changes of other nodes."""
         self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
         self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
         own_group = MutuallyExclusiveCallbackGroup()
         self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
 
     def destroy_node(self) -> None:
-        """Close the log and the record, then destroy the node."""
+        """Close the log and the batch record, then destroy the node."""
         self._files.close()
         super().destroy_node()
 
@@ -151,9 +151,10 @@ class ProductNode(StageNode[ProductParameters]):
         return utc(self._stamp())
 
     async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> Any:
-        """Await the work of a service and return its response; `failed` begins the warning.
+        """Await the work of a service, and return the response with its result.
 
-        The work returns the statistics of a completed count, a message, or None.
+        `work` returns the statistics of a finished batch, a message, or None. If it fails, a
+        warning is logged that begins with `failed`.
         """
         try:
             made = await work
@@ -190,7 +191,7 @@ class ProductNode(StageNode[ProductParameters]):
         return await self._answer(response, begin_or_cancel(author), 'performance test')
 
     async def _advance_recipe(self) -> None:
-        """Set the parameters of the product where they are missing, and advance the test."""
+        """Set the parameters of the product in restarted nodes, and update the performance test."""
         self._add_started()
         if await self._selection.select_at_start():
             self._publish()
@@ -212,7 +213,7 @@ class ProductNode(StageNode[ProductParameters]):
             self._feedback.send(feedback)
 
     def _advance_records(self) -> None:
-        """Publish complete records, and save product and batch again if that failed."""
+        """Publish the results of ended batches, and save product and batch if that has failed."""
         for ended in self._selection.ended_batches():
             self._results.send(replace(ended, stamp=self._stamp()))
         if self._batches.not_kept:

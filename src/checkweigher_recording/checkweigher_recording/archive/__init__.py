@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Many bags: search, copies from object stores, and digests."""
+"""Search for bags, copies of bags from object stores, and digests of bags."""

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Temporary copies of bags from object stores and other places that fsspec supports."""
+"""Temporary copies of bags from object stores and other file systems of fsspec."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -13,20 +13,21 @@ from checkweigher_recording.scratch import scratch_folder
 
 
 def is_url(place: str) -> bool:
-    """Return whether a place is a URL, not a path on this machine."""
+    """Return whether a place is a URL and not a local path."""
     return '://' in place
 
 
 def holds_bag(names: Iterable[str]) -> bool:
-    """Return whether a folder with files of these names is a bag."""
+    """Return whether a folder that has files with these names is a bag."""
     return any(name == 'metadata.yaml' or name.endswith('.mcap') for name in names)
 
 
 @contextmanager
 def local_bag(bag: str) -> Iterator[Path]:
-    """Yield the path of a bag on this machine, or of a temporary copy if the bag is a URL.
+    """Yield the local path of a bag. If `bag` is a URL, the path is that of a temporary copy.
 
-    Raises `BagError` if the bag cannot be copied. Errors of the bag name its URL, not the copy.
+    Raises `BagError` if the bag cannot be copied. In a `BagError` that is raised in the block, the
+    path of the copy is replaced by the URL.
     """
     if not is_url(bag):
         yield Path(bag)
@@ -43,11 +44,12 @@ def local_bag(bag: str) -> Iterator[Path]:
 
 @contextmanager
 def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
-    """Convert errors of an object store to `BagError`.
+    """Convert exceptions of the file system of a URL to `BagError`.
 
-    Yields a function that returns the file system of a URL and the path in it.
+    Yields the function ``fsspec.core.url_to_fs``, which returns the file system of a URL and the
+    path within that file system.
     """
-    from fsspec.core import url_to_fs  # the import takes as long as reading a short bag
+    from fsspec.core import url_to_fs  # imported late, because the import is slow
 
     try:
         yield url_to_fs
@@ -55,11 +57,11 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
         raise
     except ImportError as error:
         raise BagError(f'{url}: {" ".join(str(error).split())}') from None
-    # Each file system of fsspec has its own exceptions.
+    # The file systems of fsspec have no common base class of their exceptions.
     except Exception as error:
         text = ' '.join(str(error).split()) or type(error).__name__
         if isinstance(error, FileNotFoundError):
-            # The HTTP file system of fsspec reports every failure as a file that was not found.
+            # The HTTP file system of fsspec raises FileNotFoundError for every failure.
             cause = ' '.join(str(error.__cause__ or '').split())
             missing = not cause or getattr(error.__cause__, 'status', None) == HTTPStatus.NOT_FOUND
             text = 'there is no such file or folder' if missing else cause
@@ -67,7 +69,7 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
 
 
 def _copy(store: Any, path: str, copy: Path) -> None:
-    """Copy a file, or the files of a folder without its subfolders."""
+    """Copy a file, or the files of a folder. Subfolders are not copied."""
     if path.endswith(('.mcap', '.db3')):
         store.get_file(path, str(copy))
         return

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Digest of a bag, which identifies the bag of a result."""
+"""Digest of a bag. Results are stored with the digest of their bag."""
 
 import hashlib
 from pathlib import Path
@@ -10,11 +10,11 @@ from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 
 def bag_digest(path: Path) -> str:
-    """Return the SHA-256 over a bag: its file, or names and contents of the files in its folder.
+    """Return the SHA-256 digest of a bag, which does not depend on the path of the bag.
 
-    The path of the bag is not included.
+    The digest of a folder includes the name, the size and the content of each file.
 
-    Raises `BagError` if there is no bag, or it cannot be read.
+    Raises `BagError` if there is no bag at `path`, or the bag cannot be read.
     """
     digest = hashlib.sha256()
     if not path.is_dir() and not path.is_file():

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The bags in folders, on this machine or in an object store."""
+"""Search for bags in local folders and object stores."""
 
 from collections.abc import Iterable, Iterator, Mapping
 import os
@@ -14,13 +14,13 @@ _SUFFIXES = ('.mcap', '.db3')
 
 
 def find_bags(places: Iterable[str]) -> dict[str, str]:
-    """Return the bags in some places, each with the place in which it was found.
+    """Return a dict with each bag found as a key, and the place where it was found as its value.
 
-    Each bag is listed once, even if its path is spelled in several ways, in the order of places and
-    names. A place is a path or a URL of fsspec. A bag is a ``.mcap`` or ``.db3`` file, or a folder
-    with an ``.mcap`` file or ``metadata.yaml``. A place that has no bag or cannot be listed is
-    itself returned, so that reading it raises the error and the other bags are still read. Folders
-    whose names begin with a dot are skipped.
+    A place is a path or a URL of fsspec. A bag is a ``.mcap`` or ``.db3`` file, or a folder with a
+    ``.mcap`` file or ``metadata.yaml``. The bags are in the order of `places`, and in alphabetical
+    order within a place. A bag that can be found by several paths is returned once. Folders whose
+    names begin with a dot are skipped. If a place has no bag or cannot be listed, the place itself
+    is returned as a bag: the caller gets the error when it reads that bag.
 
     Raises `BagError` if no place has a bag.
     """
@@ -44,11 +44,11 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
 
 
 def result_names(found: Mapping[str, str]) -> dict[str, str]:
-    """Return a unique name for the results of each bag: its place, then its path below.
+    """Return a unique relative path for the results of each bag that `find_bags` has found.
 
-    Names begin with the last part of the place, or with more of the folders above it if two bags
-    would have the same name. Adding bags to a single place therefore does not change names. The
-    parts are separated by slashes.
+    The path consists of the last folder of the place and the path of the bag within the place. If
+    two bags would have the same path, all paths begin with one or more parent folders. With a
+    single place, the paths of the known bags do not change when bags are added.
     """
     parts = {bag: _parts(bag) for bag in found}
     above = {bag: max(len(_parts(place)) - 1, 0) for bag, place in found.items()}
@@ -61,13 +61,13 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
 
 
 def _spelled_out(bag: str) -> str:
-    """Return the real path of a bag on this machine, or its unchanged URL."""
+    """Return the absolute path of a bag without symbolic links, or its URL."""
     path = bag.removeprefix('file://')
     return path if is_url(path) else os.path.realpath(path)
 
 
 def _parts(bag: str) -> tuple[str, ...]:
-    """Return the folders and the name of a bag; for a URL, the protocol is the first part."""
+    """Return the parts of the path of a bag. The first part of a URL is its protocol."""
     if is_url(bag):
         protocol, _, rest = bag.partition('://')
         parts = (part for part in rest.split('/') if part not in ('', '.'))
@@ -76,7 +76,7 @@ def _parts(bag: str) -> tuple[str, ...]:
 
 
 def _bags_in(place: str) -> list[str]:
-    """Return the bags in a place; `BagError` if there are none, or it cannot be listed."""
+    """Return the bags in a place. Raises `BagError` if it has no bag or cannot be listed."""
     try:
         bags = list(_stored_bags(place) if is_url(place) else _local_bags(Path(place)))
     except OSError as error:

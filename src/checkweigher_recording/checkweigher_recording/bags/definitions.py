@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Definitions of the messages in bags."""
+"""Message definitions of bags, and conversion between records and CDR messages."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -21,12 +21,12 @@ _STORE = get_typestore(Stores.EMPTY)
 
 
 class BagError(ValueError):
-    """A bag that cannot be used. The message names the bag, the fault and a remedy."""
+    """Error for a bag that cannot be used. The message names the bag, the fault and a remedy."""
 
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Convert exceptions of the libraries that read a bag or one of its files to `BagError`."""
+    """Convert exceptions of the libraries that read the bag or the file `path` to `BagError`."""
     try:
         yield
     except BagError:
@@ -34,19 +34,18 @@ def bag_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         where = error.filename or path
         raise BagError(f'{where}: cannot be read: {error.strerror or error}') from error
-    # A parser may raise any exception for damaged bytes.
+    # The parsers may raise any exception for damaged bytes.
     except Exception as error:
         text = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
         raise BagError(f'{path}: damaged: {text}; record it again or restore it') from error
 
 
 def typestore(ports: Iterable[Port] = RECORDED) -> Typestore:
-    """Return the definitions of the messages of some ports and of their parts.
+    """Return a store with the installed definitions of the messages of some ports.
 
-    They are read from the installed packages, so that a bag and the graph have the same types. Only
-    the definitions of these ports are read, because reading takes time.
+    A definition is read from its package when it is needed for the first time.
 
-    Raises `BagError` if a package with messages is not installed.
+    Raises `BagError` if the package of a definition is not installed.
     """
     for port in ports:
         _register(port.message_type)
@@ -82,13 +81,13 @@ def _parts(field: Any) -> Iterator[str]:
 
 
 def serialize(port: Port, record: Any, stamp: int) -> bytes:
-    """Return the CDR message of a record of a port.
+    """Return the CDR message of a record.
 
-    `stamp`, in ns, is used for the header if the record has no stamp.
+    If the record has no time stamp, the header of the message has the time `stamp` in ns.
     """
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)
-    # The frame_id is empty, because it follows from the topic.
+    # The frame_id stays empty, because the topic identifies the source.
     header = store.types[HEADER](store.types[TIME](**fields.pop('header')['stamp']), '')
     times = {
         name: store.types[TIME](**value) for name, value in fields.items() if type(value) is dict
@@ -98,9 +97,11 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
 
 
 def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
-    """Return the record of a CDR message, by the definitions of `store` or the installed ones.
+    """Return the record of a CDR message of a port.
 
-    Raises an exception if the bytes are not such a message, or a value is not valid.
+    `store` has the definition of the message. By default, the installed definition is used.
+
+    Raises an exception if `data` is not such a message, or a value of it is not valid.
     """
     message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
@@ -110,7 +111,7 @@ def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
 
 
 def check_definition(path: Path, connection: Connection, port: Port) -> None:
-    """Raise `BagError` unless a connection has the type and the definition of a port."""
+    """Raise `BagError` unless a connection has the message type and the definition of `port`."""
     if connection.msgtype != port.message_type:
         raise BagError(
             f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
@@ -126,23 +127,24 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
 
 
 def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
-    """Return the definitions for reading the messages of a connection.
+    """Return the definitions to use for the messages of a connection.
 
-    These are the installed definitions, or those in an older bag that lacks only newer fields.
+    A bag contains the definitions of its messages. They are returned if they lack only fields that
+    were added in a later version. Otherwise the installed definitions are returned.
+
     Raises `BagError` if the definitions differ in any other way.
     """
     if connection.msgtype == port.message_type:
-        own = _brought(connection.msgdef, port)
-        if own is not None and _lacks_newer(own, port):
-            return own
+        stored = _stored(connection.msgdef, port)
+        if stored is not None and _lacks_only_newer_fields(stored, port):
+            return stored
     check_definition(path, connection, port)
     return typestore([port])
 
 
-def _lacks_newer(own: Typestore, port: Port) -> bool:
-    """Return whether a definition differs only in newer fields, which it lacks."""
+def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
     assert port.record is not None
-    there = list(own.fielddefs[port.message_type][1])
+    there = list(stored.fielddefs[port.message_type][1])
     here = list(typestore([port]).fielddefs[port.message_type][1])
     newer = conversion.newer_fields(port.record)
     return there != here and there == [
@@ -151,16 +153,16 @@ def _lacks_newer(own: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the hash of the definition in a bag, empty if there is none."""
+    """Return the hash of a definition from a bag. It is empty if the definition is missing."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)
-    store = _brought(definition, port)
+    store = _stored(definition, port)
     return store.hash_rihs01(port.message_type) if store else ''
 
 
-def _brought(definition: MessageDefinition, port: Port) -> Typestore | None:
-    """Return the definitions in a bag, None if there are none."""
+def _stored(definition: MessageDefinition, port: Port) -> Typestore | None:
+    """Return a store with a definition from a bag, or None if the definition is missing."""
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definition.data, port.message_type))

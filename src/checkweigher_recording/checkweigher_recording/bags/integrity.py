@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Integrity checks of the files of a bag: check sums of MCAP, and the check by SQLite."""
+"""Integrity checks of the files of a bag, by the check sums of MCAP and by SQLite."""
 
 from contextlib import closing
 import os
@@ -17,18 +17,19 @@ from mcap.stream_reader import MAGIC_SIZE
 from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 MAGIC = b'\x89MCAP0\r\n'
-# Opcode, length and content of the last two records.
+# Layouts of the last two records of an MCAP file: opcode, length and content.
 _DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
-_PIECE = 1 << 20  # bytes
+_PIECE = 1 << 20  # bytes that are read at once
 
 
 def check_file(path: Path, name: Path | None = None) -> None:
-    """Check a file of a bag, except the chunks of MCAP, which rosbags checks when it reads them.
+    """Check that a file of a bag is complete and unchanged.
 
-    `name` is the name of the file for errors if `path` is a copy.
+    The chunks of an MCAP file are not checked, because rosbags checks each chunk when it is read.
+    If `path` is a copy, `name` is the path of the original, which is used in messages.
 
-    Raises `BagError` if the file cannot be read, has another format, was cut off, or was changed
-    after it was written.
+    Raises `BagError` if the file cannot be read, is incomplete, or was changed after it was
+    written.
     """
     name = name or path
     with bag_errors(name):
@@ -40,7 +41,7 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check the start, end and check sums of a file. A check sum of 0 means none."""
+    """Check the first and last bytes and the check sums of a file. A check sum of 0 is unknown."""
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         raise BagError(f'{name}: empty; the recording has not begun')

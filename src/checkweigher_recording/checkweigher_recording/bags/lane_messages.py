@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a lane of a bag, in any order, and the recording that they form, in stretches."""
+"""Conversion of the messages of a lane to consecutive parts ("stretches") of a recording."""
 
 from bisect import bisect_left
 from collections import Counter
@@ -16,32 +16,33 @@ from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
-_AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # messages that are decoded together, and their bytes
-_LATE = 60 * NANOSECONDS  # largest delay of a message behind one with a later stamp
+_AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # largest number and size of messages decoded at once
+_LATE = 60 * NANOSECONDS  # largest delay in ns of a message behind a message with a later stamp
 
 
 class OutOfOrderError(BagError):
-    """A message that is too late for its stretch."""
+    """Error for a message that belongs to a stretch that was already returned."""
 
 
 class LaneMessages:
-    """Messages of a lane of a bag that are not in a stretch yet.
+    """Buffer for the messages of a lane that are not part of a returned stretch yet.
 
-    `path` is the path of the bag, for errors. `numbers` counts the messages by topic.
+    `path` is the path of the bag, which is used in error messages. `numbers` has the number of
+    messages by topic.
     """
 
     def __init__(self, path: Path) -> None:
         self.numbers: Counter[str] = Counter()
         self._path = path
         self._cell: LoadCell | None = None
-        self._samples: list[bytes] = []  # messages that are not decoded yet
+        self._samples: list[bytes] = []  # messages with samples that are not decoded yet
         self._blocks = [BlockColumns.of([])]
         self._events: list[EyeEdge | Reference] = []
-        self._since = self._bytes = 0  # messages since the last decoding, and their bytes
-        self._end: int | None = None  # of the last stretch, ns
+        self._since = self._bytes = 0  # number and size of the messages since the last decoding
+        self._end: int | None = None  # end of the last stretch in ns
 
     def take(self, topic: str, port: Port, data: bytes) -> None:
-        """Add a message; `BagError` if it cannot be used."""
+        """Add a message. Raises `BagError` if the message is not valid."""
         self.numbers[topic] += 1
         self._since += 1
         self._bytes += len(data)
@@ -59,7 +60,7 @@ class LaneMessages:
         self._samples, self._since, self._bytes = [], 0, 0
 
     def take_cell(self, data: bytes) -> None:
-        """Add a message of the load cell, which may come several times."""
+        """Add a message on the load cell. A bag may have several equal ones."""
         try:
             cell: LoadCell = deserialize(LOAD_CELL_INFO, data)
         except ValueError as error:
@@ -74,11 +75,12 @@ class LaneMessages:
         self._cell = cell
 
     def stretch(self) -> Recording | None:
-        """Return the events up to a minute before the latest stamp, None if it is too soon.
+        """Return the next stretch, which ends one minute before the latest stamp.
 
-        Raises `OutOfOrderError` if a message belongs to a stretch that was already returned.
+        Returns None if there are too few events. Raises `OutOfOrderError` if a message belongs to a
+        stretch that was already returned.
         """
-        if self._since:  # only after messages were decoded
+        if self._since:  # some messages are not decoded yet
             return None
         blocks = self._sorted()
         latest = [int(stamp) for stamp in blocks.stamps[-1:]]
@@ -94,7 +96,7 @@ class LaneMessages:
         return self._recording(complete, events)
 
     def rest(self) -> Recording:
-        """Return the remaining events, all if there was no stretch; errors as in `stretch`."""
+        """Return all events that were not part of a stretch. The exceptions are as in `stretch`."""
         self._decode()
         blocks = self._sorted()
         recording = self._recording(blocks, self._events)
@@ -115,7 +117,7 @@ class LaneMessages:
         return Recording(self._cell, blocks, edges, references)
 
     def _sorted(self) -> BlockColumns:
-        """Sort the events, and return the blocks sorted; `OutOfOrderError` if one is too late."""
+        """Sort events and blocks, and return the blocks. The exceptions are as in `stretch`."""
         blocks = BlockColumns.concatenate(self._blocks).in_canonical_order()
         self._blocks = [blocks]
         self._events.sort(key=canonical_order)

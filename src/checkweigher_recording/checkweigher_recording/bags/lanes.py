@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The lanes of a bag, each with the topics in its namespace."""
+"""Lanes of a bag. A lane is one checkweigher, whose topics have a namespace in common."""
 
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
@@ -14,23 +14,23 @@ Lane = list[tuple[Connection, Port]]
 
 
 def lane_prefix(namespace: str) -> str:
-    """Return the prefix of the topics in a namespace, given with or without slashes."""
+    """Return the prefix of all topics in a namespace, which may be given without slashes."""
     return ''.join(f'/{part}' for part in namespace.split('/') if part)
 
 
 def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
-    """Return the lane and the port of a topic, None if it has no port."""
+    """Return the lane and the port of a topic, or None if the topic belongs to no port."""
     name = f'/{name.lstrip("/")}'
     found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
         return None
-    # Choose the longest name: load_cell/status is not the status of a lane named load_cell.
+    # The longest name is the right one: load_cell/status is not the status of a lane "load_cell".
     port = max(found, key=lambda port: len(port.name))
     return name.removesuffix(port.name).removesuffix('/'), port
 
 
 def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict[str, Lane]:
-    """Return the connections that have a port, with their ports, by lane."""
+    """Return the connections that belong to a port as pairs (connection, port), by lane."""
     lanes: dict[str, Lane] = {}
     for connection in connections:
         if found := find_port(connection.topic, ports):
@@ -40,9 +40,10 @@ def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict
 
 
 def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
-    """Return the connections of one lane that make a recording, each with its port.
+    """Return the connections of the recorded signals of one lane, each with its port.
 
-    Raises `BagError` if there is no such lane, or several lanes and no namespace.
+    Raises `BagError` if the bag has no such lane, or if `namespace` is None and the bag has several
+    lanes.
     """
     lanes = lanes_of(connections, PLAYED)
     if not lanes:
@@ -52,9 +53,9 @@ def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | 
             f'{names}'
         )
     listed = ', '.join(each or '/' for each in sorted(lanes))
-    if namespace is None and len(lanes) > 1:
+    prefix, *others = lanes if namespace is None else (lane_prefix(namespace),)
+    if others:
         raise BagError(f'{path}: holds several lanes: {listed}; choose one by its namespace')
-    prefix = next(iter(lanes)) if namespace is None else lane_prefix(namespace)
     if prefix not in lanes:
         raise BagError(f'{path}: has no lane {prefix or "/"}; it has {listed}')
     return lanes[prefix]

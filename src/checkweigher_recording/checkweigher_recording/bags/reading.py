@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of whole ROS 2 bags, MCAP or SQLite, into records."""
+"""Reader for ROS 2 bags in MCAP or SQLite."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,27 +31,27 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     ----------
     path : Path
         Folder of a bag, or a single ``.mcap`` or ``.db3`` file. A folder without ``metadata.yaml``
-        is a recording that broke off, whose ``.mcap`` files are read as far as possible.
+        is an incomplete recording, whose ``.mcap`` files are read as far as possible.
     namespace : str or None
-        Namespace of the lane, None if the bag has only one lane.
+        Namespace of the lane. It may be None if the bag has only one lane.
     progress : bool
-        Whether to show a bar on a terminal if it takes more than a second.
+        Whether to show a progress bar on a terminal.
 
     Returns
     -------
     Recording
-        Events in canonical order, independent of their order in the bag. The recording has a
-        `warning` if it broke off or has no check sums.
+        Events in canonical order, whatever their order in the bag. Its `warning` is not empty if
+        the recording is incomplete or has no check sums.
 
     Raises
     ------
     BagError
-        If the bag is missing, damaged, incomplete or foreign. A damaged file is not read in part.
+        If the bag is missing, damaged or not of a checkweigher.
 
     Notes
     -----
-    Check sums are verified if the file has them; some writers omit them. All message counts in
-    the bag must agree.
+    Check sums are verified if the file has them. The numbers of messages in ``metadata.yaml``, in
+    the files and as read must agree.
     """
     (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording
@@ -60,16 +60,15 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 def read_stretches(
     path: Path, namespace: str | None = None, *, progress: bool = False, whole: bool = False
 ) -> Iterator[Recording]:
-    """Read one lane of a bag in stretches of about a minute, in limited memory.
+    """Read one lane of a bag in parts ("stretches") of about one minute, in limited memory.
 
-    With `whole`, the bag is a single stretch.
+    If `whole` is True, the bag is a single part. Together, the parts have the events that
+    `read_bag` returns, in the same order. The first part has samples, and the last part has the
+    `warning`. An error that is raised after the last part may concern all parts. The other
+    parameters and exceptions are as in `read_bag`.
 
-    Together, the stretches have all events that `read_bag` returns, in the same order. The first
-    stretch has samples, and the last one has the `warning`. An error at the end may concern the
-    whole bag. Parameters and errors are as in `read_bag`.
-
-    Raises `OutOfOrderError` if a message is logged more than a minute after one with a later stamp.
-    `read_bag` reads such a bag.
+    Raises `OutOfOrderError` if a message was logged more than one minute after another message with
+    a later time stamp. `read_bag` can read such a bag.
     """
     with open_bag(path) as bag:
         lane = choose_lane(path, bag.connections, namespace)
@@ -98,10 +97,10 @@ def over_stretches(
     *,
     progress: bool = False,
 ) -> T:
-    """Return the result of `work` for the stretches of a bag.
+    """Return the result of `work` for the parts of a bag that `read_stretches` yields.
 
-    If the messages are too far out of order for stretches, `work` is called again with the whole
-    bag as one stretch. Parameters and errors are as in `read_bag`.
+    If the messages are too far out of order for `read_stretches`, `work` is called again with the
+    whole bag as a single part. The other parameters and exceptions are as in `read_bag`.
     """
     try:
         return work(read_stretches(path, namespace, progress=progress))
@@ -110,17 +109,17 @@ def over_stretches(
 
 
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
-    """Return the first message of the load cell, which may come after the first stretch."""
+    """Return the first message on the load cell, wherever it is in the bag, or None."""
     cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
-    # Without connections rosbags would return all messages.
+    # For an empty list of connections, rosbags would return all messages.
     return next((data for _, _, data in bag.messages(cells)), None) if cells else None
 
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Reader | UnfinishedBag]:
-    """Check the files of a bag and open it, or the readable part of a recording that broke off.
+    """Check the files of a bag, and open the bag or the readable part of an incomplete recording.
 
-    Errors of the libraries become a `BagError`, also while the bag is open.
+    Exceptions of the libraries are converted to `BagError` until the end of the block.
     """
     with bag_errors(path):
         if parts := unfinished_parts(path):
@@ -164,7 +163,7 @@ def _parts(reader: Reader) -> list[Any]:
 
 
 def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
-    """Return a warning for the user in one line, empty if there is none."""
+    """Return a warning for the user in one line. It is empty if there is no reason to warn."""
     if isinstance(bag, UnfinishedBag):
         return (
             f'{path}: the recording broke off, or is still going on; read up to '
@@ -181,10 +180,10 @@ def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
 def _check_numbers(
     path: Path, reader: Reader, topics: Iterable[str], read: Mapping[str, int]
 ) -> None:
-    """Check the numbers of messages read against the numbers that the bag states.
+    """Check that no messages were lost.
 
-    A folder states them in ``metadata.yaml`` and in its files. If the two disagreed, or named a
-    topic differently, messages would be lost silently.
+    The number of messages of each topic must be the same in ``metadata.yaml``, in the files, and in
+    `read`, which has the numbers of messages that were read.
     """
     stated = _numbers(reader.connections)
     stored = _numbers(one for part in _parts(reader) for one in part.connections)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recovery of a recording that broke off: a complete bag of its readable messages."""
+"""Recovery of the readable messages of an incomplete recording."""
 
 from collections.abc import Mapping
 from itertools import chain
@@ -14,14 +14,14 @@ from checkweigher_recording.bags.writing import BagWriter
 
 
 def recover_bag(source: Path, path: Path) -> int:
-    """Write a new bag of the messages before the cut of a recording; return their number.
+    """Copy the readable messages of an incomplete recording to a new bag; return their number.
 
-    `source` is an ``.mcap`` file without an end, or the folder of a recording that broke off. A
-    chunk with a wrong check sum and everything after it are left out.
+    `source` is an ``.mcap`` file whose end is missing, or the folder of a recording whose process
+    was killed. If a chunk has a wrong check sum, only the messages before it are copied.
 
-    Raises `BagError` if the recording has no messages of a checkweigher, messages of several lanes,
-    or messages whose definitions differ from the installed ones; `OutputError` if the bag cannot be
-    written.
+    Raises `BagError` if the recording has no messages of a checkweigher, has messages of several
+    lanes, or has messages whose definitions differ from the installed ones. Raises `OutputError` if
+    the new bag cannot be written.
     """
     parts = unfinished_parts(source) or [source]
     if not parts[0].is_file():
@@ -42,7 +42,7 @@ def recover_bag(source: Path, path: Path) -> int:
 
 
 def _only_lane(source: Path, found: Mapping[str, Lane]) -> str:
-    """Return the lane of the messages. Ports with absolute names belong to all lanes."""
+    """Return the lane of the messages. Topics with absolute names belong to all lanes."""
     lanes = [
         lane
         for lane, pairs in found.items()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading the results of a line: records of any ports of a bag in log order."""
+"""Reader for the recorded results of a line."""
 
 import hashlib
 from itertools import chain
@@ -14,9 +14,10 @@ from checkweigher_recording.bags.reading import open_bag
 
 
 def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
-    """Return the records of some ports of an MCAP bag, by the name of the port, in log order.
+    """Return the records of the `wanted` topics of an MCAP bag, by topic name and in log order.
 
-    Raises `BagError` if the bag is damaged or foreign, or holds one of the ports for several lanes.
+    Raises `BagError` if the bag is damaged or is not of a checkweigher, or if a topic occurs in
+    several lanes.
     """
     found: dict[str, list[Any]] = {port.name: [] for port in wanted}
     files_of_bag(path)
@@ -28,7 +29,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
             connection.id: (port, definitions_of(path, connection, port))
             for connection, port in pairs
         }
-        # Without connections rosbags would return all messages.
+        # For an empty list of connections, rosbags would return all messages.
         messages = bag.messages([connection for connection, _ in pairs]) if pairs else ()
         for connection, _, data in messages:
             port, store = ports[connection.id]
@@ -37,7 +38,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
 
 
 def files_of_bag(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag, sorted by name; raise `BagError` if it is not a bag."""
+    """Return the MCAP files of a bag, sorted by name. Raises `BagError` if there is no bag."""
     files = sorted(path.glob('*.mcap')) if path.is_dir() else []
     if not files or not (path / 'metadata.yaml').is_file():
         raise BagError(f'{path}: not the folder of a whole MCAP bag')
@@ -45,7 +46,7 @@ def files_of_bag(path: Path) -> list[Path]:
 
 
 def mcap_digest(path: Path) -> str:
-    """Return the SHA-256 over the MCAP files of a bag."""
+    """Return the SHA-256 digest of the MCAP files of a bag."""
     digest = hashlib.sha256()
     for file in files_of_bag(path):
         with file.open('rb') as content:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Decoding of many sample blocks at once by numpy, because a bag consists mostly of them."""
+"""Fast decoding of many messages with samples, which are most of the messages of a bag."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,17 +13,17 @@ from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES
 from checkweigher_recording.bags.definitions import deserialize, typestore
 
-_LITTLE_ENDIAN = 0x0100  # encapsulation of plain CDR, read as little-endian number
+_LITTLE_ENDIAN = 0x0100  # encapsulation header of little-endian CDR, read as a little-endian number
 
 
 def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
-    """Return the blocks of messages of type LoadCellSamples in CDR, in their order.
+    """Return the blocks of CDR messages of the type LoadCellSamples, in the same order.
 
-    Raises an exception if one of them cannot be decoded.
+    Raises an exception if a message cannot be decoded.
     """
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     parts: list[BlockColumns] = []
-    numbers = np.zeros(0, np.int64)  # of the messages whose blocks are in `parts`
+    numbers = np.zeros(0, np.int64)  # positions of the messages whose blocks are in `parts`
     for size in np.unique(sizes):
         same_size = np.flatnonzero(sizes == size)
         alike, blocks = _decode_alike([messages[number] for number in same_size])
@@ -36,14 +36,15 @@ def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
-    """Decode the messages with the layout of the first one; also return their mask, (n,) bool.
+    """Decode all messages that have the layout of the first one.
 
-    There is at least one message, and all have the same size.
+    `messages` are n > 0 messages of the same size. Returns a mask of the decoded messages, (n,)
+    bool, and their blocks.
     """
     message_type = LOAD_CELL_SAMPLES.message_type
     first: Any = typestore([LOAD_CELL_SAMPLES]).deserialize_cdr(messages[0], message_type)
     frame_size = len(first.header.frame_id.encode()) + 1
-    # The index, of 8 bytes, is aligned to 8 bytes after the encapsulation.
+    # CDR aligns the field first_index to 8 bytes, counted from the end of the encapsulation header.
     padded_size = -(-(12 + frame_size) // 8) * 8 - 12
     layout = np.dtype(
         [

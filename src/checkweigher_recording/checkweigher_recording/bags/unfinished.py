@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a recording that has no end because its recorder was killed."""
+"""Reader for a recording that is incomplete because its process was killed."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
@@ -9,13 +9,11 @@ from itertools import zip_longest
 import os
 from pathlib import Path
 import re
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from mcap import records as mcap_records
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
+from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -28,33 +26,27 @@ from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.integrity import MAGIC
 
 _PART_NUMBER = re.compile(r'_(\d+)$')
-_HEAD_SIZE = 9  # bytes, opcode and length of a record
-_PIECE = 1 << 20  # bytes
+_HEAD_SIZE = 9  # size in bytes of the opcode and the length of a record
+_PIECE = 1 << 20  # bytes that are read at once
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
-# Kinds of records of the data section.
-_RECORDS: dict[int, Any] = {
-    Opcode.HEADER: mcap_records.Header,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.MESSAGE: Message,
-    Opcode.CHUNK: Chunk,
-    Opcode.MESSAGE_INDEX: mcap_records.MessageIndex,
-    Opcode.ATTACHMENT: mcap_records.Attachment,
-    Opcode.METADATA: mcap_records.Metadata,
-    Opcode.DATA_END: mcap_records.DataEnd,
+# Opcodes of the records that may be in the data section of a file.
+_DATA_SECTION = {
+    *range(Opcode.SCHEMA, Opcode.CHUNK_INDEX),
+    *(Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END),
 }
 
 
 class UnfinishedBag:
-    """Messages of the files of a recording up to the place where it broke off.
+    """Readable messages of an incomplete recording.
 
-    `parts` are the files in the order in which they were written; the last one has no end.
-    `connections` are the connections of all parts, with their numbers of messages. `damage`
-    describes a gap that other data follow, if any. Messages after the gap are left out.
+    `parts` are the files in the order in which they were written. The end of the last file is
+    missing. `connections` has the connections of all files, with their numbers of messages. A
+    killed process leaves a file that is cut off at some place. If the files have another fault,
+    `damage` describes it, otherwise `damage` is empty. Messages after a fault are ignored.
 
     Raises `BagError` if a file is not MCAP, and `OSError` if a file cannot be read.
     """
@@ -77,19 +69,19 @@ class UnfinishedBag:
 
     @property
     def message_count(self) -> int:
-        """Number of messages."""
+        """Number of readable messages."""
         return sum(connection.msgcount for connection in self.connections)
 
     @property
     def duration(self) -> float:
-        """Time from the first message to the last one in s, by their log times."""
+        """Difference between the earliest and the latest log time in s."""
         times = [time for part in self._parts for time in part.times]
         return (max(times) - min(times)) / NANOSECONDS
 
     def messages(
         self, connections: Collection[Connection]
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, log time in ns and data of the messages of some connections."""
+        """Yield connection, log time in ns, and data of each message of some connections."""
         for part in self._parts:
             wanted = {each.id: each for each in connections if each.owner is part}
             for message in part.messages():
@@ -98,9 +90,10 @@ class UnfinishedBag:
 
 
 def unfinished_parts(path: Path) -> list[Path]:
-    """Return the files of an unfinished recording in their order, none for any other path.
+    """Return the files of an incomplete recording in the order in which they were written.
 
-    The folder of such a recording has no ``metadata.yaml``, which recorders write at the end.
+    The folder of an incomplete recording has no ``metadata.yaml``, because recorders write that
+    file at the end. The list is empty if `path` is anything else.
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
@@ -113,12 +106,12 @@ def _number(part: Path) -> int:
 
 
 class _Part:
-    """An MCAP file up to the place where it was cut.
+    """Readable part of an MCAP file that may have been cut off.
 
-    `ended` is whether the data are complete; the index may be missing. `damage` describes a fault
-    that neither a killed recorder nor a power loss explains, such as a wrong check sum with other
-    data after it. Only messages before it are read. `times` are the earliest and the latest log
-    time of a message in ns, empty without messages.
+    `ended` is True if the data section is complete. `damage` describes a fault that cannot result
+    from a killed process or a power loss, such as a wrong check sum that other data follow; it is
+    empty if there is no such fault. Messages after a fault are ignored. `times` has the earliest
+    and the latest log time in ns; it is empty if there are no messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -126,7 +119,7 @@ class _Part:
         self.damage = ''
         self.times: list[int] = []
         self._path = path
-        self._places: list[tuple[int, int, int]] = []  # opcode, begin and length of the contents
+        self._places: list[tuple[int, int]] = []  # begin and size of records with messages, bytes
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()
@@ -136,57 +129,56 @@ class _Part:
             self._scan(file)
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages."""
+        """Yield the readable messages."""
         with self._path.open('rb') as file:
-            for opcode, begin, length in self._places:
+            for begin, size in self._places:
                 file.seek(begin)
-                for record in _records(opcode, file.read(length)):
+                for record in _records(file.read(size)):
                     if isinstance(record, Message):
                         yield record
 
     def _scan(self, file: BinaryIO) -> None:
-        """Read the records of the data up to the first incomplete one."""
+        """Read the records of the data section up to the first incomplete record."""
         size, bad_chunk = os.fstat(file.fileno()).st_size, 0
         while not self.ended and len(head := file.read(_HEAD_SIZE)) == _HEAD_SIZE:
-            opcode, length, begin = head[0], int.from_bytes(head[1:], 'little'), file.tell()
+            opcode, length = head[0], int.from_bytes(head[1:], 'little')
+            begin = file.tell() - _HEAD_SIZE
             if bad_chunk and opcode in (Opcode.CHUNK, Opcode.DATA_END):
                 self.damage = f'wrong check sum of the chunk at byte {bad_chunk}'
-            elif opcode not in _RECORDS:
-                self.damage = (
-                    '' if _is_empty(head, file) else f'no record at byte {begin - len(head)}'
-                )
-            elif length <= size - begin:
-                if self._add(opcode, begin, file.read(length)):
+            elif opcode not in _DATA_SECTION:
+                self.damage = '' if _is_empty(head, file) else f'no record at byte {begin}'
+            elif length <= size - file.tell():
+                if self._add(begin, head + file.read(length)):
                     continue
                 if opcode == Opcode.CHUNK:
-                    bad_chunk = begin - len(head)
+                    bad_chunk = begin
                     continue
-                self.damage = f'the record at byte {begin - len(head)} is not valid'
+                self.damage = f'the record at byte {begin} is not valid'
             return
 
-    def _add(self, opcode: int, begin: int, content: bytes) -> bool:
-        """Add the content of a record unless it is damaged; return whether it was added."""
+    def _add(self, begin: int, data: bytes) -> bool:
+        """Add the record at the byte `begin` unless it is damaged; return whether it was added."""
         try:
-            records = _records(opcode, content)
-        except Exception:  # a parser may raise any exception for damaged bytes
+            records = _records(data)
+        except Exception:  # the parsers may raise any exception for damaged bytes
             return False
         channels = {record.id: record for record in records if isinstance(record, Channel)}
         messages = [record for record in records if isinstance(record, Message)]
         counts = Counter(message.channel_id for message in messages)
         if not counts.keys() <= self._channels.keys() | channels.keys():
-            return False  # a message without its channel
+            return False  # the channel of a message is missing
         self._schemas |= {record.id: record for record in records if isinstance(record, Schema)}
         self._channels |= channels
         self._counts += counts
         if messages:
-            self._places.append((opcode, begin, len(content)))
+            self._places.append((begin, len(data)))
             times = [*self.times, *(message.log_time for message in messages)]
             self.times = [min(times), max(times)]
-        self.ended = opcode == Opcode.DATA_END
+        self.ended = data[0] == Opcode.DATA_END
         return True
 
     def connections(self) -> Iterator[Connection]:
-        """Yield the channels with their numbers of messages."""
+        """Yield a connection with its number of messages for each channel."""
         for channel in self._channels.values():
             schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
             definition = MessageDefinition(MessageDefinitionFormat.NONE, '')
@@ -206,16 +198,19 @@ class _Part:
 
 
 def _is_empty(head: bytes, file: BinaryIO) -> bool:
-    """Return whether only zeros follow: space that was reserved before a power loss."""
+    """Return whether all bytes from a head on are 0.
+
+    Some file systems leave such bytes after a power loss, because they had reserved the space.
+    """
     rest = iter(lambda: file.read(_PIECE), b'')
     return not any(head) and not any(piece.strip(b'\0') for piece in rest)
 
 
-def _records(opcode: int, content: bytes) -> list[McapRecord]:
-    """Return the records of a chunk, or a single record.
+def _records(data: bytes) -> list[McapRecord]:
+    """Return the record with these bytes or, if it is a chunk, the records in it.
 
     Raises an exception if a check sum is wrong or the bytes cannot be parsed.
     """
-    kind, stream = _RECORDS[opcode], ReadDataStream(BytesIO(content))
-    record = kind.read(stream, len(content)) if kind is Message else kind.read(stream)
+    reader = StreamReader(BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=None)
+    record = next(reader.records)
     return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]

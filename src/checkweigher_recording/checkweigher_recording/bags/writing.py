@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writing of ROS 2 bags: MCAP with check sums, and metadata.yaml."""
+"""Writer of ROS 2 bags in MCAP with check sums."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,9 +30,9 @@ from checkweigher_core.whole_file import OutputError, check_new, output_error, w
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 
-# Independent of the folder, so that equal recordings have equal bytes.
+# The name does not depend on the folder, because equal recordings must have equal bytes.
 _FILE = 'line_0.mcap'
-_VERSION = 9  # of the bag format
+_VERSION = 9  # version of the bag format
 _FOREVER = QosTime(9223372036, 854775807)
 _PORTS = {port.record: port for port in PLAYED}
 
@@ -40,10 +40,10 @@ _PORTS = {port.record: port for port in PLAYED}
 def write_bag(
     path: Path, load_cell: LoadCell, events: Iterable[Event], namespace: str = ''
 ) -> None:
-    """Write the events of one lane as a new bag, all or nothing.
+    """Write the events of one lane to a new bag. If an error occurs, no bag is left behind.
 
-    The log time of a message is the stamp of its event. The message of the load cell comes first,
-    with the stamp of the first event. Equal events give equal bytes.
+    The log time of a message is the stamp of its event. The first message describes the load cell,
+    and has the stamp of the first event. Equal events give equal bytes.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ def write_bag(
     load_cell : LoadCell
         Load cell of the samples.
     events : iterable of SampleBlock, EyeEdge or Reference
-        Events in canonical order; they are not kept in memory.
+        Events in canonical order. They are not kept in memory.
     namespace : str
-        Namespace of the lane, ``''`` for none.
+        Namespace of the topics of the lane. It may be empty.
 
     Raises
     ------
@@ -71,17 +71,18 @@ def write_bag(
 
 
 class BagWriter(AbstractContextManager['BagWriter', None]):
-    """Context manager that writes serialized messages of some ports to a new bag.
+    """Context manager that writes serialized messages to a new bag.
 
-    The bag appears, complete, only if the block ends without an exception. With `in_place`, it
-    grows in its folder from the first message on, and ``metadata.yaml`` is added at the end, so
-    that the recording survives if the recorder is killed. Equal messages with equal calls of
-    `flush` give equal bytes. `path`, `namespace` and errors are as in `write_bag`.
+    `ports` are the topics of the bag. The folder of the bag appears at the end of the block, unless
+    an exception ends the block. If `in_place` is True, the folder appears with the first message
+    instead, and ``metadata.yaml`` is added at the end of the block. The messages are then kept even
+    if the process is killed. Equal messages with equal calls of `flush` give equal bytes. `path`,
+    `namespace` and the exceptions are as in `write_bag`.
 
     Notes
     -----
     The file has check sums of each chunk, of the data section and of the summary, so that damage is
-    detected. The mcap package writes it, because rosbags omits the check sums.
+    detected. The mcap package is used because rosbags does not write check sums.
     """
 
     def __init__(
@@ -99,7 +100,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._begin = self._end = 0
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Complete the bag. After an exception, remove it unless it is written in place."""
+        """Complete the bag. After an exception, remove the bag unless `in_place` is True."""
         try:
             if error is None:
                 with self._writing():
@@ -116,13 +117,13 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
 
     @property
     def message_count(self) -> int:
-        """Number of messages that were written."""
+        """Number of messages written so far."""
         return self._counts.total()
 
     def put(self, port: Port, stamp: int, data: bytes) -> None:
-        """Append a CDR message of one of the ports of the bag; `stamp` is its log time in ns.
+        """Append a CDR message to the topic `port`, with the log time `stamp` in ns.
 
-        Raises `OutputError` if it cannot be written, for example because the disk is full.
+        Raises `OutputError` if the message cannot be written, for example because the disk is full.
         """
         mcap = self._mcap or self._open()
         with self._writing():
@@ -133,14 +134,15 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
     def put_record(self, port: Port, stamp: int, record: object) -> None:
-        """Append a record of one of the ports of the bag; parameters and errors as in `put`.
+        """Append a record to the topic `port`, with the log time `stamp` in ns.
 
-        The header has the stamp of the record, or `stamp` if it has none.
+        If the record has no time stamp, its message has the time `stamp`, too. The exceptions are
+        as in `put`.
         """
         self.put(port, stamp, serialize(port, record, stamp))
 
     def flush(self) -> None:
-        """Write the messages so far to the file, so that they survive if this process is killed."""
+        """Write all buffered messages to the file, where they survive the end of this process."""
         if self._mcap is not None:
             with self._writing():
                 self._mcap.flush()
@@ -153,9 +155,9 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             raise output_error(self._path, error) from None
         try:
             self._file = (self._folder / _FILE).open('xb')
-            # The check sum of the data section is off by default.
+            # By default, the writer omits the check sum of the data section.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # The default name contains the version of the library, which would change the bytes.
+            # The default name of the library contains its version, which would change the bytes.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:
@@ -196,7 +198,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._mcap.finish()
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-        # Written last, because readers take a bag with this file as complete.
+        # This file is written last, because readers regard a bag with metadata.yaml as complete.
         write_whole(self._folder / 'metadata.yaml', text)
         if not self._in_place:
             self._folder.rename(self._path)
@@ -236,7 +238,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
 
 
 def _remove_partial(path: Path) -> None:
-    """Remove the partial folders of killed writers of the same bag."""
+    """Remove the incomplete folders that killed processes have left for the same bag."""
     for folder in path.parent.glob(f'.{glob.escape(path.name)}.*.partial'):
         number = folder.suffixes[-2].lstrip('.')
         if number.isdecimal() and not Path(f'/proc/{number}').exists():

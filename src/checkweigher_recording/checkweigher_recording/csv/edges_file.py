@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Edges of the photo-eyes of a CSV log, from a JSON file."""
+"""Reader for a JSON file with the edges of the photo-eyes that belong to a CSV log."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,27 +11,29 @@ from typing import Any
 from checkweigher_core.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError, read_text
 
-_LARGEST_NUMBER = 1e15  # of a row, a mass or a rate
+_LARGEST_NUMBER = 1e15  # largest magnitude of a number in the file
 
 
 @dataclass(frozen=True, slots=True)
 class EdgesFile:
     """Content of an edges file."""
 
-    # Eye, row at which it switched, and whether it is blocked from that row on.
+    # For each edge: the eye, the row of the log, and whether the eye is blocked from that row on.
     switches: tuple[tuple[Eye, float, bool], ...]
-    masses: tuple[float, ...]  # kg, true masses in order of entry; empty if unknown
+    masses: tuple[float, ...]  # true masses of the items in kg, in order of entry, or empty
     sample_rate: float | None  # Hz
 
 
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
-    """Read an edges file of a log of `rows` rows.
+    """Read an edges file for a log that has `rows` rows.
 
-    The file is a JSON object. For each eye, its key in `keys` has a list of ``[row, level]``; level
-    1 means that the eye is blocked from that row on. The first entry is the state at the start, not
-    an edge. Optional keys are ``sample_rate_hz`` and ``mass_g``, a number for all items or a list.
+    The file is a JSON object. `keys` has the key of each eye. The value of that key is a list of
+    pairs ``[row, level]``. The eye is blocked from that row on if the level is 1, and clear if it
+    is 0. The first pair is the state at the start of the log, and the others are edges. The
+    optional key ``sample_rate_hz`` has the sample rate. The optional key ``mass_g`` has the true
+    mass of all items, or a list with the true mass of each item.
 
-    Raises `CsvError` if the file cannot be read or has other content.
+    Raises `CsvError` if the file cannot be read or has another form.
     """
     text = read_text(path, 'utf-8')
     try:

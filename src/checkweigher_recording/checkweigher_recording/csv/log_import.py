@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Import of CSV logs of laboratories: bridge signal, photo-eyes and calibration."""
+"""Import of CSV logs with the signal of a load cell and the states of photo-eyes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,13 +31,14 @@ _INT32 = np.iinfo(np.int32)
 
 @dataclass(frozen=True)
 class ImportParameters(Parameters):
-    """Columns of a log, and the calibration of its signal.
+    """Parameters of the import of a log: its columns, and the calibration of its signal.
 
-    A column is given by its name in the header row, or by its number from 0. The calibration is
-    given in counts, or as mass = slope * signal + offset in g.
+    A column is given by its name in the header row, or by its number, which counts from 0. The
+    calibration is either the sensitivity `counts_per_kg`, or a line with mass = slope * signal +
+    offset in g.
 
-    Raises `ParameterError` if a value is out of range, or the calibration is missing or given
-    twice.
+    Raises `ParameterError` if a value is out of range, or if neither or both of the calibrations
+    are given.
     """
 
     node: ClassVar[str] = 'import'
@@ -99,7 +100,7 @@ class ImportParameters(Parameters):
             raise ParameterError('import.decimal: the same as delimiter')
 
     def load_cell(self, sample_rate: float) -> LoadCell:
-        """Return the load cell that these parameters and a sample rate in Hz describe."""
+        """Return the load cell with these parameters and a sample rate in Hz."""
         calibration = {}
         if self.slope:
             calibration['counts_per_kg'] = self.scale * GRAMS / self.slope
@@ -111,13 +112,14 @@ class ImportParameters(Parameters):
 
 
 def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = None) -> Recording:
-    """Read a log, a CSV file with or without a header row.
+    """Read a recording from a log, which is a CSV file with or without a header row.
 
-    `edges` is a file with the edges of the photo-eyes, see `edges_file.read_edges_file`. The
-    ``first_index`` of the blocks jumps where the time column jumps.
+    `edges` is the path of a JSON file with the edges of the photo-eyes, which is needed if the log
+    has no columns of the eyes (see `edges_file.read_edges_file`). A gap in the time column of the
+    log becomes a gap in the sample index of the recording.
 
-    Raises `CsvError` if a file cannot be read, or its content does not agree with the parameters;
-    `ParameterError` if parameters and files contradict each other.
+    Raises `CsvError` if a file cannot be read or its content does not fit the parameters. Raises
+    `ParameterError` if the parameters contradict each other or the edges file.
     """
     if (edges is None) == (not parameters.infeed):
         raise ParameterError('import.infeed: give either columns of the eyes or an edges file')
@@ -142,11 +144,11 @@ class _Clock:
     """Sampling times of the rows of a log."""
 
     sample_rate: float  # Hz
-    index: NDArray[np.int64]  # of each row, in samples since the first one
-    begin: int  # ns, stamp of the first row
+    index: NDArray[np.int64]  # sample index of each row, relative to the first row
+    begin: int  # time of the first row in ns
 
     def stamp(self, row: float) -> int:
-        """Return the stamp of a row in ns, interpolated between two rows."""
+        """Return the time of a row in ns. A fractional row lies between two rows."""
         below = min(int(row), len(self.index) - 1)
         above = min(below + 1, len(self.index) - 1)
         begin, end = int(self.index[below]), int(self.index[above])
@@ -156,7 +158,7 @@ class _Clock:
 
 
 def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
-    """Assign the rows to an even grid; a gap in the time column becomes a gap in the grid."""
+    """Return the sampling times of the rows on an evenly spaced grid, which may have gaps."""
     rate, rows = _given_rate(parameters, content), len(table.columns['signal'])
     begin = parameters.start_time * NANOSECONDS
     time = table.columns.get('time')
@@ -170,7 +172,7 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
     backward = np.flatnonzero(step <= 0)
     if len(backward):
         raise CsvError(f'{table.place(int(backward[0]) + 1)}: the time does not increase')
-    # Round each step separately, so that errors of the times or the rate do not add up to a gap.
+    # Each step is rounded separately. Otherwise small errors of the times would add up to a gap.
     samples = np.rint(step * rate if rate else step / np.median(step)).astype(np.int64)
     double = np.flatnonzero(samples == 0)
     if len(double):
@@ -183,7 +185,7 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
 
 
 def _given_rate(parameters: ImportParameters, content: EdgesFile | None) -> float:
-    """Return the sample rate of the parameters or the edges file in Hz, 0 if it is not given."""
+    """Return the sample rate of the parameters or the edges file in Hz, or 0 if none is given."""
     given, of_file = parameters.sample_rate, content.sample_rate if content else None
     if given and of_file and not math.isclose(given, of_file, rel_tol=1e-6):
         raise ParameterError(

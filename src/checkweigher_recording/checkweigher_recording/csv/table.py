@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of columns of numbers from a CSV file."""
+"""Reader for columns of numbers in a CSV file."""
 
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,31 +15,32 @@ from checkweigher_core.input_files import read_input
 
 
 class CsvError(ValueError):
-    """A file that cannot be imported. The message names the file, the place and the error."""
+    """Error for a file that cannot be imported. The message names the file and the fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns of a CSV file by their use, (n,) each, with finite values."""
+    """Columns of a CSV file."""
 
     path: Path
-    columns: dict[str, NDArray[np.float64]]
-    _line_numbers: 'array[int]'  # from 0
+    columns: dict[str, NDArray[np.float64]]  # finite values of each column, (n,), by its use
+    _line_numbers: 'array[int]'  # number of the line of each row, from 0
 
     def place(self, row: int) -> str:
-        """Return file and line number of a row for error messages; rows count from 0."""
+        """Return the path and the line number of a row for an error message."""
         return f'{self.path}:{self._line_numbers[row] + 1}'
 
 
 def read_table(
     path: Path, columns: Mapping[str, str], delimiter: str | None, decimal: str
 ) -> Columns:
-    """Read columns of a CSV file. The first row is the header unless it has numbers only.
+    """Read columns of a CSV file. The first row is a header unless all its cells are numbers.
 
-    `columns` has the name of the column for each use, or its number from 0; empty for the only
-    column. A `delimiter` of None means white space, and `decimal` is the decimal mark.
+    `columns` has the name of the column for each use, or its number, which counts from 0. An empty
+    name stands for the only column of the file. If `delimiter` is None, columns are separated by
+    white space. `decimal` is the decimal mark.
 
-    Raises `CsvError` if the file cannot be read, lacks a column or holds something that is not a
+    Raises `CsvError` if the file cannot be read, a column is missing, or a value is not a finite
     number.
     """
     lines = read_text(path, 'utf-8-sig').splitlines()
@@ -60,7 +61,7 @@ def read_table(
 
 
 def read_text(path: Path, encoding: str) -> str:
-    """Read a text file; `CsvError` if it cannot be read."""
+    """Return the content of a text file. Raises `CsvError` if the file cannot be read."""
     try:
         return read_input(path).decode(encoding)
     except OSError as error:
@@ -75,7 +76,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
     except csv.Error:
-        return [line]  # a cell longer than the limit of csv
+        return [line]  # the line has a cell that exceeds the size limit of the module csv
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -109,7 +110,7 @@ def _parse(
     delimiter: str | None,
     decimal: str,
 ) -> NDArray[np.float64]:
-    """Return the columns at `places` of the lines with `numbers`, (n, m)."""
+    """Return the values of the lines `numbers` in the columns `places`, (n, m)."""
     if not numbers:
         raise CsvError(f'{path}: no rows below the header')
 
@@ -121,7 +122,7 @@ def _parse(
             rows(), delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
-        # The error of numpy names the row, not the line.
+        # The message of numpy names the number of the row and not that of the line.
         for number, row in zip(numbers, rows(), strict=True):
             if problem := _problem(_cells(row, delimiter), places):
                 raise CsvError(f'{path}:{number + 1}: {problem}') from None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Positions of the products on the belt of a simulated line."""
+"""Motion of the belt and the products of a simulated line."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -17,10 +17,9 @@ from checkweigher_recording.simulation.noise import Array
 if TYPE_CHECKING:
     from checkweigher_recording.simulation.simulator import SimulationParameters
 
-# Only the share of a product that is on the belt moves with the platform. It is kept constant over
-# 1/16 of the crossing, so its error is at most 1/32 of the product.
+# While a product crosses an end of the belt, the mass that moves with the platform changes in 16
+# steps, so its error is at most 1/32 of the product.
 _STAIRS = 16
-
 
 STEADY = Variation(speed=0.0, length=0.0, spacing=0.0)
 
@@ -30,26 +29,37 @@ class Pass:
     """Passage of one product over the weigh belt."""
 
     mass: float  # kg
-    t1: float  # s, begins to enter
-    t2: float  # s, is fully on
-    t3: float  # s, begins to leave
-    t4: float  # s, is gone
-    travel: float  # m, of the belt at t1
-    impact: float  # standard normal number, sign and size of the impact at entry
-    length: float  # m, of the product
+    t1: float  # time in s at which the product begins to enter the belt
+    t2: float  # time in s at which the product is completely on the belt
+    t3: float  # time in s at which the product begins to leave the belt
+    t4: float  # time in s at which the product has left the belt
+    travel: float  # travel of the belt at t1 in m
+    impact: float  # standard normal random number to which the impact at entry is proportional
+    length: float  # length of the product in m
     number: int  # from 0
 
 
 class BeltTravel:
-    """Travel of the belt over time, and the passes on it.
+    """Travel of the belt over time, and the passes of the products.
 
-    Time only advances, and passes that are over are removed, so that an endless line needs no more
-    memory than a short one. `passes` are the planned passes that are not over, in order of entry;
-    `last_exit` is t4 of the last product in s, once it is planned.
+    `plan` must be called with increasing times. It removes the passes that have ended, so that the
+    memory does not grow with the length of the line.
 
-    An operator may set `speed` in m/s, `feed` (whether products come), their `mass` in kg (0 for
-    the masses of the line), and `resting`, the mass that rests on the belt, in kg. The settings
-    apply from the next call of `plan` on.
+    Attributes
+    ----------
+    passes : list of Pass
+        Planned passes that have not ended, in order of entry.
+    last_exit : float or None
+        Time t4 in s of the last product of the line, or None if that product is not planned yet.
+    speed : float
+        Belt speed in m/s. This attribute and the following ones may be set; a new value applies
+        from the next call of `plan` on.
+    feed : bool
+        Whether products enter the belt.
+    mass : float
+        Mass of each product in kg, or 0 for the masses of the line.
+    resting : float
+        Mass in kg that rests on the belt.
     """
 
     def __init__(
@@ -60,11 +70,12 @@ class BeltTravel:
         products: np.random.Generator | None = None,
         next_mass: Callable[[], float] | None = None,
     ) -> None:
-        """Begin a line with random speeds from `random`, and lengths and gaps from `products`.
+        """Create the belt of a line.
 
-        `variation` has their standard deviations; that of the gaps is limited, to keep the products
-        apart. `next_mass` returns the mass of each product in kg, by default the masses of the line
-        in turn.
+        `variation` has the standard deviations of speed, length and spacing; the spacing is limited
+        so that products do not overlap. `random` supplies the random speeds, and `products` the
+        random lengths and spacings. `next_mass` returns the mass of the next product in kg; by
+        default, the masses of `line` are used cyclically.
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
@@ -79,15 +90,15 @@ class BeltTravel:
         self._products = random if products is None else products
         self._next_mass = next_mass or cycle(line.masses).__next__
         self._planned = 0
-        self._next = 0.0  # m, travel at which the next product enters
+        self._next = 0.0  # travel in m at which the next product enters
         self._knots = 0
         self._impacts: deque[float] = deque()
-        # Times and travels at which the speed changes: 1 s before the start, and at each entry.
+        # The travel is a linear interpolation between these times and travels.
         self._times = [-1.0, line.lead_in]
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Remove passes that are over at `begin`, and return new ones up to `end`, both in s."""
+        """Remove passes that end before `begin`, and return new ones up to `end`, both in s."""
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:
             del self._times[0], self._travels[0]
@@ -102,26 +113,26 @@ class BeltTravel:
         return added
 
     def travel(self, time: Array) -> Array:
-        """Return the travel in m since the first entry, at times (n,) within the plan."""
+        """Return the travel since the first entry, (n,) in m, at planned times, (n,) in s."""
         return np.interp(time, self._times, self._travels)
 
     def load(self, time: Array, travel: Array) -> Array:
-        """Return the mass on the belt in kg at times and their travels, (n,) each."""
+        """Return the mass on the belt, (n,) in kg, at times, (n,) in s, and their travels."""
         load = np.full(len(time), self.resting)
         for entry, touched in self.touched(time):
             load[touched] += entry.mass * self.share(entry, travel[touched])
         return load
 
     def touched(self, time: Array) -> Iterator[tuple[Pass, slice]]:
-        """Yield each pass with the slice of the times, (n,), at which it is on the belt."""
+        """Yield each pass with the slice of `time`, (n,), in which its product is on the belt."""
         for entry in self.passes:
             yield entry, slice(*np.searchsorted(time, (entry.t1, entry.t4)))
 
     def load_steps(self, time: Array, travel: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the mass that moves with the platform as a staircase.
+        """Return the mass on the belt, as in `load`, rounded to a piecewise constant function.
 
-        Returns the steps at which it changes, (m + 1,) from 0 to n, and the mass between them,
-        (m,) in kg.
+        The first array has the indices at which the mass changes, (m + 1,) from 0 to n, and the
+        second array has the masses between them, (m,) in kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:
@@ -137,7 +148,7 @@ class BeltTravel:
         return bounds, mass
 
     def share(self, entry: Pass, travel: Array) -> Array:
-        """Return the fraction of a product on the belt, in 0..1, at travels (n,) in m."""
+        """Return the fraction of a product that is on the belt, (n,), at travels, (n,) in m."""
         way = travel - entry.travel
         leaving = way - self._line.weigh_length
         return np.clip(way / entry.length, 0, 1) - np.clip(leaving / entry.length, 0, 1)
@@ -158,7 +169,7 @@ class BeltTravel:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
-        mass = self._next_mass()  # drawn even if the operator has set a mass
+        mass = self._next_mass()  # the filler fills the product even if the mass is not used
         self._planned += 1
         if self._complete():
             self.last_exit = t4

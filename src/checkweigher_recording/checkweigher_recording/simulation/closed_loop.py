@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated line whose filler follows the feedback of the scale."""
+"""Simulated line with feedback from the scale to the filler."""
 
 from collections.abc import Iterator
 
@@ -13,9 +13,9 @@ from checkweigher_recording.simulation.simulator import Simulation
 
 
 def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
-    """Yield the events of a line whose filler applies each correction as soon as it is known.
+    """Yield the events of a line, and pass each correction of the feedback to the filler at once.
 
-    The line uses the recipe `product`. Raises `ValueError` if that has no feedback to the filler.
+    `product` is the recipe of the line. Raises `ValueError` if the recipe has no feedback.
     """
     if product.filler is None:
         raise ValueError(f'{product.name}: its recipe has no filler')

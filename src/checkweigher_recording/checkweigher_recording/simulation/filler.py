@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated filler with drift, spread, and a delay between filler and scale."""
+"""Simulation of the filler that fills the products before they are weighed."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -12,9 +12,10 @@ import numpy as np
 class Filler:
     """Filler that determines the masses of the products of a line.
 
-    `masses` are the set points in kg, taken in turn. `drift` from one product to the next and
-    `spread` (standard deviation) are in kg, and `delay` is the number of products between filler
-    and scale. `correction`, in kg, is added to the set points of the products that are filled next.
+    `masses` are the set points in kg, which are used cyclically. `drift` is the change of the mass
+    from one product to the next in kg, and `spread` is its standard deviation in kg. `delay` is the
+    number of products between filler and scale. The attribute `correction`, in kg, is added to the
+    set points of the products that are filled next.
     """
 
     def __init__(
@@ -32,7 +33,7 @@ class Filler:
         self._on_the_way: deque[float] = deque()
 
     def next_mass(self) -> float:
-        """Return the mass of the next product on the scale in kg, not below 0."""
+        """Return the mass in kg of the next product on the scale, which is never negative."""
         while len(self._on_the_way) <= self._delay:
             self._on_the_way.append(self._fill())
         return self._on_the_way.popleft()

@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A family of belt scales: profile ``machine:SEED`` draws one of them at random.
+"""Family of belt scales with random properties. The profile ``machine:SEED`` draws one of them.
 
-A drawn machine has disturbances that a simple model leaves out. Each cause is a field of `Machine`,
-and `without` removes causes. The ranges suit belt scales for products of up to some kilograms. They
-are chosen by physics and not fitted to one machine. Masses are in kg, lengths in m, forces in kg
-(divided by g).
+A drawn machine has disturbances that a `Profile` does not have. Each cause of disturbance is a
+field of `Machine`, and `Machine.without` removes causes. The ranges of the properties are typical
+of belt scales for products of up to a few kilograms; they are not fitted to a particular machine.
+Forces are in kg, that is, divided by g.
 """
 
 from collections.abc import Callable
@@ -20,27 +20,29 @@ _Cause = TypeVar('_Cause')
 
 
 class _Draw:
+    """Source of random numbers for the fields of `Machine`."""
+
     def __init__(self, seed: np.random.SeedSequence) -> None:
         self._random = generator(seed)
 
     def even(self, low: float, high: float) -> float:
-        """Return a number from the uniform distribution over a range."""
+        """Return a random number with a uniform distribution."""
         return float(self._random.uniform(low, high))
 
     def ratio(self, low: float, high: float) -> float:
-        """Return a number from the log-uniform distribution over a range."""
+        """Return a random number with a log-uniform distribution."""
         return float(low * (high / low) ** self._random.uniform())
 
     def sign(self, low: float, high: float) -> float:
-        """Return a number like `ratio`, with a random sign."""
+        """Return a random number with a log-uniform magnitude and a random sign."""
         return self.ratio(low, high) * self.one_of(-1, 1)
 
     def one_of(self, *values: Any) -> Any:
-        """Return one of some values."""
+        """Return one of the values, all of which have the same probability."""
         return values[int(self._random.integers(len(values)))]
 
     def all_of(self, kind: Callable[..., _Cause]) -> _Cause:
-        """Return a random object of a class whose fields have ranges."""
+        """Return an object of a class whose fields were declared by `_range`."""
         return kind(*(each.metadata['draw'](self) for each in fields(kind)))  # type: ignore[arg-type]
 
 
@@ -50,7 +52,7 @@ def generator(seed: np.random.SeedSequence) -> np.random.Generator:
 
 
 def _range(draw: Callable[[_Draw, float, float], float], low: float, high: float) -> Any:
-    """Declare a field with the range from which it is drawn."""
+    """Return a dataclass field that is drawn at random from a range."""
     return field(metadata={'draw': lambda source: draw(source, low, high)})
 
 
@@ -59,24 +61,24 @@ _even, _ratio, _sign = (partial(_range, draw) for draw in (_Draw.even, _Draw.rat
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """Vibration of the platform: a mass on a spring and a damper."""
+    """Mode of vibration of the platform, which is a mass on a spring and a damper."""
 
-    natural_frequency: float = _ratio(18.0, 50.0)  # Hz, of the empty platform
+    natural_frequency: float = _ratio(18.0, 50.0)  # value of the empty platform in Hz
     damping_ratio: float = _ratio(0.025, 0.1)
     moving_mass: float = _even(1.5, 4.0)  # kg
 
 
 @dataclass(frozen=True, slots=True)
 class Rocking:
-    """Rocking of the platform about its middle, which adds to the reading."""
+    """Rotation of the platform about its middle, which changes the reading."""
 
     mode: Mode
-    coupling: float  # reading of a load at the end of the belt, as a share of the load
+    coupling: float  # change of the reading for a load at the end of the belt, per load
 
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """Corner error: relative error of a load at p, from -1 at the infeed to 1 at the outfeed."""
+    """Relative error ``linear * p + square * p**2`` of a load at p, from -1 (infeed) to 1."""
 
     linear: float = _sign(2e-4, 2e-3)
     square: float = _sign(2e-4, 2e-3)
@@ -86,38 +88,38 @@ class Corner:
 class Transfer:
     """Forces of a product that crosses an end of the belt, in proportion to mass**power.
 
-    The edges of the product strike the belt. The product also tips, so its load on the belt is not
-    proportional to its length on the belt. Both effects have a constant part, and a part that
-    varies from pass to pass.
+    The edges of the product strike the belt. The product also tips, so its force on the belt is not
+    proportional to its length on the belt. Both forces have a mean, and a standard deviation from
+    pass to pass.
     """
 
-    strike: float = _sign(0.002, 0.03)  # s/m, peak force per kg and belt speed, mean over passes
-    strike_spread: float = _ratio(0.002, 0.02)  # s/m, standard deviation from edge to edge
-    duration: float = _ratio(0.003, 0.012)  # s, of the strike
-    tipping: float = _sign(0.01, 0.06)  # share of the mass half way over the infeed end, mean
+    strike: float = _sign(0.002, 0.03)  # mean peak force of a strike per kg and belt speed, in s/m
+    strike_spread: float = _ratio(0.002, 0.02)  # standard deviation of the peak force, in s/m
+    duration: float = _ratio(0.003, 0.012)  # duration of a strike in s
+    tipping: float = _sign(0.01, 0.06)  # mean force of tipping with half the product on the belt
     tipping_spread: float = _ratio(0.003, 0.03)
-    power: float = _even(0.8, 1.4)  # 1 is proportional to the mass
+    power: float = _even(0.8, 1.4)
 
 
 @dataclass(frozen=True, slots=True)
 class Bounce:
-    """Bounce of a product after its entry: a damped swing that differs from pass to pass."""
+    """Bounce of a product after its entry: a damped oscillation that differs from pass to pass."""
 
-    size: float = _ratio(0.002, 0.015)  # s/m, amplitude per kg and belt speed, standard deviation
-    frequency: float = _ratio(8.0, 40.0)  # Hz, varies by a tenth
+    size: float = _ratio(0.002, 0.015)  # standard deviation of amplitude per kg and speed, in s/m
+    frequency: float = _ratio(8.0, 40.0)  # mean frequency in Hz, with a deviation of a tenth
     decay: float = _ratio(0.02, 0.08)  # s
-    power: float = _even(0.8, 1.4)  # as in `Transfer`
+    power: float = _even(0.8, 1.4)  # exponent of the mass, as in `Transfer`
 
 
 @dataclass(frozen=True, slots=True)
 class Roller:
-    """Roller whose unbalance shakes the belt at its frequency and harmonics."""
+    """Unbalanced roller, which vibrates at its rotation frequency and the harmonics."""
 
     diameter: float  # m
-    amplitudes: tuple[float, ...]  # kg s/m, per belt speed, by order from 1
-    wander: float  # rad, standard deviation of the phase from uniform rotation
-    growth: float  # 1/kg, of the amplitude with the load
-    place: float  # from -1 at the infeed to 1 at the outfeed
+    amplitudes: tuple[float, ...]  # amplitudes by order from 1, per belt speed, in kg s/m
+    wander: float  # standard deviation of the phase from uniform rotation in rad
+    growth: float  # relative increase of the amplitude with the load in 1/kg
+    place: float  # position from -1 at the infeed to 1 at the outfeed
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,21 +128,21 @@ class Joint:
 
     belt_length: float  # m
     width: float  # m
-    size: float  # kg s/m, peak force per belt speed
+    size: float  # peak force per belt speed, in kg s/m
 
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """Vibration of the floor: noise between 4 and 12 Hz, and lines that drift."""
+    """Vibration of the floor: noise from 4 Hz to 12 Hz, and sines with slowly varying phases."""
 
-    noise: float  # kg, standard deviation
-    lines: tuple[tuple[float, float], ...]  # Hz and kg
-    wander: float  # rad, standard deviation of the phase; the amplitude varies by a third
+    noise: float  # standard deviation in kg
+    lines: tuple[tuple[float, float], ...]  # frequency in Hz and amplitude in kg of each sine
+    wander: float  # standard deviation of the phase of a sine in rad
 
 
 @dataclass(frozen=True, slots=True)
 class Amplifier:
-    """Low-pass of the amplifier, Butterworth."""
+    """Low-pass filter of the amplifier, of the Butterworth type."""
 
     order: int
     cutoff: float  # Hz
@@ -151,32 +153,32 @@ class Drift:
     """Drift of the zero."""
 
     rate: float = _sign(3e-6, 5e-5)  # kg/s
-    wander: float = _ratio(2e-5, 2e-4)  # kg, standard deviation about a line, over minutes
+    wander: float = _ratio(2e-5, 2e-4)  # standard deviation from a constant rate in kg
 
 
 @dataclass(frozen=True, slots=True)
 class Creep:
-    """Creep of the load cell: the reading continues to rise under a load, and recovers later."""
+    """Creep of the load cell, which is a slow change of the reading under a constant load."""
 
-    share: float = _sign(1e-4, 1e-3)
-    time: float = _ratio(3.0, 60.0)  # s
+    share: float = _sign(1e-4, 1e-3)  # final change per load
+    time: float = _ratio(3.0, 60.0)  # time constant in s
 
 
 @dataclass(frozen=True, slots=True)
 class EyeErrors:
-    """Offset of the photo-eyes from their places, and jitter of their edges."""
+    """Position errors of the photo-eyes, and time errors of their edges."""
 
-    infeed: float = _even(-0.003, 0.003)  # m, along the belt
-    outfeed: float = _even(-0.003, 0.003)
-    jitter: float = _ratio(2e-5, 3e-4)  # s, standard deviation of an edge
+    infeed: float = _even(-0.003, 0.003)  # m
+    outfeed: float = _even(-0.003, 0.003)  # m
+    jitter: float = _ratio(2e-5, 3e-4)  # standard deviation of the time of an edge in s
 
 
 @dataclass(frozen=True, slots=True)
 class Variation:
     """Standard deviations from product to product."""
 
-    speed: float = _ratio(1e-3, 5e-3)  # relative; as in a profile, a new speed at each entry
-    length: float = _ratio(2e-3, 8e-3)  # relative, of the product
+    speed: float = _ratio(1e-3, 5e-3)  # relative standard deviation of the belt speed
+    length: float = _ratio(2e-3, 8e-3)  # relative standard deviation of the product length
     spacing: float = _even(0.02, 0.07)  # m
 
 
@@ -184,14 +186,14 @@ class Variation:
 class NoiseLevels:
     """Noise of belt and electronics."""
 
-    # kg s/m / sqrt(Hz), square root of the one-sided density per belt speed.
+    # Square root of the one-sided power density per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = _ratio(1e-5, 1e-4)
-    electronic: float = _ratio(3e-6, 4e-5)  # kg, standard deviation of each sample
+    electronic: float = _ratio(3e-6, 4e-5)  # standard deviation of each sample in kg
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Defaults of this machine for fields of `SimulationParameters`."""
+    """Values of a machine for fields of `SimulationParameters`."""
 
     sample_rate: float  # Hz
     counts_per_kg: float
@@ -202,7 +204,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """One machine of the family. A cause that is None is absent."""
+    """One machine of the family. A cause of disturbance is absent if its field is None."""
 
     setup: Setup
     platform: Mode
@@ -221,7 +223,7 @@ class Machine:
     noise: NoiseLevels | None
 
     def without(self, *causes: str) -> Self:
-        """Return the same machine without some causes, by the names of their fields."""
+        """Return the same machine without some causes, which are names of fields."""
         absent: dict[str, Any] = dict.fromkeys(causes)
         return replace(self, **absent)
 
@@ -230,9 +232,10 @@ CAUSES = tuple(field.name for field in fields(Machine))[2:]
 
 
 def machine_of(profile: str) -> Machine | None:
-    """Return the machine of ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``, None for others.
+    """Return the machine of the profile ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``.
 
-    Raises `ValueError` if the seed is not a whole number, or there is no such cause.
+    The named causes are removed. Returns None for any other profile. Raises `ValueError` if the
+    seed is not a whole number, or a cause is unknown.
     """
     if not profile.startswith(PREFIX):
         return None
@@ -246,9 +249,10 @@ def machine_of(profile: str) -> Machine | None:
 
 
 def draw(seed: int) -> Machine:
-    """Draw a machine; equal seeds give equal machines.
+    """Draw a machine at random. Equal seeds give equal machines.
 
-    Each field has its own stream of random numbers, so that its ranges do not affect other fields.
+    Each field of `Machine` has its own random numbers, so that a change of the range of one field
+    does not affect the others.
     """
     names = [each.name for each in fields(Machine)]
     seeds = np.random.SeedSequence(seed).spawn(len(names))
@@ -277,7 +281,7 @@ def _setup(draw: _Draw) -> Setup:
     product, plateau, gap = draw.even(0.08, 0.14), draw.even(0.07, 0.2), draw.even(0.3, 0.45)
     return Setup(
         sample_rate=draw.one_of(600.0, 800.0, 960.0, 1200.0),
-        counts_per_kg=1e6 / draw.one_of(1.0, 2.0, 5.0, 10.0, 20.0),  # mg per count
+        counts_per_kg=1e6 / draw.one_of(1.0, 2.0, 5.0, 10.0, 20.0),  # drawn in mg per count
         product_length=round(product, 3),
         weigh_length=round(product + plateau, 3),
         spacing=round(2 * product + plateau + gap, 3),
@@ -303,7 +307,7 @@ def _roller(draw: _Draw) -> Roller:
 
 
 def _joint(draw: _Draw, setup: Setup) -> Joint:
-    # The belt runs around both rollers, which are as far apart as the eyes.
+    # The belt runs around two rollers whose distance is slightly above that of the eyes.
     belt = 2 * setup.weigh_length * draw.even(1.1, 1.5)
     return Joint(belt, draw.even(0.004, 0.015), draw.sign(5e-4, 5e-3))
 

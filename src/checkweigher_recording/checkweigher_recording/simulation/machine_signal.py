@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of the load cell of a drawn machine: the sum of its causes, each a force or a filter."""
+"""Signal of the load cell of a randomly drawn machine, with a function for each disturbance."""
 
 from dataclasses import replace
 import math
@@ -19,13 +19,14 @@ from checkweigher_recording.simulation.machine import (
 from checkweigher_recording.simulation.noise import Array, FloorNoise, Wander, white
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
-_TYPICAL_MASS = 0.165  # kg, reference mass of the disturbance parameters
+_TYPICAL_MASS = 0.165  # reference mass of the disturbance parameters in kg
 
 
 def positions(entry: Pass, travel: Array, weigh_length: float) -> Array:
-    """Return the middle of the load on the belt, (n,) from -1 at the infeed to 1 at the outfeed.
+    """Return the centre of the part of a product that is on the belt, (n,) from -1 to 1.
 
-    `travel`, (n,) in m, is the travel of the belt while the product is on it.
+    The position is -1 at the infeed and 1 at the outfeed. `travel` is the travel of the belt while
+    the product is on the belt, (n,) in m.
     """
     way = travel - entry.travel
     return (np.minimum(way, weigh_length) + np.maximum(way - entry.length, 0.0)) / weigh_length - 1
@@ -36,8 +37,8 @@ def transfer_force(
 ) -> Array:
     """Return the force of a product that crosses the ends of the belt, (n,) in kg.
 
-    `share`, (n,), is the fraction of the product on the belt at `time`, (n,) in s; `numbers`, (5,),
-    are standard normal numbers of this pass.
+    `share` is the fraction of the product that is on the belt at `time`, (n,) in s. `numbers` are
+    standard normal random numbers of the pass, (5,).
     """
     of_end = np.where(time < (entry.t2 + entry.t3) / 2, numbers[0], numbers[1])
     force = (transfer.tipping + transfer.tipping_spread * of_end) * np.sin(math.pi * share)
@@ -48,9 +49,10 @@ def transfer_force(
 
 
 def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Array:
-    """Return the force of a product that bounces from the middle of its entry on, (n,) in kg.
+    """Return the force of the bounce of a product at `time`, (n,) in s; the force is in kg.
 
-    `numbers`, (3,), are standard normal numbers of this pass.
+    The bounce begins at the middle of the entry. `numbers` are standard normal random numbers of
+    the pass, (3,).
     """
     since = time - (entry.t1 + entry.t2) / 2
     angle = 2 * math.pi * bounce.frequency * (1 + 0.1 * float(np.clip(numbers[2], -2, 2)))
@@ -63,7 +65,7 @@ def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Ar
 def roller_force(
     roller: Roller, phases: Array, wander: Wander, travel: Array, load: Array, speed: float
 ) -> Array:
-    """Return the force of a roller, (n,) in kg; `phases`, (orders,), has a phase per order."""
+    """Return the force of a roller, (n,) in kg. `phases` has the phase of each order in rad."""
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
     lines = zip(roller.amplitudes, phases, strict=True)
@@ -73,7 +75,10 @@ def roller_force(
 
 
 def joint_force(joint: Joint, travel: Array, speed: float, first: float) -> Array:
-    """Return the force of the joint at a roller, (n,) in kg; it passes at travel `first`, m."""
+    """Return the force of the belt joint at a roller, (n,) in kg.
+
+    `first` is the travel in m at which the joint reaches the roller.
+    """
     return joint.size * speed * _half_sine(((travel - first) % joint.belt_length) / joint.width)
 
 
@@ -86,12 +91,12 @@ def _speed(entry: Pass) -> float:
 
 
 def _half_sine(phase: Array) -> Array:
-    """Return the positive half of a sine between the phases 0 and 1, and 0 elsewhere."""
+    """Return ``sin(pi * phase)`` for phases from 0 to 1, and 0 for other phases."""
     return np.where((phase >= 0) & (phase < 1), np.sin(math.pi * phase), 0.0)
 
 
 class MachineSignal:
-    """Reading of a drawn machine, computed in consecutive stretches."""
+    """Load-cell signal of a randomly drawn machine. Blocks are computed consecutively."""
 
     def __init__(
         self,
@@ -101,7 +106,7 @@ class MachineSignal:
         step: float,
         seed: np.random.SeedSequence,
     ) -> None:
-        """Begin with the empty platform at rest; `step` is the integration step in s."""
+        """Create the signal of an empty platform at rest. `step` is the integration step in s."""
         self._machine, self._belt, self._step = machine, belt, step
         self._weigh_length = weigh_length  # m
         drawn, broadband, floor, electronic, passes = seed.spawn(5)
@@ -135,8 +140,11 @@ class MachineSignal:
         return replace(entry, t1=t1, t2=t2, t3=t3, t4=t4)
 
     def reading(self, time: Array, travel: Array) -> Array:
-        """Return the reading in the next steps, (n,) in kg, from their times and travels."""
-        from scipy.signal import lfilter, sosfilt  # the import takes half a second
+        """Return the readings of the next n steps, (n,) in kg.
+
+        `time` is the time of each step, (n,) in s, and `travel` the belt travel, (n,) in m.
+        """
+        from scipy.signal import lfilter, sosfilt  # imported late, because the import is slow
 
         force, moment = self._products(time, travel)
         self._add_belt(force, moment, time, travel)
@@ -156,7 +164,7 @@ class MachineSignal:
         return reading
 
     def electronics(self, reading: Array, time: Array) -> Array:
-        """Return samples, (n,) in kg, with drift and noise of the electronics."""
+        """Return the readings, (n,) in kg, with drift and noise of the electronics."""
         samples = reading.copy()
         if drift := self._machine.drift:
             samples += drift.rate * time + drift.wander * self._zero(time)
@@ -165,7 +173,10 @@ class MachineSignal:
         return samples
 
     def _products(self, time: Array, travel: Array) -> tuple[Array, Array]:
-        """Return force and moment of the products, (n,); the moment in kg at the belt's end."""
+        """Return force and moment of the products, (n,) each.
+
+        The moment is divided by half the belt length, so both are in kg.
+        """
         force, moment = np.full(len(time), self._belt.resting), np.zeros(len(time))
         machine = self._machine
         for entry, touched in self._belt.touched(time):
@@ -184,7 +195,7 @@ class MachineSignal:
         return force, moment
 
     def _add_belt(self, force: Array, moment: Array, time: Array, travel: Array) -> None:
-        """Add the vibration of the parts that turn with the belt."""
+        """Add force and moment of rollers, belt joint and broadband noise."""
         load, speed = self._belt.load(time, travel), self._belt.speed
         for roller, phases, wander in self._rollers:
             shaking = roller_force(roller, phases, wander, travel, load, speed)
@@ -211,7 +222,10 @@ class MachineSignal:
 
 
 def _low_pass(machine: Machine, step: float) -> tuple[Array, Array]:
-    """Return the sections of the amplifier's filter, if there is one, and their states at rest."""
+    """Return the second-order sections of the low-pass of the amplifier, and their initial states.
+
+    Without an amplifier there are no sections.
+    """
     from scipy.signal import butter
 
     sections = np.zeros((0, 6))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The platform of a weigh belt: a mass on a spring and a damper, integrated exactly."""
+"""Exact integration of the motion of a platform, which is a mass on a spring and a damper."""
 
 from dataclasses import dataclass, field
 import math
@@ -14,32 +14,33 @@ from checkweigher_recording.simulation.noise import Array
 
 @dataclass
 class PlatformDynamics:
-    """A second-order platform whose mass changes with the products on it.
+    """Second-order platform whose moving mass includes the load on it.
 
-    Readings and forces are in kg: the displacement times stiffness / g, and the force / g. For a
-    constant mass and forces that are constant over each step, the solution
+    The reading y is the displacement times stiffness / g, and f is the force divided by g, both in
+    kg. If the mass is constant and the force is constant during each step, the solution
 
-        y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k)
-        v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
+        y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k) v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
 
-    is exact. When the mass changes, y and its derivative v do not jump. The solution is the filter
+    is exact, where v is the derivative of y. When the mass changes, y and v are continuous. The
+    solution is computed as the filter
 
-        y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2),
+        y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2)
 
-    with the state (y, a12 v - a22 y) in transposed direct form. Its gain for a constant force is 1
-    at any mass.
+    in transposed direct form with the state (y, a12 v - a22 y). The gain of the filter for a
+    constant force is 1 at any mass.
     """
 
-    mode: Mode  # of the empty platform: undamped frequency, and damping ratio below 1
-    step: float  # s
+    mode: Mode  # mode of the empty platform, with a damping ratio below 1
+    step: float  # integration step in s
     _reading: float = field(default=0.0, init=False)
     _rate: float = field(default=0.0, init=False)
 
     def run(self, force: Array, bounds: NDArray[np.intp], loads: Array) -> Array:
-        """Return the reading at the start of each step under a force, both (n,) in kg.
+        """Return the reading at the start of each of the next n steps, (n,) in kg.
 
-        `loads`, (m,) in kg, is the mass on the platform between the steps `bounds`, (m + 1,) from
-        0 to n.
+        `force` is the force during each step, (n,) in kg. The load on the platform is ``loads[i]``,
+        (m,) in kg, from the step ``bounds[i]`` to the step ``bounds[i + 1]``; `bounds` ascends from
+        0 to n, (m + 1,).
         """
         reading = np.empty(len(force))
         for begin, end, load in zip(bounds[:-1], bounds[1:], loads, strict=True):
@@ -47,7 +48,7 @@ class PlatformDynamics:
         return reading
 
     def _run_at(self, force: Array, load: float) -> Array:
-        from scipy.signal import lfilter  # the import takes half a second
+        from scipy.signal import lfilter  # imported late, because the import is slow
 
         a11, a12, a21, a22 = self.transition(load)
         b1, b2 = 1 - a11, -a12 * a21 - a22 * (1 - a11)
@@ -60,8 +61,8 @@ class PlatformDynamics:
         return np.asarray(reading)
 
     def transition(self, load: float) -> tuple[float, float, float, float]:
-        """Return a11, a12, a21 and a22 of one step, the matrix exponential, at a load in kg."""
-        # The load adds to the mass; stiffness and damper do not change.
+        """Return the transition matrix a11, a12, a21, a22 of one step for a load in kg."""
+        # The load changes the mass, but neither the stiffness nor the damping coefficient.
         share = self.mode.moving_mass / (self.mode.moving_mass + load)
         omega = 2 * math.pi * self.mode.natural_frequency
         squared = omega**2 * share

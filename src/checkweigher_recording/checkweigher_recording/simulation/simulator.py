@@ -1,28 +1,30 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated weigh belt: platform, products, disturbances, converter and photo-eyes.
+"""Simulation of a weigh belt with platform, products, disturbances, converter and photo-eyes.
 
-The platform is a mass on a spring and a damper. In kilograms of static reading, y = beta x / g,
+The platform is a mass on a spring and a damper. Its displacement x is expressed as the static
+reading y = beta x / g in kg, where beta is the stiffness:
 
-    y'' = w^2 (f - y) - c / (m0 + m) y',    w^2 = beta / (m0 + m),
+    y'' = w^2 (f - y) - c / (m0 + m) y',    w^2 = beta / (m0 + m).
 
-where m0 is the moving mass of the empty platform, m the load that rests on it and f the sum of all
-forces divided by g: the load and disturbances. A product at rest on the belt therefore reads its
-mass exactly, and lowers the natural frequency.
+Here m0 is the moving mass of the empty platform, m is the mass of the load, c is the damping
+coefficient, and f is the sum of all forces divided by g. A load at rest therefore gives a reading
+equal to its mass, and lowers the natural frequency.
 
-The equation is integrated exactly for forces that are constant over 1/8 of a sample; their values
-are taken in the middle of that time. This adds no numerical damping or delay. The converter
-averages 8 such steps. The stamp of a sample is the middle of its interval, so that the average has
-no delay.
+One sample has 8 integration steps. The force is constant during a step and equals its value in the
+middle of the step. The integration is exact for such forces, so it adds no numerical damping or
+delay. The converter averages the 8 readings. The time stamp of a sample is the middle of its
+interval, so that the average has no delay.
 
-The forces on the platform are the load, which changes linearly while a product crosses an end of
-the belt; an impact of random sign at the entry; rollers with harmonics, motor and broadband noise,
-proportional to the belt speed; and the vibration of the floor. The converter adds white noise,
-drift, quantisation and its limits. The platform is at rest at the first sample.
+The forces are the weight of the load, which changes linearly while a product crosses an end of the
+belt; an impact of random sign when a product enters; vibrations of rollers and motor and broadband
+noise, which are proportional to the belt speed; and the vibration of the floor. The converter adds
+white noise, drift and quantisation, and clips the signal. The platform is at rest at the first
+sample.
 """
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 import math
 from operator import attrgetter
@@ -41,51 +43,50 @@ from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import Array, FloorNoise, white
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
-OVERSAMPLING = 8  # steps of the integration in one sample
+OVERSAMPLING = 8  # integration steps per sample
 ROLLER_DIAMETER = 0.032  # m
-MIN_COUNTS, MAX_COUNTS = -(2**23), 2**23 - 1  # of a 24-bit converter
+MIN_COUNTS, MAX_COUNTS = -(2**23), 2**23 - 1  # range of a 24-bit converter
 CAPACITY = 7.2  # kg
-MOVING_MASS = 2.5  # kg, the platform without a product
-DAMPING_RATIO = 0.06  # of the empty platform
+MOVING_MASS = 2.5  # moving mass of the empty platform in kg
+DAMPING_RATIO = 0.06  # damping ratio of the empty platform
 IMPACT_DURATION = 0.0035  # s
 
-_CHUNK_DURATION = 1.0  # s, signal that is computed at once
+_CHUNK_DURATION = 1.0  # duration in s of the signal that is computed at once
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Platform and disturbances of a machine. Forces are in kg, that is, divided by g."""
+    """Platform and disturbances of a machine. A force in kg is the force in N divided by g."""
 
-    natural_frequency: float = 38.0  # Hz, of the empty platform
-    speed_jitter: float = 0.001  # relative standard deviation from product to product
-    # s/m, standard deviation over products of the peak force at entry per product mass and belt
-    # speed.
+    natural_frequency: float = 38.0  # natural frequency of the empty platform in Hz
+    speed_jitter: float = 0.001  # relative standard deviation of the belt speed between products
+    # Standard deviation of the peak force at entry, per product mass and belt speed, in s/m.
     impact: float = 0.03
-    # kg s/m, amplitudes of the roller line and its harmonics per belt speed.
+    # Amplitudes of the roller vibration and its harmonics, per belt speed, in kg s/m.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)
-    motor: float = 0.5e-3  # kg s/m, amplitude of its line per belt speed
-    motor_frequency: float = 31.0  # 1/m, per belt speed
-    # kg s/m / sqrt(Hz), square root of the noise's one-sided power density per belt speed.
+    motor: float = 0.5e-3  # amplitude of the motor vibration per belt speed, in kg s/m
+    motor_frequency: float = 31.0  # frequency of the motor vibration per belt speed, in 1/m
+    # Square root of the one-sided power density of the noise, per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = 0.033e-3
-    floor: float = 0.05e-3  # kg, standard deviation of its vibration
-    electronic: float = 0.05e-3  # kg, standard deviation of the white noise on each sample
+    floor: float = 0.05e-3  # standard deviation of the floor vibration in kg
+    electronic: float = 0.05e-3  # standard deviation of the white noise of the converter in kg
 
 
-# `paper` is like the machine whose accuracy was published: with a good estimator, the standard
-# deviation is 0.03 g to 0.05 g at 30 m/min and 0.15 g to 0.3 g at 90 m/min.
+# `paper` resembles the machine of Long et al.: with a good estimator, the standard deviation of the
+# mass is 0.03 g to 0.05 g at 30 m/min and 0.15 g to 0.3 g at 90 m/min.
 PROFILES = {
     'paper': Profile(),
-    # Worn rollers: their lines dominate.
+    # The rollers are worn, and their vibration dominates.
     'roller': Profile(roller=(5.5e-3, 3.5e-3, 2.5e-3, 1.5e-3)),
-    # A platform whose natural frequency lies among the roller's harmonics.
+    # The natural frequency of the platform is close to the harmonics of the rollers.
     'soft': Profile(
         natural_frequency=22.0, roller=(1.5e-3, 1.05e-3, 0.85e-3, 0.65e-3), broadband=0.02e-3
     ),
-    # A smooth belt on a shaking floor.
+    # The belt is smooth, and the floor vibrates.
     'floor': Profile(
         roller=(0.08e-3, 0.06e-3, 0.05e-3, 0.04e-3), motor=0.1e-3, broadband=0.01e-3, floor=0.2e-3
     ),
-    # Only the platform, the products and the electronics.
+    # The only disturbance is the noise of the electronics.
     'quiet': Profile(speed_jitter=0.0, impact=0.0, roller=(), motor=0.0, broadband=0.0, floor=0.0),
 }
 
@@ -104,10 +105,9 @@ def check_profile(profile: str) -> None:
 
 @dataclass(frozen=True)
 class SimulationParameters(Parameters):
-    """Machine, belt and products of a simulated line.
+    """Parameters of a simulated line: its machine, belt and products.
 
-    Raises `ParameterError` if a value is out of its range or the products cannot be placed on the
-    belt.
+    Raises `ParameterError` if a value is out of its range or the products would overlap.
     """
 
     node: ClassVar[str] = 'simulator'
@@ -217,28 +217,40 @@ class OperationParameters(Parameters):
 
 
 def own_values(profile: str) -> dict[str, float]:
-    """Return sample rate, sensitivity and lengths of a drawn machine; empty for other profiles.
+    """Return the values of `SimulationParameters` that belong to a randomly drawn machine.
 
-    `SimulationParameters` do not take them from the profile; the caller must add them.
+    They are the sample rate, the sensitivity and the lengths. The caller must pass them to
+    `SimulationParameters`, which does not derive them from the profile. The dict is empty if the
+    profile is not a drawn machine.
     """
     machine = machine_of(profile)
     return asdict(machine.setup) if machine else {}
 
 
 class Simulation:
-    """Simulated line. Iterate over it for its events in canonical order.
+    """Simulated line. An iteration over it yields its events in canonical order.
 
-    Every iteration starts the same line again. Events are not kept, so that a line may have any
-    length; with ``count`` 0 it does not end. The first products do not depend on the number of
-    products that follow. `filler` belongs to the last iteration; its correction applies to products
-    planned later, up to a second ahead. `operation` has the settings of the operator, which may
-    change at any time and apply up to a second later. `start` is the stamp of the first sample of
-    the next iteration, ns.
+    Each iteration yields the same events from the start. If the parameter ``count`` is 0, the
+    iteration does not end. Events are not kept in memory. The first products do not depend on the
+    number of products.
+
+    Attributes
+    ----------
+    operation : OperationParameters
+        Settings of the operator. They may change at any time and take effect within one second.
+    start : callable
+        Function that returns the time stamp in ns of the first sample of an iteration. It is called
+        when that sample is ready, which takes up to one second.
+    load_cell : LoadCell
+        Simulated load cell.
+    filler : Filler or None
+        Filler of the latest iteration. A new correction takes effect within one second.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.operation = OperationParameters()
-        self.start = parameters.start_time * NANOSECONDS
+        self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
+        self._begin = 0
         self._parameters = parameters
         self.load_cell = LoadCell.of(
             parameters,
@@ -251,7 +263,7 @@ class Simulation:
         self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield sample blocks, eye edges and reference masses in canonical order."""
+        """Yield sample blocks, edges of the photo-eyes and reference masses in canonical order."""
         rate, size = self._parameters.sample_rate, self._parameters.samples_per_block
         machine = _Machine(self._parameters)
         self.filler = machine.filler
@@ -261,6 +273,8 @@ class Simulation:
         while machine.total is None or first < machine.total:
             machine.operate(self.operation)
             counts, passes = machine.run(first, first + chunk)
+            if first == 0:
+                self._begin = self.start()
             for begin in range(0, len(counts), size):
                 index = first + begin
                 block = counts[begin : begin + size]
@@ -274,7 +288,7 @@ class Simulation:
             del waiting[:ready]
 
     def _switches(self, entry: Pass) -> Iterator[Event]:
-        """Yield the edges of the photo-eyes for a product, and its true mass."""
+        """Yield the edges of the photo-eyes for a product, and its true mass as a reference."""
         for time, eye, blocked in (
             (entry.t1, Eye.INFEED, True),
             (entry.t2, Eye.INFEED, False),
@@ -285,17 +299,17 @@ class Simulation:
         yield Reference(self._stamp(entry.t1), entry.mass)
 
     def _stamp(self, time: float) -> int:
-        # Whole seconds are added as integers, because a float resolves a stamp only to 200 ns.
+        # Whole seconds are added as integers, because a float stores a time to only about 200 ns.
         whole = math.floor(time)
-        return self.start + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
+        return self._begin + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
 
 
 def simulate(parameters: SimulationParameters) -> Recording:
-    """Return the recording of a simulated line; equal parameters give equal recordings.
+    """Return the recording of a simulated line. Equal parameters give equal recordings.
 
-    It has samples, edges and one reference mass for each product.
+    The recording has one reference mass for each product.
 
-    Raises `ParameterError` if the line is endless.
+    Raises `ParameterError` if the number of products is not limited.
     """
     if parameters.count == 0:
         raise ParameterError('simulator.count: 0 is an endless line, which has no recording')
@@ -304,13 +318,13 @@ def simulate(parameters: SimulationParameters) -> Recording:
 
 
 class _Machine:
-    """State of one run: belt, signal and converter."""
+    """Belt, load-cell signal and converter during one iteration of a `Simulation`."""
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.total: int | None = None
         self._parameters = parameters
         self._rate = OVERSAMPLING * parameters.sample_rate
-        # Each source has its own stream of random numbers, so that they are independent.
+        # Each cause has its own random numbers, so that a change of one does not affect the others.
         passes, *sources, products, drawn, filled = np.random.SeedSequence(parameters.seed).spawn(8)
         profile, machine = PROFILES.get(parameters.profile), machine_of(parameters.profile)
         self.filler = Filler(
@@ -339,9 +353,10 @@ class _Machine:
         belt.mass, belt.resting = operation.mass, operation.load
 
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
-        """Return the readings from `first` up to `end` or the end of the line, and new passes.
+        """Return the counts of the samples from `first` to before `end`, and the new passes.
 
-        The passes have the times that the photo-eyes report. `first` must be the previous `end`.
+        `first` must be the end of the previous call. The counts end earlier if the line ends. The
+        passes have the times that the photo-eyes report.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:
@@ -354,14 +369,14 @@ class _Machine:
         return self._convert(samples, first), [self._signal.seen(entry) for entry in new]
 
     def _middle(self, index: int) -> float:
-        """Return the middle of the first step of a sample in s.
+        """Return the time in s of the middle of the first integration step of a sample.
 
-        The readings at the start of the steps of a sample are symmetric about its stamp.
+        The starts of the steps of a sample are symmetric about the time stamp of the sample.
         """
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
 
     def _convert(self, reading: Array, first: int) -> NDArray[np.int32]:
-        """Return readings in kg as counts, with noise and drift of the electronics and limits."""
+        """Return the counts of the converter for readings in kg, with noise, drift and clipping."""
         parameters = self._parameters
         time = (first + np.arange(len(reading))) / parameters.sample_rate
         samples = self._signal.electronics(reading, time)
@@ -371,7 +386,7 @@ class _Machine:
 
 
 class _ProfileSignal:
-    """Simulated load-cell signal of a machine, computed in consecutive blocks."""
+    """Load-cell signal of a machine with a `Profile`. Blocks are computed consecutively."""
 
     def __init__(
         self,
@@ -389,11 +404,14 @@ class _ProfileSignal:
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:
-        """Return a pass with the times of the photo-eyes, which are exact."""
+        """Return a pass with the times that the photo-eyes report, which are exact here."""
         return entry
 
     def reading(self, time: Array, travel: Array) -> Array:
-        """Return the reading in the next steps, (n,) in kg, from their times and travels."""
+        """Return the readings of the next n steps, (n,) in kg.
+
+        `time` is the time of each step, (n,) in s, and `travel` the belt travel, (n,) in m.
+        """
         force = self._belt.load(time, travel)
         self._add_lines(force, travel)
         density = self._profile.broadband * self._belt.speed
@@ -404,11 +422,11 @@ class _ProfileSignal:
         return self._platform.run(force, *self._belt.load_steps(time, travel))
 
     def electronics(self, reading: Array, time: Array) -> Array:
-        """Return samples, (n,) in kg, with the noise of the electronics."""
+        """Return the readings, (n,) in kg, with the noise of the electronics."""
         return reading + self._profile.electronic * self._electronic.standard_normal(len(reading))
 
     def _add_lines(self, force: Array, travel: Array) -> None:
-        """Add the vibration of the parts that turn with the belt: rollers and motor."""
+        """Add the vibration of rollers and motor, whose phases follow the belt travel."""
         *roller, motor = self._phases
         lines = zip(self._profile.roller, roller, strict=True)
         for order, (amplitude, phase) in enumerate(lines, start=1):
@@ -418,7 +436,7 @@ class _ProfileSignal:
         force += self._belt.speed * self._profile.motor * np.sin(angle)
 
     def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
-        """Add the impact of a product on the belt, half a sine."""
+        """Add the impact of a product at its entry, which has the form of half a sine."""
         size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
         begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
         phase = (time[begin:end] - entry.t1) / IMPACT_DURATION

@@ -1,26 +1,28 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy classes of checkweighers: OIML R 51-1:2006 and GB/T 27739-2011.
+"""Accuracy classes of checkweighers, OIML R 51-1:2006 and GB/T 27739-2011.
 
-Category X contains checkweighers for prepackages. A class XI, XII, XIII or XIIII limits the mean
-error in verification scale intervals e, and its class factor x scales the limit of the standard
-deviation. Category Y contains all other catchweighers. A class Y(I), Y(II), Y(a) or Y(b) limits the
-error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with e = 0.1 g at initial
-verification; GB/T 27739 writes XIV for XIIII.
+Category X contains checkweighers for prepackages. The classes XI, XII, XIII and XIIII limit the
+mean error in units of the verification scale interval e, and the class factor x scales the limit of
+the standard deviation. Category Y contains all other catchweighers. The classes Y(I), Y(II), Y(a)
+and Y(b) limit the error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with
+e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
 
-Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II, for classes, factors, e, and the errors
-of both categories at initial verification. UK SI 2016/1153, Schedule 1G, repeats these; its Chapter
-II, Table 1, "Static", has the errors of category Y at rest. The errors at rest in service are from
-NI SR 2006/154, Schedule 5, Table 2. The least Min of Y(a) and Y(b) is from UK SI 2003/2761,
-Schedule 1. The errors of category Y in motion in service and the standard deviations above 300 g
-are quoted from memory and were not checked against the text of R 51. The rule for the prepackages
-that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table of the largest e
-is not used.
+The classes, class factors (4.2), values of e, and errors of both categories at initial verification
+are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI 2016/1153, Schedule 1G.
+Chapter II, Table 1, "Static", of the latter has the errors of category Y at rest. The errors at
+rest in service are from NI SR 2006/154, Schedule 5, Table 2. The smallest Min of Y(a) and Y(b) is
+from UK SI 2003/2761, Schedule 1. The errors of category Y in motion in service, and the standard
+deviations above 300 g, are quoted from memory and were not compared with the text of R 51. The rule
+on the
+prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table of the
+largest e is not used.
 
-Nothing here is type-approved for legal metrology: a verdict applies to a simulation or a test run
+Nothing here is type-approved for legal metrology. A result applies to a simulation or a test run
 and does not mean that a machine conforms.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 import math
@@ -29,10 +31,10 @@ from checkweigher_core.records import GRAMS
 from checkweigher_production.prepackages import tolerable_negative_error
 from checkweigher_validation.accuracy.errors import ConditionResult
 
-# Tolerance for rounding errors of a mass on a bound.
+# Tolerance for rounding errors of a mass that equals a bound.
 _ON_BOUND = 1 + 1e-9
 
-# Loads in e up to which each step of the error holds.
+# Largest load, in e, of each of the three ranges of load.
 _STEPS = {
     'XI': (50_000.0, 200_000.0, math.inf),
     'XII': (5_000.0, 20_000.0, 100_000.0),
@@ -42,8 +44,8 @@ _STEPS = {
 _LIKE = {'Y(I)': 'XI', 'Y(II)': 'XII', 'Y(a)': 'XIII', 'Y(b)': 'XIIII'}
 CLASSES = (*_STEPS, *_LIKE)
 
-# Steps of the error in e: of the mean in category X and of loads at rest in both categories, of
-# each weighing in category Y.
+# Largest error, in e, in each range of load, by category and by whether the machine is in service.
+# The values of category X also apply to loads at rest in category Y.
 _ERRORS = {
     ('X', False): (0.5, 1.0, 1.5),
     ('X', True): (1.0, 2.0, 3.0),
@@ -51,7 +53,7 @@ _ERRORS = {
     ('Y', True): (1.5, 2.5, 3.5),
 }
 
-# Smallest and largest e in kg, fewest and most e up to Max.
+# Each row has the smallest e and the largest e in kg, and the smallest and largest Max in e.
 _INTERVALS = {
     'XI': ((1e-6, math.inf, 50_000, math.inf),),
     'XII': ((1e-6, 0.05e-3, 100, 100_000), (0.1e-3, math.inf, 5_000, 100_000)),
@@ -59,17 +61,25 @@ _INTERVALS = {
     'XIIII': ((5e-3, math.inf, 100, 1_000),),
 }
 
-_LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # Min in e
+# Rule for the class factor of each class (4.2 of the MID). By R 51, no class factor is above 2.
+_FACTORS: dict[str, tuple[str, Callable[[float], bool]]] = {
+    'XI': ('below 1', lambda x: x < 1),
+    'XII': ('below 1', lambda x: x < 1),
+    'XIII': ('at most 1', lambda x: x <= 1),
+    'XIIII': ('above 1', lambda x: x > 1),
+}
 
-# Largest load of a row in kg; limits at initial verification and in service for x = 1, relative to
-# the load (share) or in kg (constant).
+_LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # smallest Min in e
+
+# Each row has the largest load in kg, and the limits of the standard deviation for x = 1 at initial
+# verification and in service. The limits are relative to the load (_SHARE) or in kg (_CONSTANT).
 _SHARE, _CONSTANT = True, False
 _STD_DEV_ROWS = (
     (0.05, _SHARE, 0.48e-2, 0.6e-2),
     (0.1, _CONSTANT, 0.24e-3, 0.3e-3),
     (0.2, _SHARE, 0.24e-2, 0.3e-2),
     (0.3, _CONSTANT, 0.48e-3, 0.6e-3),
-    # The following rows are quoted from memory and were not checked against the standard.
+    # The following rows are quoted from memory and were not compared with the standard.
     (0.5, _SHARE, 0.16e-2, 0.2e-2),
     (1.0, _CONSTANT, 0.8e-3, 1.0e-3),
     (10.0, _SHARE, 0.08e-2, 0.1e-2),
@@ -77,34 +87,37 @@ _STD_DEV_ROWS = (
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
 
-_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service, per tolerable negative error
+_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service over tolerable negative error
 
-# Largest load of a row in kg, and the smallest number of weighings.
+# Each row has the largest load in kg and the smallest number of weighings.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
 
 
 @dataclass(frozen=True, slots=True)
 class AccuracyClass:
-    """A class as on a nameplate, and the occasion of the verification.
+    """Accuracy class of a checkweigher, with the limits at initial verification or in service.
 
-    Raises `ValueError` if there is no such class or no such class factor, or e is not positive.
+    Raises `ValueError` if the class or the class factor is unknown, or e is not positive.
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
-    factor: float = 1.0  # class factor x of category X: 1, 2 or 5 times 10^k, at most 2
-    interval: float = 0.1e-3  # verification scale interval e, kg
-    in_service: bool = False  # whether limits in service apply, else at initial verification
+    # Class factor x of category X, 1, 2 or 5 times 10^k. It is below 1 for XI and XII, at most 1
+    # for XIII, and above 1 and at most 2 for XIIII.
+    factor: float = 1.0
+    interval: float = 0.1e-3  # verification scale interval e in kg
+    in_service: bool = False  # True for the limits in service, False for initial verification
 
     def __post_init__(self) -> None:
-        if self.name == 'XIV':
-            object.__setattr__(self, 'name', 'XIIII')
-        if self.name not in CLASSES:
-            raise ValueError(f'class {self.name!r} is none of {", ".join(CLASSES)}')
+        object.__setattr__(self, 'name', _class_name(self.name))
         _check_positive(self.factor, 'class factor x')
         if not (_is_round(self.factor) and self.factor <= 2):
             raise ValueError(f'class factor x: {self.factor:g} is not 1, 2 or 5 x 10^k up to 2')
         if self.category == 'Y' and self.factor != 1:
             raise ValueError(f'class factor x: {self.name} has none, only category X has')
+        if self.category == 'X':
+            words, allowed = _FACTORS[self.name]
+            if not allowed(self.factor):
+                raise ValueError(f'class factor x: {self.factor:g} is not {words}, for {self.name}')
         _check_positive(self.interval, 'verification scale interval e')
 
     @property
@@ -118,17 +131,18 @@ class AccuracyClass:
         return f'{name}, e = {1000 * self.interval:g} g, {occasion}'
 
     def max_error(self, mass: float) -> float:
-        """Return the largest magnitude of the error at a load, kg.
+        """Return the limit of the magnitude of the error at a load, in kg.
 
-        The limit applies to the mean in category X and to each weighing in category Y. It is NaN
-        for a load above the range of the class.
+        In category X, it is the limit of the mean error. In category Y, it is the limit of each
+        error. Returns NaN for a load above the range of the class.
         """
         return self._step_of_error(mass, self.category)
 
     def max_static_error(self, mass: float) -> float:
-        """Return the largest magnitude of the error of a load at rest, kg.
+        """Return the limit of the magnitude of the error of a load at rest, in kg.
 
-        In both categories, this is the limit of the mean in category X. NaN as in `max_error`.
+        In both categories, this is the limit of the mean error of category X. Returns NaN for a
+        load above the range of the class.
         """
         return self._step_of_error(mass, 'X')
 
@@ -139,10 +153,10 @@ class AccuracyClass:
         return next(found, math.nan) * self.interval
 
     def max_std_dev(self, mass: float) -> float:
-        """Return the largest standard deviation of the error at a load, kg.
+        """Return the limit of the standard deviation of the error at a load, in kg.
 
-        Infinity in category Y, which has no such limit. The limits of loads above 0.3 kg are quoted
-        from memory and were not checked against the text of the standard.
+        Returns infinity in category Y, which has no such limit. The limits of loads above 0.3 kg
+        are quoted from memory and were not compared with the text of the standard.
         """
         if self.category == 'Y':
             return math.inf
@@ -151,11 +165,19 @@ class AccuracyClass:
         return self.factor * limit * (mass if kind is _SHARE else 1.0)
 
 
-def smallest_interval(name: str, maximum: float) -> float:
-    """Return the smallest verification scale interval e that a class allows for a Max, both in kg.
+def _class_name(name: str) -> str:
+    """Return the name of R 51 for a class; `ValueError` if there is no such class."""
+    name = 'XIIII' if name == 'XIV' else name
+    if name not in CLASSES:
+        raise ValueError(f'class {name!r} is none of {", ".join(CLASSES)}')
+    return name
 
-    e is 1, 2 or 5 times 10^k kg. Raises `ValueError` if there is no such class, or it has no e for
-    this Max.
+
+def smallest_interval(name: str, maximum: float) -> float:
+    """Return the smallest verification scale interval e in kg that a class allows for a Max in kg.
+
+    The interval is 1, 2 or 5 times 10^k kg. Raises `ValueError` if the class is unknown, or if it
+    allows no e for this Max.
 
     References
     ----------
@@ -163,22 +185,22 @@ def smallest_interval(name: str, maximum: float) -> float:
 
     Examples
     --------
-    >>> smallest_interval('XIII', 6.0)  # 6000 e; with 0.5 g it would be 12,000
+    >>> smallest_interval('XIII', 6.0)  # Max is 6000 e, and would be above 10,000 e with 0.5 g
     0.001
     """
-    own = AccuracyClass(name)
+    name = _class_name(name)
     _check_positive(maximum, 'Max')
     exponents = range(-6, math.ceil(math.log10(maximum)) + 1)
     for exponent, digit in product(exponents, (1, 2, 5)):
         interval = float(f'{digit}e{exponent}')
-        fewest, most = _interval_counts(own.name, interval)
+        fewest, most = _interval_counts(name, interval)
         if fewest / _ON_BOUND <= maximum / interval <= most * _ON_BOUND:
             return interval
-    raise ValueError(f'class {own.name} has no verification scale interval for Max {maximum:g} kg')
+    raise ValueError(f'class {name} has no verification scale interval for Max {maximum:g} kg')
 
 
 def _interval_counts(name: str, interval: float) -> tuple[float, float]:
-    """Return the range of Max in units of e, for an e in kg; an empty range if e is not allowed."""
+    """Return the smallest and the largest Max in e for an e in kg, (inf, -inf) if not allowed."""
     for low, high, fewest, most in _INTERVALS[_LIKE.get(name, name)]:
         if low <= interval * _ON_BOUND and interval <= high * _ON_BOUND:
             return fewest, most
@@ -186,15 +208,15 @@ def _interval_counts(name: str, interval: float) -> tuple[float, float]:
 
 
 def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -> None:
-    """Check that a class allows its e for a range from Min to Max, kg.
+    """Check that a class allows its e for the weighing range from Min to Max, in kg.
 
-    The least Min is known only for Y(a) and Y(b).
+    The smallest Min is known only for Y(a) and Y(b).
 
-    Raises `ValueError` if the class does not allow it; the message has the rule, in g.
+    Raises `ValueError` with the violated rule if the range is not allowed.
 
     References
     ----------
-    Directive 2014/32/EU, Annex VIII, Chapter II, 5, Table 3, for e and its number; UK SI 2003/2761,
+    Directive 2014/32/EU, Annex VIII, Chapter II, 5, Table 3, for e and Max; UK SI 2003/2761,
     Schedule 1, for Min.
     """
     name, interval = accuracy_class.name, accuracy_class.interval
@@ -223,28 +245,28 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
 
 @dataclass(frozen=True, slots=True)
 class Suitability:
-    """Error of a class compared with the error allowed for prepackages, in kg."""
+    """Comparison of the error of a class with the error allowed for prepackages, in kg."""
 
     nominal: float  # nominal quantity of the prepackages
     tolerable_negative_error: float
-    max_error: float  # of the class in service at the nominal quantity, NaN above its range
+    max_error: float  # limit of the class in service at the nominal quantity, NaN above its range
 
     @property
     def allowed_error(self) -> float:
-        """Largest error in service of a scale that may check them."""
+        """Largest error in service of a scale that may check such prepackages."""
         return _SUITABLE_SHARE * self.tolerable_negative_error
 
     @property
     def suitable(self) -> bool:
-        """Whether a scale of the class may check them."""
+        """Whether a scale of the class may check such prepackages."""
         return self.max_error <= self.allowed_error * _ON_BOUND
 
 
 def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
-    """Compare a class with a fifth of the tolerable negative error of prepackages.
+    """Compare the error of a class with a fifth of the tolerable negative error of prepackages.
 
-    The limits in service are used, even if the class is given at initial verification. `nominal` is
-    the nominal quantity in kg; `ValueError` if 76/211/EEC has no limits for it.
+    The limits in service are used, even if `accuracy_class` has those at initial verification.
+    `nominal` is the nominal quantity in kg. Raises `ValueError` if 76/211/EEC has no limits for it.
 
     References
     ----------
@@ -255,22 +277,18 @@ def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
 
 
 def weighings_required(mass: float) -> int:
-    """Return the smallest number of weighings of a load in kg for a verification."""
+    """Return the number of weighings of a load in kg that a verification requires."""
     return next(count for bound, count in _WEIGHINGS if mass <= bound * _ON_BOUND)
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Comparison of a condition with its limits in kg and with the required number of weighings.
+    """Result of the comparison of the errors at a load with the limits of a class."""
 
-    `max_error` applies to the mean in category X and to each weighing in category Y; it is NaN for
-    a load above the range of the class. A limit is not passed if it or the value is NaN.
-    """
-
-    max_error: float
-    max_std_dev: float
-    error_passed: bool
-    std_dev_passed: bool
+    max_error: float  # limit in kg as in `AccuracyClass.max_error`
+    max_std_dev: float  # limit in kg as in `AccuracyClass.max_std_dev`
+    error_passed: bool  # False if the error or its limit is NaN
+    std_dev_passed: bool  # always True in category Y, which has no such limit
     weighings: int
     weighings_required: int
 
@@ -281,12 +299,12 @@ class Judgement:
 
     @property
     def passed(self) -> bool:
-        """Whether enough weighings are within both limits."""
+        """Whether there are enough weighings, and both limits are met."""
         return self.error_passed and self.std_dev_passed and self.enough_weighings
 
 
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
-    """Compare a condition with the limits of a class; a pass without a mass does not count."""
+    """Compare the errors at a condition with the limits of a class."""
     limit = accuracy_class.max_error(condition.mass)
     std_dev_limit = accuracy_class.max_std_dev(condition.mass)
     error = abs(condition.mean_error)
@@ -295,7 +313,7 @@ def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgemen
     return Judgement(
         max_error=limit,
         max_std_dev=std_dev_limit,
-        # A comparison with NaN is false, so an unknown error does not pass.
+        # A comparison with NaN is False, so an unknown error does not pass.
         error_passed=bool(error <= limit),
         std_dev_passed=math.isinf(std_dev_limit) or condition.std_dev <= std_dev_limit,
         weighings=condition.count,

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of the results of items, each with name, unit and value, and their CSV file."""
+"""Columns of the results of items, and their CSV file."""
 
 from collections.abc import Callable, Iterable, Iterator
 import csv
@@ -17,7 +17,7 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 
 class ColumnType(Enum):
-    """Type of the values of a column; an unknown value is None."""
+    """Type of the values of a column."""
 
     WHOLE = 'whole number'
     TIME = 'time of the bag'  # values are in ns
@@ -28,26 +28,26 @@ class ColumnType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of results."""
+    """Column of a table of results."""
 
     name: str
     kind: ColumnType
-    unit: str  # in files; '1' for a number without unit, empty for other types
+    unit: str  # '1' for a number without unit, empty for other types
     value_of: Callable[[ItemResult], Any]
-    digits: int = 6  # of a number in the CSV
+    digits: int = 6  # number of decimal places in the CSV file
 
     def value(self, item: ItemResult) -> Any:
-        """Return the value of an item, a time in ns; None if unknown."""
+        """Return the value for an item, or None if it is unknown. A time is in ns."""
         value = self.value_of(item)
         return None if self.kind is ColumnType.NUMBER and not math.isfinite(value) else value
 
     def text(self, item: ItemResult) -> str:
-        """Return the text of an item in the CSV, empty if unknown."""
+        """Return the text for an item in the CSV file, which is empty if the value is unknown."""
         value = self.value(item)
         if value is None:
             return ''
         if self.kind is ColumnType.TIME:
-            # Seconds, without a float, which would round a present-day time.
+            # A float with the seconds since 1970 would be rounded to about 200 ns.
             whole, part = divmod(value, NANOSECONDS)
             return f'{whole}.{part:09d}'
         if self.kind is ColumnType.TEXTS:
@@ -84,7 +84,7 @@ COLUMNS = (
 
 
 def items_as_csv(results: Iterable[ItemResult]) -> Iterator[str]:
-    """Yield the lines of a CSV file: a row per item after the header; an unknown value is empty."""
+    """Yield the lines of a CSV file with a header and a row for each item."""
     names = [[column.name for column in COLUMNS]]
     return rows_as_csv(chain(names, ([each.text(item) for each in COLUMNS] for item in results)))
 
@@ -92,10 +92,10 @@ def items_as_csv(results: Iterable[ItemResult]) -> Iterator[str]:
 def rows_as_csv(rows: Iterable[Iterable[object]]) -> Iterator[str]:
     """Yield rows as lines of CSV.
 
-    A text that a spreadsheet would evaluate, such as a folder name that begins with =, is prefixed
-    with an apostrophe.
+    A text that a spreadsheet would evaluate as a formula, for example because it begins with =, is
+    prefixed with an apostrophe.
     """
-    file: Any = SimpleNamespace(write=str)  # `writerow` returns the result of `write`, the line
+    file: Any = SimpleNamespace(write=str)  # `writerow` returns the result of `write`
     writer = csv.writer(file, lineterminator='\n')
     for row in rows:
         yield writer.writerow([f"'{each}" if _FORMULA.match(str(each)) else each for each in row])

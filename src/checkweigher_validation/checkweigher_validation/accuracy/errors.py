@@ -1,10 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy of estimators: errors of passes whose mass is known, and their statistics.
+"""Statistics of the errors of estimators on passes of known mass.
 
-The figures of merit are from Long et al.: the mean error mu against the true mass, the standard
-deviation sigma with n - 1, and the overall index A = |mu| + 3 sigma. (Equation 20 of the paper
-subtracts the mean of the readings, which would make every mu zero, but its table does not.)
+The statistics are those of Long et al.: the mean error mu, the standard deviation sigma of the
+errors with n - 1, and the overall index A = |mu| + 3 sigma. In equation 20 of the paper, the mean
+of the readings is subtracted, so that mu would always be zero. In its table, the true mass is
+subtracted, as it is here.
 """
 
 from collections.abc import Iterable
@@ -17,36 +18,35 @@ from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.examples import Example
 
-# Speeds and masses that differ by less are equal, because they may have rounding errors.
-_SAME = 1e-6
+_SAME = 1e-6  # tolerance for rounding errors of equal speeds and masses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConditionResult:
-    """All passes of one estimator at one mass and one speed."""
+    """Errors of one estimator at one condition, which is a true mass and a nominal belt speed."""
 
     estimator: str
-    speed: float  # m/s, nominal
-    mass: float  # kg, true
-    part: str  # 'train' if the estimator was tuned on these passes, else 'test'
-    errors: NDArray[np.float64]  # (n,), kg: mass less true mass of the passes that were weighed
-    std_devs: NDArray[np.float64]  # (n,), kg, as stated; NaN if not stated
-    faults: int = 0  # passes that got no mass
-    bound: float = math.nan  # kg, the Gauss-Markov bound of sigma; NaN if unknown
+    speed: float  # nominal belt speed in m/s
+    mass: float  # true mass in kg
+    part: str  # 'train' if the estimator was tuned on these passes, otherwise 'test'
+    errors: NDArray[np.float64]  # mass minus true mass of each weighed pass, (n,) in kg
+    std_devs: NDArray[np.float64]  # stated standard deviations, (n,) in kg; NaN if not stated
+    faults: int = 0  # number of passes without a mass
+    bound: float = math.nan  # Gauss-Markov bound of sigma in kg, NaN if it is unknown
 
     @property
     def count(self) -> int:
-        """Passes that were weighed."""
+        """Number of weighed passes."""
         return len(self.errors)
 
     @property
     def mean_error(self) -> float:
-        """Mean error mu in kg, NaN without a weighed pass."""
+        """Mean error mu in kg, or NaN if no pass was weighed."""
         return float(np.mean(self.errors)) if self.count else math.nan
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation sigma in kg, with n - 1; NaN for fewer than two weighed passes."""
+        """Standard deviation sigma in kg, or NaN for fewer than two weighed passes."""
         return float(np.std(self.errors, ddof=1)) if self.count > 1 else math.nan
 
     @property
@@ -56,59 +56,58 @@ class ConditionResult:
 
     @property
     def ratio(self) -> float:
-        """Standard deviation over its Gauss-Markov bound, NaN if the bound is unknown."""
+        """Ratio of sigma to its Gauss-Markov bound, or NaN if the bound is unknown."""
         return self.std_dev / self.bound if self.bound else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class MeanErrors:
-    """Means over conditions, each with the same weight.
+    """Means over conditions, all of which have the same weight.
 
-    A mean is NaN if one of the conditions has no value, because a condition that could not be
-    weighed must not make an estimator look better.
+    A mean is NaN if the value of one condition is NaN. Otherwise an estimator that cannot weigh at
+    a difficult condition would appear better.
     """
 
-    mean_error: float  # kg, of the magnitudes of mu
+    mean_error: float  # mean of the magnitudes of mu in kg
     std_dev: float  # kg
     index: float  # kg
     bound: float  # kg
-    ratio: float  # of the ratios sigma / bound
-    count: int  # total number of passes that were weighed
+    ratio: float  # mean of the ratios of sigma to its bound
+    count: int  # total number of weighed passes
     faults: int  # total number of passes without a mass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """Result of a protocol: conditions, their provenance, and signals for figures.
+    """Errors of several estimators at several conditions.
 
-    The provenance names all inputs of the protocol with their values: profile, seed, bags,
-    versions. No two conditions have the same estimator, speed, mass and part.
+    No two conditions have the same estimator, speed, mass and part.
     """
 
     title: str  # one line
     conditions: tuple[ConditionResult, ...]
-    provenance: tuple[tuple[str, str], ...]
-    examples: tuple[Example, ...] = ()  # signals for the figures
+    provenance: tuple[tuple[str, str], ...]  # name and value of each input, such as bags and seed
+    examples: tuple[Example, ...] = ()  # signals for figures
 
     @property
     def estimators(self) -> tuple[str, ...]:
-        """Names of the estimators in order of first appearance."""
+        """Names of the estimators in the order of their first conditions."""
         return tuple(dict.fromkeys(one.estimator for one in self.conditions))
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Parts that have passes, 'test' first."""
+        """Parts that have conditions: 'test', 'train', or both in this order."""
         there = {one.part for one in self.conditions}
         return tuple(part for part in ('test', 'train') if part in there)
 
     @property
     def speeds(self) -> tuple[float, ...]:
-        """Nominal speeds in m/s, ascending."""
+        """Nominal speeds in m/s in ascending order."""
         return distinct(one.speed for one in self.conditions)
 
     @property
     def masses(self) -> tuple[float, ...]:
-        """True masses in kg, ascending."""
+        """True masses in kg in ascending order."""
         return distinct(one.mass for one in self.conditions)
 
     def select(
@@ -119,7 +118,7 @@ class Evaluation:
         mass: float | None = None,
         part: str | None = None,
     ) -> tuple[ConditionResult, ...]:
-        """Return the conditions with the given values, in their order; speed in m/s, mass in kg."""
+        """Return the conditions with the given values. Speed is in m/s, and mass is in kg."""
         return tuple(
             one
             for one in self.conditions
@@ -130,9 +129,9 @@ class Evaluation:
         )
 
     def ranked(self, part: str) -> dict[str, MeanErrors]:
-        """Return the means of each estimator over its conditions of a part, the smallest A first.
+        """Return the means of each estimator over the conditions of a part, by ascending A.
 
-        Estimators without a value of A are last.
+        Estimators whose A is NaN are last.
         """
         means = {name: average(self.select(estimator=name, part=part)) for name in self.estimators}
         ordered = sorted(means.items(), key=lambda item: np.nan_to_num(item[1].index, nan=math.inf))
@@ -140,7 +139,7 @@ class Evaluation:
 
 
 def average(conditions: Iterable[ConditionResult]) -> MeanErrors:
-    """Return the means over conditions; without any, they are NaN and the numbers of passes 0."""
+    """Return the means over conditions. If there are no conditions, the means are NaN."""
     there = tuple(conditions)
     return MeanErrors(
         mean_error=_mean([abs(one.mean_error) for one in there]),
@@ -154,11 +153,11 @@ def average(conditions: Iterable[ConditionResult]) -> MeanErrors:
 
 
 def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
-    """Return the fraction of the stated intervals that contain the error, over all passes.
+    """Return the fraction of passes whose error is within the confidence interval.
 
-    `level`, between 0 and 1, is the probability of the interval for a normal distribution. The
-    fraction is close to it if the stated standard deviations are right and there is no bias. It is
-    NaN if no pass states a standard deviation.
+    The interval is computed from the stated standard deviation for a normal distribution. `level`
+    is the confidence level, between 0 and 1. The fraction is close to `level` if the stated
+    standard deviations are right and there is no bias. It is NaN if none is stated.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [
@@ -170,17 +169,17 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
 
 
 def overall_index(mean_error: float, std_dev: float) -> float:
-    """Return A = |mu| + 3 sigma (Long et al., Table 3), in the unit of the two."""
+    """Return the overall index A = |mu| + 3 sigma (Long et al., Table 3)."""
     return abs(mean_error) + 3 * std_dev
 
 
 def same(one: float, other: float) -> bool:
-    """Return whether two nominal speeds in m/s, or two true masses in kg, are equal."""
+    """Return whether two speeds in m/s, or two masses in kg, are equal except for rounding."""
     return abs(one - other) < _SAME
 
 
 def distinct(values: Iterable[float]) -> tuple[float, ...]:
-    """Return the values in ascending order, without duplicates as defined by `same`."""
+    """Return the values in ascending order, without values that are equal except for rounding."""
     kept: list[float] = []
     for value in sorted(values):
         if not kept or not same(kept[-1], value):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Weighing passes of known mass by several estimators, for the accuracy tables."""
+"""Evaluation of estimators on passes of known mass."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,27 +18,27 @@ from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.jobs import run_jobs
 
-_MASS_STEP = 1e-6  # kg; smaller differences of references are ignored
+_MASS_STEP = 1e-6  # smallest difference of true masses that is not ignored, in kg
 
 
 @dataclass(frozen=True, slots=True)
 class PassSet:
-    """Passes of one nominal speed that are reported together, including faults."""
+    """Passes of one nominal speed and one part, including passes that cannot be weighed."""
 
     speed: float  # m/s
     part: str  # 'train' or 'test'
     passes: tuple[KnownPass, ...]
-    bounds: Mapping[float, float] = field(default_factory=dict)  # Gauss-Markov bound by mass, kg
+    bounds: Mapping[float, float] = field(default_factory=dict)  # Gauss-Markov bounds by mass in kg
 
 
 def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> list[MassEstimate]:
-    """Return the estimate of each pass by the denoise and identifier stages."""
+    """Return the estimate for each pass after denoising."""
     windows = [each.window for each in passes]
     return estimate_masses(windows, Denoiser(parameters.denoise), Identifier(parameters.identifier))
 
 
 def evaluate_set(known: PassSet, parameters: LineParameters) -> list[ConditionResult]:
-    """Return the results of the selected estimator on a set, one condition per mass."""
+    """Return the results of the selected estimator at each mass of a set."""
     estimates = weigh_passes(known.passes, parameters)
     masses = np.array([each.mass for each in known.passes])
     keys = np.round(masses / _MASS_STEP)
@@ -66,8 +66,8 @@ def evaluate_sets(
 ) -> tuple[ConditionResult, ...]:
     """Return the results of estimators on sets, in the order of the estimators.
 
-    Each of the `estimators` selects a different estimator. `n_jobs` is the number of processes, as
-    in `checkweigher_validation.jobs.run_jobs`.
+    `estimators` has parameters that select different estimators. `n_jobs` is the number of
+    processes as in `checkweigher_validation.jobs.run_jobs`.
     """
     calls = [partial(evaluate_set, known, line) for line in estimators for known in sets]
     return tuple(chain.from_iterable(run_jobs(calls, n_jobs, 'weighing')))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Signals for the figures of a report: a pass as recorded, without noise, and denoised."""
+"""Signals of a pass for the figures of a report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,35 +24,33 @@ from checkweigher_recording.simulation.simulator import (
 )
 from checkweigher_validation.accuracy.passes import KnownPass, known_passes
 
-_PRODUCTS = 3  # of a simulated example; the last one, which follows others, is shown
-_LEAD = 0.15  # s before t1
-_TRAIL = 1.0  # s after t3, or until the item has left
+_PRODUCTS = 3  # number of simulated products, of which the last one is the example
+_LEAD = 0.15  # duration of the signal before t1 in s
+_TRAIL = 1.0  # largest duration of the signal after t3 in s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """One pass as recorded and as denoised, for figures.
+    """Signals of one pass in kg. Times are in s from the first sample."""
 
-    Arrays are in kg. `denoised` has the window t2..t3 by thresholding: hard, soft, shrinkage.
-    `bands` has the bands of the stationary wavelet transform of `signal`, (n,): a7, d7 .. d1.
-    """
-
-    speed: float  # m/s, nominal
-    mass: float  # kg, true
+    speed: float  # nominal belt speed in m/s
+    mass: float  # true mass in kg
     sample_rate: float  # Hz
-    t1: float  # s from the first sample: the product begins to enter
-    t2: float  # it is fully on the belt
-    t3: float  # it begins to leave
-    t4: float  # it has left
-    signal: NDArray[np.float64]  # (n,), zero removed
-    ideal: NDArray[np.float64]  # (n,), of the platform without any noise; empty if unknown
+    t1: float  # time at which the product begins to enter the belt
+    t2: float  # time at which the product is completely on the belt
+    t3: float  # time at which the product begins to leave the belt
+    t4: float  # time at which the product has left the belt
+    signal: NDArray[np.float64]  # signal minus the zero, (n,)
+    ideal: NDArray[np.float64]  # signal without noise, (n,), or empty if the platform is unknown
+    # Name and signal from t2 to t3 for each method of thresholding: hard, soft, shrinkage.
     denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
+    # Name and signal, (n,), of each band of the stationary wavelet transform: a7, d7 to d1.
     bands: tuple[tuple[str, NDArray[np.float64]], ...] = ()
 
     @property
     def window(self) -> slice:
-        """Samples from the first one at or after t2 up to the last one before t3."""
-        # Rounding errors must not move a sample at an edge to the other side.
+        """Slice of the samples at or after t2 and before t3."""
+        # Without the rounding, a sample exactly at t2 or t3 could be on the wrong side.
         begin, end = (math.ceil(round(time * self.sample_rate, 6)) for time in (self.t2, self.t3))
         return slice(max(begin, 0), min(end, len(self.signal)))
 
@@ -60,7 +58,7 @@ class Example:
 def simulated_examples(
     profile: str, speeds: Sequence[float], mass: float, parameters: LineParameters, seed: int
 ) -> tuple[Example, ...]:
-    """Return one simulated pass of a product of `mass`, kg, at each of the `speeds`, m/s."""
+    """Return a simulated pass of a product of `mass` in kg at each of the `speeds` in m/s."""
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
     platform = Platform(PROFILES[profile].natural_frequency, DAMPING_RATIO, MOVING_MASS)
     line = SimulationParameters(profile=profile, masses=(mass,), count=_PRODUCTS, seed=seed)
@@ -75,9 +73,9 @@ def simulated_examples(
 def example_of(
     shown: KnownPass, speed: float, denoise: DenoiseParameters, platform: Platform | None = None
 ) -> Example:
-    """Return a whole pass at a nominal speed in m/s as an example.
+    """Return the signals of a pass without faults. `speed` is the nominal speed in m/s.
 
-    The ideal signal is computed if the platform of the machine is known.
+    The signal without noise is computed only if the platform of the machine is given.
     """
     window, rate = shown.window, shown.window.sample_rate
     t1, t2, t3 = (
@@ -112,7 +110,7 @@ def _denoised(window: WeighWindow, denoise: DenoiseParameters, method: str) -> N
 
 
 def _bands(signal: NDArray[np.float64]) -> tuple[tuple[str, NDArray[np.float64]], ...]:
-    """Return the parts of a signal in each band of the transform; they add up to it."""
+    """Return name and signal of each band of the wavelet transform. Their sum is the signal."""
     period = 2**LEVELS
     room = -len(signal) % period + 4 * period
     padded = np.pad(signal, (room // 2, room - room // 2), 'symmetric')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy on several machines relative to the attainable one, as text, CSV and JSON."""
+"""Accuracy of estimators on several machines relative to the attainable accuracy."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -23,47 +23,44 @@ from checkweigher_validation.accuracy.tables import (
     json_conditions,
 )
 
-# Further names of estimators in the results of a machine.
-ATTAINABLE = 'attainable'
-CHOSEN = 'chosen'  # the tuned estimator that `tune` chooses
+# Additional names of estimators in the results of a machine: the attainable accuracy, and the
+# estimator that the command `tune` chooses.
+ATTAINABLE, CHOSEN = 'attainable', 'chosen'
 
 
 @dataclass(frozen=True, slots=True)
 class MachineResult:
-    """Results of tuned and of untrained estimators on a machine of the family.
+    """Results of estimators on a randomly drawn machine."""
 
-    Both include conditions of `ATTAINABLE`; `tuned` also includes conditions of `CHOSEN`.
-    """
-
-    machine: int  # seed that draws it
-    tuned: Evaluation
-    untrained: Evaluation
-    chosen: str  # name of the estimator that `tune` chooses on this machine
+    machine: int  # seed of the machine
+    tuned: Evaluation  # results of tuned estimators, ATTAINABLE and CHOSEN
+    untrained: Evaluation  # results of estimators with default parameters, and ATTAINABLE
+    chosen: str  # name of the estimator that the command `tune` chooses
 
 
 @dataclass(frozen=True, slots=True)
 class FamilyRow:
-    """Results of one estimator over all machines, as ratios of A to the attainable A."""
+    """Results of one estimator on all machines. A ratio is that of A to the attainable A."""
 
     estimator: str
     cells: tuple[tuple[float, float], ...]  # mean and largest ratio at each speed, then overall
-    coverages: tuple[float, ...]  # of the intervals of `LEVELS`
-    faults: int
-    trained: float  # mean ratio in training; NaN without training
+    coverages: tuple[float, ...]  # coverage of the intervals at each confidence level in LEVELS
+    faults: int  # number of passes without a mass
+    trained: float  # mean ratio on the training passes, NaN without training
 
 
 @dataclass(frozen=True, slots=True)
 class FamilyTable:
-    """Results of all estimators over all machines."""
+    """Results of all estimators on all machines."""
 
     title: str
     speeds: tuple[float, ...]  # m/s
-    attainable: tuple[float, ...]  # A in kg, mean over the machines: at each speed, then overall
+    attainable: tuple[float, ...]  # mean attainable A in kg at each speed, then overall
     rows: tuple[FamilyRow, ...]
 
 
 def family_tables(machines: Sequence[MachineResult]) -> tuple[FamilyTable, FamilyTable]:
-    """Return the tables of the tuned and of the untrained estimators, for test passes."""
+    """Return the table of the tuned estimators and that of the untrained ones, for test passes."""
     return (
         _family_table('tuned', [each.tuned for each in machines]),
         _family_table('untrained', [each.untrained for each in machines]),
@@ -73,7 +70,10 @@ def family_tables(machines: Sequence[MachineResult]) -> tuple[FamilyTable, Famil
 def ratios(
     machines: Sequence[Evaluation], estimator: str, speed: float | None = None, part: str = 'test'
 ) -> list[float]:
-    """Return A over the attainable A of each machine at a speed in m/s, or at each speed."""
+    """Return the ratio of A to the attainable A for each machine.
+
+    If `speed` is None, there is a ratio for each machine and each speed.
+    """
     found = []
     for one in machines:
         for at in one.speeds if speed is None else (speed,):
@@ -109,12 +109,12 @@ def _family_row(
 
 
 def _conditions(machines: Sequence[Evaluation], **chosen: Any) -> list[ConditionResult]:
-    """Return the conditions of all machines, chosen as by `Evaluation.select`."""
+    """Return the conditions of all machines that `Evaluation.select` returns."""
     return [one for machine in machines for one in machine.select(**chosen)]
 
 
 def family_text(machines: Sequence[MachineResult], title: str) -> str:
-    """Return both tables for a terminal."""
+    """Return the table of the tuned estimators and that of the untrained ones as text."""
     lines = [f'{title}: A over the attainable A, mean over the machines and worst; test passes']
     for table in family_tables(machines):
         lines += _table_text(table)
@@ -136,7 +136,7 @@ def _table_text(table: FamilyTable) -> Iterator[str]:
 
 
 def choices(machines: Sequence[MachineResult]) -> str:
-    """Return how often `tune` chooses each estimator."""
+    """Return a text on the number of machines for which `tune` chooses each estimator."""
     counts = Counter(each.chosen for each in machines).most_common()
     return 'tune chooses ' + ', '.join(f'{name} on {count}' for name, count in counts)
 
@@ -144,10 +144,10 @@ def choices(machines: Sequence[MachineResult]) -> str:
 def family_csv(
     machines: Sequence[MachineResult], accuracy_class: AccuracyClass = AccuracyClass()
 ) -> str:
-    """Return one row for each machine, estimator, speed, mass and part as CSV.
+    """Return CSV with a row for each machine, estimator, speed, mass and part.
 
     The columns are ``machine``, ``tuned`` (1 or 0) and the columns of `csv_text`. The attainable
-    accuracy has separate rows.
+    accuracy has its own rows, in which it is the estimator.
     """
     file = io.StringIO()
     for each in machines:
@@ -162,7 +162,7 @@ def family_csv(
 def family_json(
     machines: Sequence[MachineResult], title: str, provenance: Sequence[tuple[str, str]]
 ) -> str:
-    """Return title, provenance and each condition of each machine with every error as JSON."""
+    """Return JSON with title, provenance, and all errors of each condition of each machine."""
     content = {
         'title': title,
         'provenance': provenance,

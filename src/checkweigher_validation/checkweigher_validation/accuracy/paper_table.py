@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of Long et al. on their own machine: Table 3 of the paper, for comparison.
+"""Results of Long et al. on their own machine, from Table 3 of the paper.
 
-Their passes are not public. The simulated machine differs from theirs, so single figures agree only
-by chance; magnitudes and the order of the algorithms can be compared.
+The simulated machine differs from that of the paper, whose signals are not public. Therefore only
+orders of magnitude and the ranking of the estimators can be compared.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from checkweigher_validation.accuracy.errors import Evaluation, overall_index, s
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
-    """One cell of the table: standard deviation and mean error, kg."""
+    """Cell of the table."""
 
-    std_dev: float
-    mean_error: float
+    std_dev: float  # kg
+    mean_error: float  # kg
 
     @property
     def index(self) -> float:
-        """Overall index A = |mu| + 3 sigma, kg."""
+        """Overall index A = |mu| + 3 sigma in kg."""
         return overall_index(self.mean_error, self.std_dev)
 
 
@@ -34,7 +34,7 @@ PAPER_SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s
 PAPER_MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg
 PAPER_ESTIMATORS = ('tvlpf', 'aid', 'aeksi', 'iswd_eksi')
 
-# In kg, by speed, algorithm, mass, and sigma or mu.
+# Values in kg by speed, estimator, mass, and statistic (sigma, mu).
 _CELLS = np.reshape(
     np.loadtxt(Path(__file__).with_name('paper_table.txt'), usecols=range(2, 12)) / GRAMS,
     (len(PAPER_SPEEDS), len(PAPER_ESTIMATORS), len(PAPER_MASSES), 2),
@@ -42,7 +42,7 @@ _CELLS = np.reshape(
 
 
 def paper_result(estimator: str, speed: float, mass: float) -> PaperResult | None:
-    """Return the result of an algorithm at a speed in m/s and a mass in kg, or None."""
+    """Return the result of an estimator at a speed in m/s and a mass in kg, or None."""
     row, column = _place(PAPER_SPEEDS, speed), _place(PAPER_MASSES, mass)
     if row is None or column is None or estimator not in PAPER_ESTIMATORS:
         return None
@@ -50,9 +50,9 @@ def paper_result(estimator: str, speed: float, mass: float) -> PaperResult | Non
 
 
 def paper_index(estimator: str, speed: float | None = None) -> float:
-    """Return the mean A of an algorithm over the masses, in kg; NaN if the paper has none.
+    """Return the mean A of an estimator in kg, or NaN if the paper has no results.
 
-    A is taken at `speed` in m/s, or averaged over the speeds without one.
+    A is averaged over the masses at a speed in m/s or, if `speed` is None, also over the speeds.
     """
     speeds = PAPER_SPEEDS if speed is None else (speed,)
     found = [paper_result(estimator, one, mass) for one in speeds for mass in PAPER_MASSES]
@@ -61,17 +61,17 @@ def paper_index(estimator: str, speed: float | None = None) -> float:
 
 
 def has_paper_masses(evaluation: Evaluation) -> bool:
-    """Return whether the masses equal those of the paper, so that averages can be compared."""
+    """Return whether the masses are those of the paper."""
     return _all_same(evaluation.masses, PAPER_MASSES)
 
 
 def has_paper_conditions(evaluation: Evaluation) -> bool:
-    """Return whether speeds and masses equal those of the paper."""
+    """Return whether speeds and masses are those of the paper."""
     return has_paper_masses(evaluation) and _all_same(evaluation.speeds, PAPER_SPEEDS)
 
 
 def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
-    """Return `paper_index` if an evaluation has the conditions of the paper, else NaN."""
+    """Return `paper_index` if the evaluation has the averaged conditions, otherwise NaN."""
     has_conditions = has_paper_conditions if speed is None else has_paper_masses
     return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan
 

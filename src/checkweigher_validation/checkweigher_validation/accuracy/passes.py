@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes of products of known mass, by belt speed."""
+"""Passes of products of known mass."""
 
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
@@ -15,15 +15,12 @@ from checkweigher_core.records import NANOSECONDS, LoadCell, Reference, WeighWin
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-# Largest difference between a reference and t1 of its item, ns: half a block, for foreign bags.
-SAME_ITEM = NANOSECONDS // 100
-# Largest relative difference between the speeds in a group; a belt varies by a few tenths of a
-# percent.
-_SAME_SPEED = 0.05
+SAME_ITEM = NANOSECONDS // 100  # largest difference between a reference and t1 of its item in ns
+_SAME_SPEED = 0.05  # largest relative difference between the belt speeds in a group
 
 
 class ReferenceMasses:
-    """Known masses by the time of entry, from references in any order."""
+    """Known masses of items by their time of entry."""
 
     def __init__(self, references: Iterable[Reference]) -> None:
         self._references: list[Reference] = []
@@ -35,11 +32,11 @@ class ReferenceMasses:
         self._references.sort(key=lambda reference: reference.stamp)
 
     def forget(self, t1: int) -> None:
-        """Remove the references of items that entered before `t1`, ns."""
+        """Remove the references of items that entered before `t1` in ns."""
         del self._references[: self._first(t1)]
 
     def at(self, t1: int | None) -> float:
-        """Return the mass in kg of the item that entered at `t1` in ns; NaN if unknown."""
+        """Return the mass in kg of the item that entered at `t1` in ns, or NaN if unknown."""
         if t1 is None:
             return math.nan
         first = self._first(t1)
@@ -48,46 +45,42 @@ class ReferenceMasses:
         return best.mass if best and abs(best.stamp - t1) <= SAME_ITEM else math.nan
 
     def _first(self, t1: int) -> int:
-        """Return the place of the first reference of an item that entered at `t1` or later."""
+        """Return the position of the first reference of an item that entered at `t1` or later."""
         return bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
 
 
 @dataclass(frozen=True, slots=True)
 class KnownPass:
-    """A window, sound or faulty, and the true mass of its product in kg."""
+    """Weighing window of a pass, which may have faults, and the true mass of the product."""
 
     window: WeighWindow
-    mass: float
+    mass: float  # kg
 
     @property
     def whole(self) -> bool:
-        """Whether the window can be weighed."""
+        """Whether the window has no faults, so that it can be weighed."""
         return not self.window.reasons
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedGroup:
-    """All passes of one belt speed in m/s, in the order in which they ran.
+    """All passes of about the same belt speed."""
 
-    `group_by_speed` sets the speed to the mean of the slowest and the fastest pass, so that each
-    pass is within the speed tolerance of the identifier.
-    """
-
-    speed: float
-    passes: tuple[KnownPass, ...]
+    speed: float  # mean of the smallest and the largest belt speed in m/s
+    passes: tuple[KnownPass, ...]  # in order of entry
 
     @property
     def masses(self) -> NDArray[np.float64]:
-        """True masses, (n,) float64, kg."""
+        """True masses, (n,), in kg."""
         return np.array([each.mass for each in self.passes])
 
 
 def known_passes(
     load_cell: LoadCell, events: Iterable[Event], parameters: SegmenterParameters
 ) -> list[KnownPass]:
-    """Return the passes of known mass of a recording or simulation, in order of entry.
+    """Return the passes of known mass in order of entry.
 
-    The events are blocks of samples, edges and references in order of arrival.
+    `events` are the sample blocks, edges and references of a recording or simulation.
     """
     segmenter = Segmenter(load_cell, parameters)
     windows: list[WeighWindow] = []
@@ -106,12 +99,12 @@ def known_passes(
 
 
 def whole_passes(passes: Iterable[KnownPass]) -> tuple[KnownPass, ...]:
-    """Return the passes that can be weighed."""
+    """Return the passes without faults."""
     return tuple(each for each in passes if each.whole)
 
 
 def group_by_speed(passes: Iterable[KnownPass]) -> tuple[SpeedGroup, ...]:
-    """Return the whole passes grouped by belt speed, slowest first."""
+    """Return the passes without faults in groups of about the same belt speed, slowest first."""
     whole = whole_passes(passes)
     speeds = np.array([each.window.belt_speed for each in whole])
     groups: list[SpeedGroup] = []
@@ -125,7 +118,7 @@ def group_by_speed(passes: Iterable[KnownPass]) -> tuple[SpeedGroup, ...]:
 
 
 def evenly_chosen(group: SpeedGroup, count: int) -> Sequence[KnownPass]:
-    """Return at most `count` passes of a group, spread evenly over its masses and over time."""
+    """Return at most `count` passes of a group, evenly distributed over masses and time."""
     by_mass = sorted(range(len(group.passes)), key=lambda i: (group.passes[i].mass, i))
     chosen = np.unique(np.linspace(0, len(by_mass) - 1, min(count, len(by_mass))).round())
     return [group.passes[by_mass[int(position)]] for position in chosen]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of items with their references: the table and the summary."""
+"""Weighing of recordings, and the table and the summary of the results."""
 
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable, Iterator, Mapping
@@ -29,7 +29,7 @@ from checkweigher_validation.accuracy.passes import SAME_ITEM, ReferenceMasses
 
 @dataclass(frozen=True, slots=True)
 class ItemResult:
-    """Estimate, verdict and reference of one item."""
+    """Estimate, verdict and known mass of one item."""
 
     estimate: MassEstimate
     verdict: Verdict
@@ -38,14 +38,14 @@ class ItemResult:
 
     @property
     def error(self) -> float:
-        """Mass less reference in kg; NaN if one of them is unknown."""
+        """Estimated mass minus known mass in kg, or NaN if one of them is unknown."""
         return self.estimate.mass - self.reference
 
 
 class ResultJoiner:
-    """Lookup of t4 and of the known mass of each weighing, from the edges and references of a bag.
+    """Table of edges and known masses, which supplies t4 and the known mass of each item.
 
-    A weighing has no t4 of its own because the verdict is due before t4.
+    A `Weighing` has no t4, because the verdict must be made before t4.
     """
 
     def __init__(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
@@ -60,25 +60,28 @@ class ResultJoiner:
         self._references.extend(references)
 
     def forget(self, t1: int) -> None:
-        """Remove edges and known masses of items that entered before `t1`, ns."""
+        """Remove edges and known masses of items that entered before `t1` in ns."""
         del self._outfeed[: bisect_left(self._outfeed, (t1, False))]
         self._references.forget(t1)
 
     def join(self, weighing: Weighing) -> ItemResult:
-        """Return the result of one item."""
+        """Return the result of an item with its t4 and known mass."""
         estimate = weighing.estimate
         reference = self._references.at(estimate.t1)
         return ItemResult(estimate, weighing.verdict, self._t4(estimate.t3), reference)
 
     def is_complete(self, estimate: MassEstimate, known: int) -> bool:
-        """Return whether an item is complete, given all events before `known`, ns."""
+        """Return whether t4 and the known mass of an item are final.
+
+        All events with a time before `known` in ns must have been added.
+        """
         return (estimate.t1 is None or estimate.t1 + SAME_ITEM < known) and (
             estimate.t3 is None
             or bisect_right(self._outfeed, (estimate.t3, True)) < len(self._outfeed)
         )
 
     def _t4(self, t3: int | None) -> int | None:
-        """Return the time of the edge after t3 if the outfeed eye clears with it."""
+        """Return the time of the next edge of the outfeed eye if the eye is clear after it."""
         if t3 is None:
             return None
         position = bisect_right(self._outfeed, (t3, True))
@@ -91,12 +94,12 @@ class ResultJoiner:
 def weigh(
     recording: Recording, parameters: LineParameters, *, progress: bool = False
 ) -> list[ItemResult]:
-    """Weigh everything in a recording, and return the results in order of entry.
+    """Weigh all items in a recording, and return the results in order of entry.
 
-    With `progress`, a bar is shown on a terminal if it takes more than a second.
+    If `progress` is True, a progress bar is shown on a terminal.
     """
     line = WeighingLine(recording.load_cell, parameters)
-    # Longer blocks are faster, and their length does not affect the masses.
+    # Longer blocks take less time. Their length does not affect the masses.
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
     joiner = ResultJoiner(recording.edges, recording.references)
@@ -107,16 +110,16 @@ def weigh(
 def weigh_stretches(
     stretches: Iterable[Recording], parameters: LineParameters
 ) -> Iterator[ItemResult]:
-    """Weigh a recording in stretches, with memory that does not grow with its length.
+    """Yield the results that `weigh` returns for a recording, but in limited memory.
 
-    Yields the results that `weigh` returns for the whole recording, in the same order. There must
-    be at least one stretch; see `checkweigher_recording.bags.reading.read_stretches`.
+    `stretches` are the consecutive parts of the recording, at least one, as from
+    `checkweigher_recording.bags.reading.read_stretches`.
     """
     stretches = iter(stretches)
     first = next(stretches)
     joiner = ResultJoiner((), ())
-    waiting: list[Weighing] = []  # for edges, references and earlier items; sorted by item
-    known, following = -1, 1  # ns, all before it has arrived; number of the next item
+    waiting: list[Weighing] = []  # weighings without a final result, sorted by item number
+    known, following = -1, 1  # time in ns before which all events are known; next item number
 
     def arriving() -> Iterator[Recording]:
         nonlocal known
@@ -147,7 +150,7 @@ TABLE_HEADER = (
 
 
 def table_row(result: ItemResult, origin: int) -> str:
-    """Return one line for a screen; `origin` in ns is the zero of the column t1."""
+    """Return the row of a result in a text table. The times t1 are relative to `origin` in ns."""
     estimate, verdict = result.estimate, result.verdict
     t1 = '' if estimate.t1 is None else f'{(estimate.t1 - origin) / NANOSECONDS:.3f}'
 
@@ -163,7 +166,7 @@ def table_row(result: ItemResult, origin: int) -> str:
 
 
 class ErrorSum(RunningMoments):
-    """Number, mean, standard deviation and largest of the added errors, which are not kept."""
+    """Accumulator for number, mean, standard deviation and largest magnitude of errors."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -177,7 +180,7 @@ class ErrorSum(RunningMoments):
 
 
 def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:
-    """Return one line with the number of items of each decision, and the errors in g."""
+    """Return a line with the number of items for each decision, and statistics of errors in g."""
     parts = [counted(sum(decisions.values()), 'item')]
     parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]
     if errors.count:

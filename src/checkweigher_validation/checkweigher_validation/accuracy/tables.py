@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""An evaluation as a table for a terminal, as CSV and as JSON."""
+"""Evaluation of estimators as text table, CSV and JSON."""
 
 from collections.abc import Iterator
 import json
@@ -15,12 +15,11 @@ from checkweigher_validation.accuracy.columns import rows_as_csv
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
 from checkweigher_validation.accuracy.paper_table import comparable_index, has_paper_masses
 
-METRES_PER_MINUTE = 60.0  # m/min in 1 m/s
+METRES_PER_MINUTE = 60.0  # m/min per m/s
 
-# Probabilities of the stated intervals whose coverage is reported.
-LEVELS = (0.68, 0.95)
+LEVELS = (0.68, 0.95)  # confidence levels of the intervals whose coverage is reported
 
-# Formats of the columns of the CSV that are not masses with six digits.
+# Formats of the CSV columns that do not have six decimal places.
 _FORMATS = {
     'belt_speed_m_per_s': '.6g',
     'mass_g': '.6g',
@@ -31,11 +30,11 @@ _FORMATS = {
 
 
 def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return one row for each condition as CSV; an unknown value is empty.
+    """Return CSV with one row for each condition, of which there must be at least one.
 
-    The limits are those of the class; in category Y, the limit of the error applies to each
-    weighing. ``within_class`` is 1 if enough weighings are within both limits. At least one
-    condition is needed.
+    An unknown value is empty. The columns ``max_mean_error_g`` and ``max_std_dev_g`` have the
+    limits of the class; in category Y, the former is the limit of each error. ``within_class`` is 1
+    if there are enough weighings and both limits are met.
     """
     rows = []
     for one in _ordered(evaluation):
@@ -46,7 +45,7 @@ def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyCla
 
 
 def json_text(evaluation: Evaluation) -> str:
-    """Return title, provenance and each condition with every error as JSON, in SI units."""
+    """Return JSON with title, provenance, and all errors of each condition in SI units."""
     content = {
         'title': evaluation.title,
         'provenance': evaluation.provenance,
@@ -56,7 +55,7 @@ def json_text(evaluation: Evaluation) -> str:
 
 
 def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return each condition with every error as plain values, None for an unknown one."""
+    """Return all errors of each condition as plain values. An unknown value is None."""
     return [
         plain_values({**_values(one), 'errors_kg': one.errors, 'stated_std_devs_kg': one.std_devs})
         for one in _ordered(evaluation)
@@ -64,11 +63,11 @@ def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return a text table of the means over the masses, by speed and estimator and over all speeds.
+    """Return a text table of the means over the masses for each estimator and speed.
 
-    Only test passes are used if there are any. The columns include the fractions of the stated 68 %
-    and 95 % intervals that contain the error, and the number of conditions within the limits of a
-    class. The paper's A is added if the paper has the same speed and masses.
+    The table is on the test passes or, if there are none, on the training passes. It includes the
+    coverage of the stated 68 % and 95 % intervals, the number of conditions within the limits of
+    the class, and A of Long et al. if they have the same speed and masses.
     """
     part = evaluation.parts[0]
     lines = [
@@ -84,7 +83,7 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
 
 
 def cell(value: float, digits: int, unknown: str = '-') -> str:
-    """Return a number for a table of text."""
+    """Return a number as text, or `unknown` if it is NaN."""
     return unknown if math.isnan(value) else f'{value:.{digits}f}'
 
 
@@ -98,7 +97,7 @@ def _ordered(evaluation: Evaluation) -> list[ConditionResult]:
 
 
 def _values(one: ConditionResult) -> dict[str, Any]:
-    """Return the values of a condition in CSV and JSON, in SI units; NaN if unknown."""
+    """Return the values of a condition in SI units."""
     return {
         'part': one.part,
         'estimator': one.estimator,
@@ -116,7 +115,7 @@ def _values(one: ConditionResult) -> dict[str, Any]:
 
 
 def plain_values(value: Any) -> Any:
-    """Return a value for JSON; None for a number that is not finite."""
+    """Return a value in a form for JSON. Numbers that are not finite become None."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
@@ -127,7 +126,7 @@ def plain_values(value: Any) -> Any:
 
 
 def _csv_row(values: dict[str, Any]) -> dict[str, Any]:
-    """Return values as the cells of a row, masses in grams."""
+    """Return values as the cells of a CSV row. Masses are converted to g."""
     row = {}
     for key, value in values.items():
         name, shown = key.replace('_kg', '_g'), GRAMS * value if key.endswith('_kg') else value

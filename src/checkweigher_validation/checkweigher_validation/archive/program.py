@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The program that makes results: version, code and libraries."""
+"""Identity of the program that computes results."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 import platform
 
-_WEIGHING = ('dsp', 'recording', 'validation')  # packages that determine results
+_WEIGHING = ('dsp', 'recording', 'validation')  # packages on which the results depend
 _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
 
 
@@ -19,7 +19,7 @@ _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
 class Program:
     """Version and digest of the program, and versions of Python and the libraries.
 
-    Equal programs make equal results on processors of the same kind.
+    Equal programs compute equal results on processors of the same type.
     """
 
     version: str
@@ -32,7 +32,7 @@ class Program:
 
 @cache
 def program() -> Program:
-    """Return the program of this process."""
+    """Return the identity of the program of this process."""
     libraries = [f'{name} {version(name)}' for name in _LIBRARIES]
     return Program(
         version('checkweigher_validation'),
@@ -42,14 +42,17 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return why a worker with the program `there` is not used, in one line; empty if it is."""
+    """Return one line with the reason why a worker cannot be used, or an empty text.
+
+    `there` is the program of the worker and `here` the program of this process.
+    """
     if there == here:
         return ''
     return f'the worker runs {there}, here is {here}; bring it to the same version'
 
 
 def program_digest(packages: Iterable[str]) -> str:
-    """Return the SHA-256 over the Python files of packages of the program, with their names."""
+    """Return the SHA-256 digest of the names and contents of all Python files of some packages."""
     digest = hashlib.sha256()
     for package in packages:
         root = Path(str(files(f'checkweigher_{package}')))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of one bag as a Parquet file: typed columns with units, and the origin of the results."""
+"""Parquet file with the results of one bag and their origin."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -24,8 +24,8 @@ _TYPES = {
     ColumnType.TEXT: pa.string(),
     ColumnType.TEXTS: pa.list_(pa.string()),
 }
-_KEY = 'checkweigher'  # of the metadata
-_ROWS = 10_000  # written at once
+_KEY = 'checkweigher'  # key of the metadata of a file
+_ROWS = 10_000  # number of rows that are written at once
 SCHEMA = pa.schema(
     [
         pa.field(column.name, _TYPES[column.kind], metadata={'unit': column.unit})
@@ -36,7 +36,7 @@ SCHEMA = pa.schema(
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Origin of results: SHA-256 of bag and parameters, lane, and program."""
+    """Bag, parameters and program from which results were computed."""
 
     bag_sha256: str
     parameters_sha256: str
@@ -46,9 +46,9 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class BagSummary:
-    """Summary of a bag; an error is None if there are too few items of known mass."""
+    """Summary of the results of a bag. An error is None if too few items have a known mass."""
 
-    duration_s: float  # of the signal
+    duration_s: float  # duration of the signal in s
     items: int
     accept: int
     under: int
@@ -57,11 +57,11 @@ class BagSummary:
     mean_error_g: float | None
     std_dev_g: float | None
     largest_error_g: float | None
-    notes: tuple[str, ...] = ()  # the recording broke off, or may be damaged
+    notes: tuple[str, ...] = ()  # warnings, for example that the recording is incomplete
 
 
 def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetWriter:
-    """Write the rows of a Parquet file as they arrive; `finish` completes the file."""
+    """Write results to a Parquet file. The function `finish` must be called to complete it."""
     writer = pq.ParquetWriter(path, SCHEMA, compression='zstd')
     results = iter(results)
     while rows := list(islice(results, _ROWS)):
@@ -74,14 +74,14 @@ def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetW
 
 
 def finish(writer: pq.ParquetWriter, origin: Origin, summary: BagSummary) -> None:
-    """Complete a file with the origin and the summary of its results."""
+    """Complete a Parquet file with the origin and the summary of its results."""
     text = json.dumps({'origin': asdict(origin), 'summary': asdict(summary)})
     writer.add_key_value_metadata({_KEY: text})
     writer.close()
 
 
 def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
-    """Return origin and summary of a file of results, None if the file is not complete."""
+    """Return origin and summary in a file of results, or None if the file is not complete."""
     with suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         found = json.loads(pq.read_metadata(path).metadata[_KEY.encode()])
         summary = found['summary'] | {'notes': tuple(found['summary']['notes'])}
@@ -90,7 +90,7 @@ def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
 
 
 def _value(column: Column, result: ItemResult) -> Any:
-    """Return the value of a result for pyarrow; None if unknown."""
+    """Return the value of a result in a column in the form for pyarrow."""
     value = column.value(result)
     is_time = column.kind is ColumnType.TIME and value is not None
     return Decimal(value).scaleb(-9) if is_time else value

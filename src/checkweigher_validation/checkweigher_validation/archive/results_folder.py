@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The folder with the results of many bags: a file per bag, and the summary of all."""
+"""Folder with the results of many bags: one file per bag, and a summary."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields, replace
@@ -24,26 +24,26 @@ _SECONDS_PER_HOUR = 3600
 class ResultsFolder:
     """Results of jobs in the folder `path`, which is created if necessary.
 
-    Earlier results of the same bags, parameters and program are kept. `jobs` has all jobs by the
-    names of their results. The attribute `jobs` has them with the digest of each bag whose results
-    are in the folder. Raises `OutputError` if the folder cannot be created or written to.
+    `jobs` has all jobs by the names of their results. Stored results of the same bag, parameters
+    and program are kept. The attribute `jobs` is a list of the jobs, in which `known` is set for
+    each job with stored results. Raises `OutputError` if the folder cannot be used.
     """
 
     def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:
         self._path = path
         self._names = {job.bag: f'{name}.parquet' for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
-        self._before: dict[str, BagSummary] = {}  # earlier results, by bag
+        self._before: dict[str, BagSummary] = {}  # summaries of the stored results by bag
         make_output_folder(path, exist_ok=True)
         check_folder_of(path / SUMMARY)
         self.jobs = [replace(job, known=self._known(job)) for job in jobs.values()]
 
     def file_of(self, bag: str) -> Path:
-        """Return the file with the results of a bag."""
+        """Return the path of the file with the results of a bag."""
         return self._path / self._names[bag]
 
     def _known(self, job: WeighJob) -> str:
-        """Return the digest of the bag if it has results of the same origin, else ''."""
+        """Return the digest of the bag of a job if its results are stored, or an empty text."""
         found = read_origin(self.file_of(job.bag))
         if found is None or found[0] != origin_of(job, found[0].bag_sha256):
             return ''
@@ -51,12 +51,12 @@ class ResultsFolder:
         return found[0].bag_sha256
 
     def take(self, weighed: Weighed) -> Weighed:
-        """Write the results of a bag; return them with their summary.
+        """Store the result of a job, and return the result with its summary.
 
-        If the bag is broken now, its earlier results are removed. If it could not be reached, they
-        stay.
+        If the bag is damaged, its earlier results are removed. They are kept if the bag could not
+        be weighed for another reason.
 
-        Raises `OutputError` if they cannot be written.
+        Raises `OutputError` if the results cannot be written.
         """
         file = self.file_of(weighed.bag)
         try:
@@ -79,19 +79,19 @@ class ResultsFolder:
 
     @property
     def hours(self) -> float:
-        """Hours of signal of the bags that are done."""
+        """Duration of the signal of all finished bags in h."""
         summaries = (each.summary for each in self._done.values())
         return sum(each.duration_s for each in summaries if each) / _SECONDS_PER_HOUR
 
     @property
     def progress(self) -> str:
-        """Number of bags that are done, and hours of their signal."""
+        """Text with the number of finished bags and the duration of their signal."""
         return f'{len(self._done)} of {len(self.jobs)} bags, {self.hours:.2f} h of signal'
 
     def close(self) -> str:
-        """Write the summary, one row per bag in the order of the jobs; return a line on all bags.
+        """Write the file with the summary, and return one line on all bags for the user.
 
-        Raises `OutputError` if it cannot be written.
+        Raises `OutputError` if the file cannot be written.
         """
         done = [self._done[job.bag] for job in self.jobs if job.bag in self._done]
         self._write_summary(done)

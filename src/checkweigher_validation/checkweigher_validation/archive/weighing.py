@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The job of one bag, on any machine: compute its results with some parameters."""
+"""Job that weighs one bag, on this machine or on a worker of a cluster."""
 
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -37,40 +37,40 @@ from checkweigher_validation.jobs import WorkerLostError, jobs_as_done
 
 @dataclass(frozen=True)
 class WeighJob:
-    """A bag to weigh."""
+    """Bag to weigh, and the parameters to use."""
 
     bag: str  # path or URL
     parameters: LineParameters
-    lane: str | None  # namespace, None if the bag has only one lane
-    program: Program
-    known: str = ''  # SHA-256 of the bag if it has results by these parameters and program
+    lane: str | None  # namespace of the lane; it may be None if the bag has only one lane
+    program: Program  # required program
+    known: str = ''  # SHA-256 of the bag with which equal results are stored already, or empty
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """Result of a job."""
+    """Result of a job. If the stored results are still valid, it has no file and no problem."""
 
     bag: str
-    host: str  # name of the machine, empty if unknown
+    host: str  # name of the machine that ran the job, or empty
     summary: BagSummary | None = None
-    file: bytes | None = None  # Parquet file; None with a problem, or if known results still hold
-    problem: str = ''  # one line
-    broken: bool = False  # whether the bag itself is at fault; not if it cannot be reached
+    file: bytes | None = None  # content of the Parquet file with the results
+    problem: str = ''  # error message in one line, or empty
+    broken: bool = False  # whether the content of the bag has caused the problem
 
 
 def parameters_digest(parameters: LineParameters) -> str:
-    """Return the SHA-256 over the parameters of all stages."""
+    """Return the SHA-256 digest of the parameters of all stages."""
     values = {stage: getattr(parameters, stage).as_mapping() for stage in STAGES}
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 def origin_of(job: WeighJob, digest: str) -> Origin:
-    """Return the origin of the results of a job; `digest` is the digest of its bag."""
+    """Return the origin of the results of a job. `digest` is the SHA-256 digest of its bag."""
     return Origin(digest, parameters_digest(job.parameters), job.lane or '', str(job.program))
 
 
 def weigh_bag(job: WeighJob) -> Weighed:
-    """Weigh a bag, in memory that does not grow with its length; errors are part of the result."""
+    """Weigh a bag in limited memory. The result of an exception is a `Weighed` with a problem."""
     broken = False
     try:
         if other := other_program(program(), job.program):
@@ -79,14 +79,14 @@ def weigh_bag(job: WeighJob) -> Weighed:
             digest = bag_digest(bag)
             if digest == job.known:
                 return Weighed(job.bag, gethostname())
-            broken = True  # later errors are faults of the bag, unless the machine fails
+            broken = True  # from here on, errors are faults of the bag
             summary, file = _weigh(job, bag, digest)
             return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
         problem = str(error)
     except (OSError, MemoryError) as error:
         problem, broken = f'{job.bag}: {error or "not enough memory for this"}', False
-    # A bag that triggers a defect must not end the jobs of all other bags.
+    # A bug that appears with one bag must not end the jobs of the other bags.
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         problem = (
@@ -99,11 +99,12 @@ def weigh_bag(job: WeighJob) -> Weighed:
 def weigh_bags(
     jobs: Sequence[WeighJob], n_jobs: int | None = None
 ) -> Generator[Weighed, None, None]:
-    """Weigh bags by processes, as `run_jobs` does; yield the result of each as soon as it is done.
+    """Weigh bags in parallel, and yield the result of each bag when it is done.
 
-    If a bag kills its process, its result has a problem, and the others are weighed.
+    If the process of a job is killed, its result has a problem, and the other bags are weighed.
+    `n_jobs` is the number of processes, by default one for each core.
 
-    Raises `ClusterLostError` if a cluster does the jobs and is lost.
+    Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
     with closing(jobs_as_done([partial(weigh_bag, job) for job in jobs], n_jobs)) as done:
         for number, found in done:
@@ -130,17 +131,17 @@ def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
 
 @dataclass
 class _Tally:
-    """Sums over the stretches and results of a bag; `name` is the start of its warnings."""
+    """Accumulator for the summary of a bag."""
 
-    name: str
-    begin: int | None = None  # ns, of the signal
-    end: int = 0
+    name: str  # beginning of warnings, which is removed
+    begin: int | None = None  # time of the first sample in ns
+    end: int = 0  # end of the last sample in ns
     decisions: Counter[Decision] = field(default_factory=Counter)
     errors: ErrorSum = field(default_factory=ErrorSum)  # g
     notes: list[str] = field(default_factory=list)
 
     def stretches(self, stretches: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield stretches, and add their times and warnings."""
+        """Yield the parts of a recording, and add their times and warnings."""
         for stretch in stretches:
             if len(stretch.blocks):
                 last = stretch.blocks[-1]
@@ -152,7 +153,7 @@ class _Tally:
             yield stretch
 
     def results(self, results: Iterable[ItemResult]) -> Iterator[ItemResult]:
-        """Yield results, and add their decisions and errors."""
+        """Yield the results of items, and add their decisions and errors."""
         for result in results:
             self.decisions[result.verdict.decision] += 1
             if not math.isnan(result.error):
@@ -160,7 +161,7 @@ class _Tally:
             yield result
 
     def summary(self) -> BagSummary:
-        """Return the summary."""
+        """Return the summary of all added results."""
         errors = self.errors
         return BagSummary(
             duration_s=(self.end - (self.begin or 0)) / NANOSECONDS,

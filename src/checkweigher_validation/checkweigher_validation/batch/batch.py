@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A batch with its items, from results, from their CSV or from the record of the line."""
+"""Batch of items, from results, from a CSV file of results, or from a batch record."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 
 class BatchError(ValueError):
-    """A batch that cannot be read. The message has the file, the line and the error."""
+    """Error for a batch that cannot be read. The message has the file, the line and the fault."""
 
 
 class InLog(StrEnum):
-    """Comparison of the SHA-256 of a record with the latest one in the audit log."""
+    """Result of the comparison of the SHA-256 digest of a record with that in the audit log."""
 
     AGREES = 'agrees'
     DIFFERS = 'differs'
@@ -36,24 +36,21 @@ class InLog(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BatchItem:
-    """One item.
-
-    Raises `ValueError` if the item was accepted without a mass.
-    """
+    """Item of a batch. Raises `ValueError` if the item was accepted without a mass."""
 
     decision: Decision
     reasons: tuple[str, ...]
-    mass: float  # of the contents, kg; NaN if the item was not weighed
+    mass: float  # mass of the contents in kg, NaN if the item was not weighed
 
     def __post_init__(self) -> None:
-        # The rules and the reference test need the masses of all accepted items.
+        # The rules for batches and the reference test need the masses of all accepted items.
         if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
             raise ValueError('it is ACCEPT without a mass')
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The items of one product in a batch, in the order of their verdicts."""
+    """Items of one product in a batch, in the order of their verdicts."""
 
     product: Product
     items: tuple[BatchItem, ...]
@@ -61,23 +58,23 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Items of a batch with the events of its record; unknown texts are empty."""
+    """Items and events of a batch. An unknown text is empty."""
 
     name: str
-    source: str  # path of the file, or of the bag
+    source: str  # path of the file or the bag
     parts: tuple[Part, ...]
-    sha256: str = ''  # of the file
+    sha256: str = ''  # SHA-256 digest of the file
     begin: str = ''  # ISO 8601
-    end: str = ''
-    stops: tuple[dict[str, Any], ...] = ()  # lines of the record
-    corrections: tuple[dict[str, Any], ...] = ()  # lines of the record
-    changes: tuple[Entry, ...] = ()  # other entries of the audit log during the batch
-    alarms: tuple[Alarm, ...] = ()  # those with entries during the batch, as the last one says
+    end: str = ''  # ISO 8601
+    stops: tuple[dict[str, Any], ...] = ()  # stop requests in the record
+    corrections: tuple[dict[str, Any], ...] = ()  # feedback to the filler in the record
+    changes: tuple[Entry, ...] = ()  # entries of the audit log during the batch except alarms
+    alarms: tuple[Alarm, ...] = ()  # last state of each alarm that changed during the batch
     in_log: InLog | None = None  # None without an audit log
-    strays: int = 0  # items of another batch in the record of this one
+    strays: int = 0  # number of items in the record that belong to another batch
 
     def with_log(self, entries: Sequence[Entry]) -> 'Batch':
-        """Return the batch with its entries in an audit log and a comparison with that log."""
+        """Return the batch with the changes and alarms in an audit log, and `in_log`."""
         found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
         in_log = InLog.ABSENT
         if found:
@@ -90,13 +87,16 @@ class Batch:
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:
-    """Return the batch of items that were weighed offline."""
+    """Return a batch of items that were weighed from a bag."""
     items = tuple(_item(result.verdict, product.tare) for result in results)
     return Batch(name, source, (Part(product, items),))
 
 
 def read_csv(path: Path, product: Product) -> Batch:
-    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if it is no such file."""
+    """Return the batch in a CSV file of `weigh` or `replay`.
+
+    Raises `BatchError` if the file is not such a file.
+    """
     data = path.read_bytes()
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
     needed = {'item_id', 't3', 'mass_g', 'decision', 'reasons'}
@@ -113,7 +113,7 @@ def read_csv(path: Path, product: Product) -> Batch:
 
 
 def read_record(path: Path) -> Batch:
-    """Return the batch of a record of the line; `RecordError` if it cannot be read."""
+    """Return the batch in a batch record. Raises `RecordError` if the record is not valid."""
     lines: dict[str, list[dict[str, Any]]] = defaultdict(list)
     products = {'': Product('', math.nan)}
     items: dict[str, list[BatchItem]] = defaultdict(list)

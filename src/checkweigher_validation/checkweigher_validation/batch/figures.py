@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a batch: counts, mean, rules, reference test, histogram and control chart."""
+"""Statistics of a batch for its report, with reference test, histogram and control chart."""
 
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -23,67 +23,73 @@ _MOST_BINS = 60
 
 @dataclass(frozen=True, slots=True)
 class PartFigures:
-    """Figures of one product in a batch; masses in kg, of the contents.
+    """Statistics of one product in a batch. Masses are those of the contents in kg.
 
-    Mean, standard deviation, rules, reference test, histogram and control chart are computed from
-    the accepted items. `judgement` and `reference` are None if nothing was accepted or 76/211/EEC
-    has no limits for the nominal weight.
+    All values except the numbers of decisions and reasons are computed from the accepted items.
+    `judgement` and `reference` are None if no item was accepted, or if 76/211/EEC has no limits for
+    the nominal weight.
     """
 
     product: Product
-    decisions: dict[str, int]
-    reasons: dict[str, int]  # of the items that were not accepted, the most frequent first
-    masses: NDArray[np.float64]  # (n,), of the accepted items
-    edges: NDArray[np.float64]  # (bins + 1,), of the histogram
-    counts: NDArray[np.int64]  # (bins,)
+    decisions: dict[str, int]  # number of items with each decision
+    reasons: dict[str, int]  # reasons of the items that were not accepted, by descending number
+    masses: NDArray[np.float64]  # (n,)
+    counts: NDArray[np.int64]  # number of items in each bin of the histogram, (bins,)
+    edges: NDArray[np.float64]  # edges of the bins, (bins + 1,)
     chart: ControlChart | None
     judgement: BatchJudgement | None
     reference: ReferenceTest | None
 
     @property
     def items(self) -> int:
-        """Number of all items."""
+        """Number of items with any decision."""
         return sum(self.decisions.values())
 
     @property
     def mean(self) -> float:
-        """Mean; NaN if nothing was accepted."""
+        """Mean, or NaN if no item was accepted."""
         return float(self.masses.mean()) if len(self.masses) else math.nan
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation; NaN for fewer than two accepted items."""
+        """Standard deviation, or NaN for fewer than two accepted items."""
         return float(self.masses.std(ddof=1)) if len(self.masses) > 1 else math.nan
 
     @property
     def giveaway(self) -> float:
-        """Mean less the nominal weight."""
+        """Difference between the mean and the nominal weight."""
         return self.mean - self.product.nominal
 
 
 def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) -> PartFigures:
-    """Return the figures of a product in a batch; `seed` and `plan` are for the reference test."""
+    """Return the statistics of a product in a batch.
+
+    `seed` and `plan` are the seed and the sampling plan of the reference test.
+    """
     nominal, decisions = part.product.nominal, Counter(item.decision for item in part.items)
     rejected = [item for item in part.items if item.decision is not Decision.ACCEPT]
     reasons = Counter(why for item in rejected for why in item.reasons or (item.decision.name,))
     masses = np.array([item.mass for item in part.items if item.decision is Decision.ACCEPT])
-    counts, edges = _histogram(masses)
-    judged = len(masses) > 0 and SMALLEST <= nominal <= LARGEST
+    has_limits = len(masses) > 0 and SMALLEST <= nominal <= LARGEST
     return PartFigures(
         part.product,
         {each.name: decisions[each] for each in Decision},
         dict(reasons.most_common()),
         masses,
-        edges,
-        counts,
+        *_histogram(masses),
         control_chart(masses.tolist()),
-        judge_batch(masses, nominal) if judged else None,
-        reference_test(masses.tolist(), nominal, seed, plan) if judged else None,
+        *(_tests(masses, nominal, seed, plan) if has_limits else (None, None)),
     )
 
 
+def _tests(
+    masses: NDArray[np.float64], nominal: float, seed: int, plan: SamplingPlan
+) -> tuple[BatchJudgement, ReferenceTest]:
+    return judge_batch(masses, nominal), reference_test(masses.tolist(), nominal, seed, plan)
+
+
 def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return counts and edges of a histogram, by the rule of Freedman and Diaconis."""
+    """Return counts and edges of a histogram whose bins follow the Freedman-Diaconis rule."""
     if not len(masses):
         return np.zeros(0, np.int64), np.zeros(0)
     edges = np.histogram_bin_edges(masses, 'fd' if np.ptp(masses) > 0 else 1)
@@ -93,7 +99,7 @@ def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[
 
 
 def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
-    """Return a report as plain values; masses in kg, an unknown value is None."""
+    """Return the report of a batch as plain values. Masses are in kg. Unknown values are None."""
     content: dict[str, Any] = {
         'batch': batch.name,
         'source': batch.source,

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of the paper on a simulated machine, and the bound of any estimate."""
+"""Tests of estimators on simulated machines, and the best accuracy that is possible there."""

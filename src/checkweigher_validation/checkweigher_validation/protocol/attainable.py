@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Attainable accuracy on a machine: ridge regression of the mass on the samples of many passes.
+"""Attainable accuracy on a machine, estimated by ridge regression of the mass on the samples.
 
-A drawn machine has no bound in closed form: its disturbances grow with the mass, and its speed and
-edges vary, so its noise has no single covariance. A regression on some thousand passes of the same
-machine needs no model. With as few passes as are recorded for tuning, the regression is less
-accurate, and an estimator with a physical model can be better.
+The best accuracy on a randomly drawn machine has no closed form, because the covariance of its
+noise depends on the mass and on the speed and the edges of the pass. A regression on more than a
+thousand passes of the same machine needs no model. With as few passes as are used for tuning, the
+regression is less accurate, and an estimator with a physical model can be better.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,18 @@ from checkweigher_dsp.denoising.window_batch import transit
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.tuning.calibration import index
 
-_BEFORE = 0.2  # s, signal before t1
+_BEFORE = 0.2  # duration of the signal before t1 in s
 _PENALTIES = np.logspace(-9, 1, 41)  # kg^2
 
 
 def attainable_errors(
     learn: Sequence[KnownPass], check: Sequence[KnownPass]
 ) -> NDArray[np.float64]:
-    """Return the errors of passes, (n,) in kg, by a regression on other passes.
+    """Return the errors of the passes `check`, (n,) in kg, of a regression on the passes `learn`.
 
-    All passes are whole, of one machine and one nominal speed. The regressors are the samples from
-    before t1 to t3, less the zero of the empty belt, at fixed fractions of a pass. The chosen
-    penalty has the smallest A in leave-one-out cross-validation.
+    All passes are without faults, and of the same machine and nominal speed. The regressors are the
+    samples from before t1 to t3 at fixed fractions of a pass, after subtraction of the zero. The
+    penalty is that with the smallest A in leave-one-out cross-validation.
     """
     span = min(_samples(each.window) for each in learn)
     signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
@@ -43,7 +43,7 @@ def _samples(window: WeighWindow) -> int:
 
 
 def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:
-    """Return the signals, (n, k) in kg, at k fractions of the pass, `span` of them after t1."""
+    """Return the signals, (n, k) in kg, at k fractions of a pass, of which `span` are after t1."""
     rows = []
     for each in passes:
         window = each.window
@@ -55,7 +55,7 @@ def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:
 
 
 def _ridge(signals: NDArray[np.float64], masses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights of centred signals, (n, k), for masses less their mean."""
+    """Return the weights, (k,), of centred signals, (n, k), for centred masses."""
     targets = masses - masses.mean()
     left, values, right = np.linalg.svd(signals, full_matrices=False)
     along = left.T @ targets

@@ -2,19 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Smallest standard deviation of an unbiased linear estimate of a simulated mass.
 
-The signal of a pass is r = M s + n, with s the response of the platform to a load of 1 kg and C the
-covariance of the noise n. The smallest variance of an unbiased linear estimate of M is
-:math:`1 / (s^T C^{-1} s)` (Gauss, Markov). The simulator knows s and C, so the accuracy on its
-passes can be compared with the best possible one.
+The signal of a pass is r = M s + n, where M is the mass, s is the response of the platform to a
+load of 1 kg, and n is noise with the covariance C. By the theorem of Gauss and Markov, the smallest
+variance of an unbiased linear estimate of M is :math:`1 / (s^T C^{-1} s)`. Since s and C are known
+for a simulated pass, the accuracy of an estimator can be compared with this bound.
 
-C is the sum of four parts: the lines of rollers and motor, of known amplitude and random phase; the
-broadband noise and the vibration of the floor, which are white noise through a linear system and
-follow exactly from its difference equation; the impact at entry, of known form and random size; and
-the noise and the quantisation of the converter. All forces act on the platform, which gets heavier
-while the product moves onto the belt. The ring-down of the previous product is assumed to be known.
+C is the sum of four covariances: that of the vibration of rollers and motor, which are sines with
+known amplitudes and random phases; that of the broadband noise and the vibration of the floor,
+which are white noise filtered by a linear system; that of the impact at entry, which has a known
+form and a random size; and that of noise and quantisation of the converter. All forces act on the
+platform, whose moving mass increases while the product enters the belt.
 
-The dependence of the platform on the unknown mass is also assumed to be known. It changes s by a
-few parts in a thousand and would give an estimator almost no information.
+The vibration that the previous product has caused is assumed to be known. The change of s with the
+unknown mass is also assumed to be known. It is a few parts in a thousand, and would give an
+estimator almost no information.
 """
 
 from collections.abc import Callable
@@ -42,49 +43,45 @@ from checkweigher_recording.simulation.simulator import (
     SimulationParameters,
 )
 
-_SETTLING = 2.0  # s, after which the transient is below 1e-7 on the softest platform
+_SETTLING = 2.0  # time in s after which a transient is below 1e-7 on the softest platform
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassModel:
-    """Response and noise of a pass, both known before it is recorded.
+    """Response of the platform and covariance of the noise in a simulated pass."""
 
-    `time`, (n,), in s from t1, ends with the last sample before t3. `response`, (n,), is the
-    reading per kg of product, and `covariance`, (n, n), is the covariance of the noise in kg^2.
-    """
-
-    time: NDArray[np.float64]
-    response: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    time: NDArray[np.float64]  # time of each sample up to t3, (n,), in s from t1
+    response: NDArray[np.float64]  # reading per kg of product, (n,)
+    covariance: NDArray[np.float64]  # covariance of the noise, (n, n), in kg^2
 
 
 def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
-    """Return the Gauss-Markov bound of the standard deviation of a mass on a simulated line, kg.
+    """Return the Gauss-Markov bound of the standard deviation of a mass in kg.
 
-    The zero is assumed to be known exactly. `parameters` have machine, belt speed and lengths;
-    their products are not used. `mass` is in kg, above 0. An estimate may use the signal from
-    `before` s ahead of t1 up to t3.
+    `parameters` have the machine, the belt speed and the lengths; their products are not used.
+    `mass` is the mass of the product in kg. An estimate may use the signal from `before` s before
+    t1 up to t3. The zero is assumed to be known exactly.
     """
     return bound_of(pass_model(parameters, mass, before))
 
 
 def bound_of(model: PassModel) -> float:
-    """Return the bound for a signal whose response and noise are known."""
+    """Return the Gauss-Markov bound in kg for a signal with known response and covariance."""
     root = cholesky(model.covariance, lower=True)
     return float(1 / norm(solve_triangular(root, model.response, lower=True)))
 
 
 def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.3) -> PassModel:
-    """Return response and covariance of a pass; parameters as in `bound`."""
+    """Return response and covariance of a pass. The parameters are as in `bound`."""
     simulated = _SimulatedPass(parameters, mass, before)
     noise = simulated.lines() + simulated.impact() + simulated.white_noise()
     return PassModel(simulated.sample_time(), simulated.response(simulated.load) / mass, noise)
 
 
 class _SimulatedPass:
-    """One product on an otherwise empty belt, on the simulator's own grid of steps.
+    """Pass of one product over an empty belt, with the integration steps of the simulator.
 
-    `load` is the force of the product in each step, (steps,), kg.
+    `load` is the force of the product in each step, (steps,) in kg.
     """
 
     def __init__(self, parameters: SimulationParameters, mass: float, before: float) -> None:
@@ -93,8 +90,8 @@ class _SimulatedPass:
         self._mass = mass
         sample_rate = parameters.sample_rate
         self._step = 1 / (OVERSAMPLING * sample_rate)
-        # t1 is at a sample. In practice it falls between two samples, which has little effect. It
-        # is at a whole second, so that rounding of times hardly depends on `before`.
+        # t1 coincides with a sample, which has little effect on the bound. The sample is at a whole
+        # second, so that rounding errors hardly depend on `before`.
         entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
         last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
         self._first = entry - round(before * sample_rate)
@@ -111,16 +108,16 @@ class _SimulatedPass:
         self._bounds, self._loads = belt.load_steps(self._time, self._travel)
 
     def sample_time(self) -> NDArray[np.float64]:
-        """Return the times of the used samples, in s from t1."""
+        """Return the times of the samples that an estimate may use, in s from t1."""
         return (np.arange(self._first, self._samples) - self._entry) / self._parameters.sample_rate
 
     def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the used samples of the converter under a force that is given at each step."""
+        """Return the samples that an estimate may use for a force in each step, (steps,) in kg."""
         reading = self._platform().run(force, self._bounds, self._loads)
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
     def lines(self) -> NDArray[np.float64]:
-        """Return the covariance of rollers and motor: sines of random phase."""
+        """Return the covariance of the vibration of rollers and motor, sines of random phase."""
         profile, speed = self._profile, self._parameters.speed
         angles = [
             (amplitude, 2 * order / ROLLER_DIAMETER)
@@ -128,7 +125,7 @@ class _SimulatedPass:
         ]
         angles.append((profile.motor, 2 * math.pi * profile.motor_frequency))
         parts = [
-            # A sine of random phase is an uncorrelated sine and cosine, each of half its power.
+            # A sine of random phase is a sum of uncorrelated sine and cosine with half its power.
             speed * amplitude / math.sqrt(2) * self.response(wave(angle * self._travel))
             for amplitude, angle in angles
             if amplitude
@@ -138,7 +135,7 @@ class _SimulatedPass:
         return np.asarray(matrix.T @ matrix)
 
     def impact(self) -> NDArray[np.float64]:
-        """Return the covariance of the impact at entry: one form of random size."""
+        """Return the covariance of the impact at entry, which has one form and a random size."""
         size = self._profile.impact * self._mass * self._parameters.speed
         phase = (self._time - self._t1) / IMPACT_DURATION
         force = np.where((phase >= 0) & (phase < 1), size * np.sin(math.pi * phase), 0.0)
@@ -153,23 +150,23 @@ class _SimulatedPass:
         return covariance
 
     def _broadband(self) -> StateSpace:
-        """Return the broadband noise as a system without a state, driven by white noise."""
+        """Return the broadband noise as a system without a state, whose input is white noise."""
         half_rate = 1 / (2 * self._step)
         force = self._profile.broadband * self._parameters.speed * math.sqrt(half_rate)
         return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), force, dt=1)
 
     def _floor(self) -> StateSpace:
-        """Return the band-pass filter of the floor as a system that is driven by white noise."""
+        """Return the vibration of the floor as a band-pass filter, whose input is white noise."""
         rate = 1 / self._step
         sections = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
         size = self._profile.floor / math.sqrt(FLOOR_BANDWIDTH / (rate / 2))
         return reduce(mul, (StateSpace(*tf2ss(one[:3], one[3:]), dt=1) for one in sections)) * size
 
     def _shaken(self, force: StateSpace) -> NDArray[np.float64]:
-        """Return the covariance of the readings under a force of filtered white noise.
+        """Return the covariance of the samples for a force that is filtered white noise.
 
-        White noise of variance 1 drives `force`, and its output drives the platform. The joint
-        state consists of the reading, its derivative and the state of `force`.
+        The input of the system `force` is white noise of variance 1, and its output is the force on
+        the platform. The joint state has the reading, its derivative, and the state of `force`.
         """
 
         def step(load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -191,17 +188,18 @@ def _covariance_of_readings(
     step: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]],
     loads: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the covariance of samples, each the mean of the readings at the start of its steps.
+    """Return the covariance of n samples, (n, n), each of which is the mean reading of its steps.
 
-    `step` returns F (d, d) and G (d,) of x' = F x + G w for a load in kg; the reading is x[0].
-    `loads`, (n, steps) in kg, are the loads of each sample. Before the first sample the state is
-    stationary.
+    `step` is a function of the load in kg that returns the matrices F, (d, d), and G, (d,), of the
+    state equation x' = F x + G w of one step, in which w is white noise and x[0] is the reading.
+    `loads` has the load in each step of each sample, (n, steps) in kg. The process is stationary
+    before the first sample.
     """
     whole, drive = step(float(loads[0, 0]))
     size = len(drive)
     state = solve_discrete_lyapunov(whole, np.outer(drive, drive))
     covariance = np.empty((len(loads), len(loads)))
-    cross = np.empty((size, 0))  # covariance of the state with the samples so far
+    cross = np.empty((size, 0))  # covariance between the state and the samples so far
     over_sample = cache(lambda *row: _sample_step([step(load) for load in row]))
     for index, row in enumerate(loads.tolist()):
         over, noise = over_sample(*row)
@@ -217,9 +215,9 @@ def _covariance_of_readings(
 def _sample_step(
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the transition of the state over one sample, (d + 1, d), and the noise covariance.
+    """Return the transition matrix over one sample, (d + 1, d), and the covariance of its noise.
 
-    The last row is the sample itself.
+    The last row belongs to the sample, and the other rows belong to the state.
     """
     size = len(steps[0][1])
     over = np.eye(size + 1, size)

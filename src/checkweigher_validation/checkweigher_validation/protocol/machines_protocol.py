@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Protocol that tests estimators on machines of the family, for which there is no model."""
+"""Test of estimators on randomly drawn machines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,28 +31,29 @@ from checkweigher_validation.tuning.tuner import Tuned, tune
 
 MASSES = PAPER_MASSES
 SPEEDS = (0.5, 1.0, 1.5)  # m/s
-PASSES = 120  # at each speed, to test
-FURTHER = 1500  # at each speed, to compute the attainable accuracy
+PASSES = 120  # number of test passes at each speed
+FURTHER = 1500  # number of passes at each speed from which the attainable accuracy is computed
 
 
 @dataclass(frozen=True, slots=True)
 class MachinesProtocol:
-    """Machines, speeds, and passes at each speed."""
+    """Machines, belt speeds, and numbers of passes at each speed."""
 
-    machines: tuple[int, ...]  # seeds that draw them
-    training: int = PASSES
-    training_masses: tuple[float, ...] = MASSES  # kg; the test passes have MASSES
-    further: int = FURTHER
+    machines: tuple[int, ...]  # seeds of the machines
+    training: int = PASSES  # number of training passes
+    training_masses: tuple[float, ...] = MASSES  # masses in kg of the training passes
+    further: int = FURTHER  # number of passes for the attainable accuracy
     speeds: tuple[float, ...] = SPEEDS  # m/s
-    without: tuple[str, ...] = ()  # causes of disturbance that the machines do not have
+    without: tuple[str, ...] = ()  # causes of disturbance that are removed from the machines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MachineRun:
     """Passes of a machine at one speed in m/s, and the attainable accuracy on the test passes.
 
-    The eyes cut training and test passes. `untrained` has the test passes as a line without
-    knowledge of the machine cuts them, by the eyes and the rise of the load.
+    The weighing windows of `train` and `test` are cut by the photo-eyes alone. Those of `untrained`
+    are cut from the test passes as on a line without training, where the edges are also compared
+    with the rise of the load.
     """
 
     speed: float
@@ -71,9 +72,10 @@ def passes_of(
     segmenter: SegmenterParameters,
     without: tuple[str, ...] = (),
 ) -> tuple[KnownPass, ...]:
-    """Simulate `count` passes of a machine at a speed in m/s, with the masses in random order.
+    """Simulate `count` passes of a machine at a speed in m/s, with `masses` in kg in random order.
 
-    Each seed, from 0 on, gives other passes of the same machine. `without` are causes to omit.
+    `machine` is the seed of the machine, and `seed` that of the passes. `without` has the causes of
+    disturbance that are removed from the machine.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
     profile = '-'.join((f'{PREFIX}{machine}', *without))
@@ -91,7 +93,7 @@ def passes_of(
 def run_machine(
     protocol: MachinesProtocol, machine: int, speed: float, segmenter: SegmenterParameters
 ) -> MachineRun:
-    """Simulate one machine at one speed, and compute the attainable accuracy there."""
+    """Simulate a machine at one speed in m/s, and compute the attainable accuracy."""
     eyes, without = unchecked(segmenter), protocol.without
     train = passes_of(machine, speed, protocol.training_masses, protocol.training, 0, eyes, without)
     test = passes_of(machine, speed, MASSES, PASSES, 1, eyes, without)
@@ -116,9 +118,9 @@ def evaluate_machines(
     budget: int = BUDGET,
     n_jobs: int | None = None,
 ) -> tuple[MachineResult, ...]:
-    """Simulate machines, tune on their training passes, and weigh with and without tuning.
+    """Simulate machines, tune estimators on training passes, and weigh with and without tuning.
 
-    The other arguments are as in `checkweigher_validation.tuning.tuner.tune`.
+    The other parameters are as in `checkweigher_validation.tuning.tuner.tune`.
     """
     calls = [
         partial(run_machine, protocol, machine, speed, base.segmenter)
@@ -142,7 +144,7 @@ def _weigh(
     base: LineParameters,
     n_jobs: int | None,
 ) -> MachineResult:
-    """Return the results of tuned estimators on both parts, and of untrained ones on the test."""
+    """Return the results of the tuned estimators, and of the same estimators without training."""
     parts = [PassSet(run.speed, 'train', run.train) for run in runs]
     parts += [PassSet(run.speed, 'test', run.test) for run in runs]
     unknown = [PassSet(run.speed, 'test', run.untrained) for run in runs]

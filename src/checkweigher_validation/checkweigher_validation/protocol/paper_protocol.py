@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of the paper on a simulated machine: 5 speeds, 5 masses, 120 passes of each."""
+"""Test of Long et al. on a simulated machine: 5 speeds, 5 masses, and 120 passes of each mass."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,12 +28,12 @@ from checkweigher_validation.tuning.tuner import Tuned, tune
 
 SPEEDS = PAPER_SPEEDS
 MASSES = PAPER_MASSES
-PASSES = 120  # of each mass at each speed: the first half trains, the second half tests
+PASSES = 120  # number of passes of each mass at each speed; one half is for training
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Passes of one nominal speed, in halves, and the parameters of their simulation."""
+    """Passes of one nominal speed for training and test, and the parameters of the simulation."""
 
     train: tuple[KnownPass, ...]
     test: tuple[KnownPass, ...]
@@ -42,20 +42,20 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """Profile of the machine, passes of each mass at each speed, seed, and speeds in m/s."""
+    """Parameters of the test."""
 
-    profile: str = 'paper'
-    passes: int = PASSES
+    profile: str = 'paper'  # profile of the simulated machine
+    passes: int = PASSES  # number of passes of each mass at each speed
     seed: int = 1
-    speeds: tuple[float, ...] = SPEEDS
+    speeds: tuple[float, ...] = SPEEDS  # m/s
 
 
 def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameters) -> Run:
-    """Simulate one speed of a protocol, in m/s, as one uninterrupted line.
+    """Simulate all passes at one speed in m/s.
 
-    The masses are in random order, because the trace that a product leaves must not depend on the
-    next product. Each mass is equally frequent in both halves. Each speed has its own random
-    numbers.
+    The masses are in random order, so that the vibration that a product causes is independent of
+    the mass of the next product. Each mass is equally frequent in both halves. Each speed has its
+    own random numbers.
     """
     each = np.repeat(MASSES, protocol.passes // 2)
     order = np.random.default_rng((protocol.seed, round(1000 * speed)))
@@ -80,12 +80,12 @@ def evaluate_protocol(
     budget: int = BUDGET,
     n_jobs: int | None = None,
 ) -> tuple[tuple[ConditionResult, ...], dict[str, Tuned]]:
-    """Simulate the protocol, tune on the first half of the passes, and weigh both halves.
+    """Simulate all passes, tune the estimators on the first half of them, and weigh both halves.
 
-    The other arguments are as in `checkweigher_validation.tuning.tuner.tune`. Returns the
-    conditions, estimator by estimator, and the tuned parameters of each estimator.
+    The other parameters are as in `checkweigher_validation.tuning.tuner.tune`. Returns the errors
+    of each estimator at each speed and mass, and the tuned parameters of each estimator.
     """
-    exact = unchecked(base.segmenter)  # because the simulated eyes are exact
+    exact = unchecked(base.segmenter)  # the simulated photo-eyes are exact
     simulations = [partial(run_protocol, protocol, speed, exact) for speed in protocol.speeds]
     runs = run_jobs(simulations, n_jobs, 'simulating')
     computations = [partial(bound, run.simulation, mass) for run in runs for mass in MASSES]

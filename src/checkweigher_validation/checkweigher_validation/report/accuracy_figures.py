@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of accuracy: A by algorithm, mass and speed, and its averages."""
+"""Figures of the overall index A by estimator, mass and speed."""
 
 import math
 from typing import Any
@@ -29,9 +29,9 @@ _COLUMNS = 3
 
 
 def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
-    """Draw A over the mass for each estimator, one panel a speed (figure 11 of the paper)."""
+    """Draw A as a function of the mass, with a panel per speed (figure 11 of Long et al.)."""
     speeds, lines = evaluation.speeds, _lines(evaluation)
-    rows = math.ceil((len(speeds) + 1) / _COLUMNS)  # one panel has the legend
+    rows = math.ceil((len(speeds) + 1) / _COLUMNS)  # the additional panel is for the legend
     figure, grid = new_figure(2.5 * rows, rows, _COLUMNS, squeeze=False)
     panels = grid.ravel()
     for number, (axes, speed) in enumerate(zip(panels, speeds, strict=False)):
@@ -56,7 +56,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
 
 
 def averages_figure(evaluation: Evaluation, part: str) -> Figure:
-    """Draw A on average over the masses and over everything (figure 12)."""
+    """Draw the averages of A over the masses, and over masses and speeds (figure 12)."""
     figure, (left, right) = new_figure(3.9, 1, 2, width_ratios=(1, 1.1))
     _draw_by_speed(left, evaluation, part)
     _draw_overall(right, evaluation, part)
@@ -78,7 +78,7 @@ def _draw_by_speed(axes: Axes, evaluation: Evaluation, part: str) -> None:
 
 
 def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
-    """Draw one row for each estimator, the best one on top."""
+    """Draw a row for each estimator, with the best estimator in the first row."""
     lines, ranked = _lines(evaluation), evaluation.ranked(part)
     papers = {name: GRAMS * comparable_index(evaluation, name) for name in ranked}
     for row, (name, means) in enumerate(ranked.items()):
@@ -108,7 +108,7 @@ def _lines(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
 
 
 def _logarithmic(axes: Axes) -> None:
-    """Make the vertical axis logarithmic, with plain numbers that suit its range."""
+    """Make the vertical axis logarithmic, with ticks that suit its range."""
     low, high = axes.dataLim.intervaly
     axes.set_yscale('log')
     steps = (1.0, 2.0, 5.0) if high > 6 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a batch as one HTML page."""
+"""Report of a batch as one HTML page."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ from checkweigher_validation.report.inline_svg import (
 )
 from checkweigher_validation.report.page import fill
 
-_MOST_LINES = 500  # of a table of changes, stops or corrections
+_MOST_LINES = 500  # largest number of rows of a table
 
 
 @rc_context(fname=STYLE)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers and sentences of the report of an evaluation."""
+"""Numbers and sentences in the report of an evaluation."""
 
 from collections.abc import Iterator, Sequence
 from itertools import cycle
@@ -30,18 +30,17 @@ from checkweigher_validation.accuracy.tables import LEVELS, METRES_PER_MINUTE
 
 NONE = '–'
 
-# Looks of estimators, the same in every table and figure. The colours can be told apart with any
-# kind of colour vision (after Okabe and Ito), and each has a light and a dark variant.
+# Label, marker, light colour and dark colour of each estimator. Readers with any kind of colour
+# vision can distinguish the colours (after Okabe and Ito).
 _LOOKS = {name: each.look for name, each in ESTIMATORS.items() if each.look}
-# Name of the estimator that `tune` has chosen, in machine_tables.
 _LOOKS['chosen'] = PlotStyle('Chosen by tune', '<', '#7a5230', '#c79a6f')
 
-# For estimators without a look.
+# Markers and colours of all other estimators.
 _OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 
 def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
-    """Return the looks of estimators by name; an unknown one is shown under its name."""
+    """Return the plot styles of estimators by name. The label of an unknown one is its name."""
     others = cycle(_OTHERS)
     return {
         name: _LOOKS[name] if name in _LOOKS else PlotStyle(name, *next(others))
@@ -50,10 +49,10 @@ def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
 
 
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
-    """Return a number as text, with a true minus sign; `unknown` if it is not finite."""
+    """Return a number as text with a proper minus sign, or `unknown` if it is not finite."""
     if value is None or not math.isfinite(value):
         return unknown
-    # Adding zero removes the sign of minus zero.
+    # The addition converts -0.0 to 0.0.
     return f'{round(value, digits) + 0.0:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
 
 
@@ -68,15 +67,16 @@ def speed_label(speed: float) -> str:
 
 
 def mass_label(mass: float) -> str:
-    """Return a mass in kg as text in g, with all digits."""
+    """Return a mass in kg as text in g with up to six significant digits."""
     return f'{GRAMS * mass:.6g} g'
 
 
 class Content:
-    """Numbers and findings of an evaluation with at least one condition, by the limits of a class.
+    """Numbers and findings of an evaluation, which has at least one condition.
 
-    They are computed from the test passes if there are any, otherwise from the training passes,
-    unless a part is given. `chosen` has keywords of `Evaluation.select`.
+    By default, they are computed from the test passes or, if there are none, from the training
+    passes. `accuracy_class` has the limits. The parameters `chosen` of the methods are keywords of
+    `Evaluation.select`.
     """
 
     def __init__(self, evaluation: Evaluation, accuracy_class: AccuracyClass) -> None:
@@ -86,7 +86,7 @@ class Content:
         self.part = evaluation.parts[0]
         self.means = evaluation.ranked(self.part)
         self.has_paper_average = has_paper_conditions(evaluation)
-        # Whether the paper has a result at one of these speeds and masses.
+        # True if Long et al. have a result at one of the speeds and masses.
         self.has_paper = any(
             paper_result(one.estimator, one.speed, one.mass) for one in evaluation.conditions
         )
@@ -108,49 +108,49 @@ class Content:
             yield f'Passes that got no mass: {_enumerate(faulty)}.'
 
     def conditions(self, **chosen: Any) -> tuple[ConditionResult, ...]:
-        """Return chosen conditions."""
+        """Return the chosen conditions."""
         return self._evaluation.select(**{'part': self.part, **chosen})
 
     def at_masses(self, **chosen: Any) -> list[ConditionResult | None]:
-        """Return the chosen condition at each mass, None if there is none."""
+        """Return the chosen condition at each mass, or None if there is no such condition."""
         found = (self.conditions(mass=mass, **chosen) for mass in self._evaluation.masses)
         return [there[0] if there else None for there in found]
 
     def mean(self, **chosen: Any) -> MeanErrors:
-        """Return the means over chosen conditions."""
+        """Return the means over the chosen conditions."""
         return average(self.conditions(**chosen))
 
     def judged(self, name: str) -> list[bool]:
-        """Return whether each condition of an estimator is within the limits."""
+        """Return whether each condition of an estimator is within the limits of the class."""
         return [judge(one, self._class).passed for one in self.conditions(estimator=name)]
 
     def best_by_speed(self) -> list[float]:
-        """Return the smallest A of the estimators at each speed and on average, kg."""
+        """Return the smallest A of all estimators in kg at each speed, and that of the averages."""
         speeds = (*self._evaluation.speeds, None)
         rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]
         return list(np.fmin.reduce(rows))
 
     def paper_index(self, name: str, speed: float | None = None) -> float:
-        """Return A of the paper in kg, at a speed or on average; NaN if it cannot be compared."""
+        """Return A of Long et al. in kg, at a speed or on average, or NaN if not comparable."""
         return comparable_index(self._evaluation, name, speed)
 
     def is_in_paper(self, name: str) -> bool:
-        """Return whether the paper has an A of an algorithm at one of these speeds."""
+        """Return whether Long et al. have a comparable A of an estimator at one of the speeds."""
         found = (self.paper_index(name, speed) for speed in self._evaluation.speeds)
         return not all(map(math.isnan, found))
 
     def of_paper(self, name: str, speed: float) -> list[PaperResult | None]:
-        """Return the result of the paper at each mass."""
+        """Return the result of Long et al. at each mass, or None if there is no such result."""
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:
-        """Return the missed limits: μ for the error, σ for its deviation, n for the weighings."""
+        """Return symbols of the violated limits: μ of the error, σ, and n of the weighings."""
         found = judge(condition, self._class)
         kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)
         return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)
 
     def coverages(self, **chosen: Any) -> list[float]:
-        """Return the coverage of the stated intervals in percent, at each level."""
+        """Return the coverage of the stated intervals in percent at each confidence level."""
         return [100 * coverage(self.conditions(**chosen), level) for level in LEVELS]
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the reports, as SVG within an HTML page that uses the colours of the page.
+"""Figures as SVG elements in an HTML page, with the colours and the font of the page.
 
-A figure is drawn in stand-in colours. In the finished SVG, these become CSS variables, so the same
-figure suits a light page, a dark page and paper. Text stays text, in the font of the page.
+A figure is drawn in placeholder colours, which are replaced by CSS variables in the SVG element.
+Therefore the same figure suits a light page, a dark page and print. Text in a figure stays text.
 """
 
 from collections.abc import Sequence
@@ -16,49 +16,48 @@ from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# Stand-ins and the CSS variables they become.
+# Placeholder colours, and the names of their CSS variables.
 INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
 _SERIES = re.compile('#f1e2([0-9a-f]{2})')
 _VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
 
-# Style of the figures, which are drawn and written within matplotlib.rc_context.
+# Style sheet of matplotlib, to be used with matplotlib.rc_context.
 STYLE = Path(__file__).with_name('report.mplstyle')
 
-# Lines of limits.
 DASHED: Any = {'color': INK, 'lw': 1.2, 'ls': (0, (4, 2))}
 DOTTED: Any = {'color': MUTED, 'lw': 0.9, 'ls': (0, (2, 2))}
 
 
 def stand_in(number: int) -> str:
-    """Return the stand-in colour of a series; it becomes the CSS variable ``--series-N``."""
+    """Return the placeholder colour of a series, for which ``var(--series-N)`` is substituted."""
     return f'#f1e2{number:02x}'
 
 
 def new_figure(height: float, rows: int = 1, columns: int = 1, **more: Any) -> tuple[Figure, Any]:
-    """Return a figure as wide as the page, of a height in inches, and its panels."""
+    """Return a figure with the width of the page and a height in inches, and its panels."""
     figure = Figure(figsize=(9.6, height))
     return figure, figure.subplots(rows, columns, **more)
 
 
 def label_rows(axes: Axes, labels: Sequence[str]) -> None:
-    """Label the rows of a diagram, with the first row on top."""
+    """Label the rows of a diagram whose first row is at the top."""
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis='y', length=0, labelcolor=INK)
     axes.invert_yaxis()
 
 
 def to_inline_svg(figure: Figure, name: str, description: str) -> str:
-    """Return a figure as an SVG element for an HTML page; draw and convert it within `STYLE`.
+    """Return a figure as an SVG element for an HTML page.
 
-    `name` is the prefix of all ids in the figure, which must be unique on the page. `description`
-    is a text for readers who cannot see the figure.
+    The function must be called within the style `STYLE`. `name` is a prefix for all ids in the
+    figure, which must be unique on the page. `description` is for readers who cannot see it.
     """
     file = io.StringIO()
-    # The metadata would contain the names of programs and a date.
+    # The metadata would contain a date, so that equal figures would differ.
     no_metadata = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
     figure.savefig(file, format='svg', metadata=no_metadata)
     text = file.getvalue()
-    # The page determines the size and the font.
+    # The page determines width, height and font of the figure.
     head, rest = text[text.index('<svg') :].split('>', 1)
     head = re.sub(r' (width|height)="[^"]*"', '', head)
     rest = re.sub(r'(font: [^;\"]*?[\d.]+px) [^;\"]*', r'\g<1> var(--font)', rest)

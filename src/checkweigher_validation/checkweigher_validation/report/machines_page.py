@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of estimators on machines of the family as one HTML page."""
+"""Report of the test of estimators on randomly drawn machines as one HTML page."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -36,7 +36,7 @@ from checkweigher_validation.report.page import fill
 def render_machines(
     machines: Sequence[MachineResult], title: str, provenance: Sequence[tuple[str, str]]
 ) -> str:
-    """Return the report on at least one machine as one HTML page that needs no other file."""
+    """Return the report on one or more machines as one HTML page that needs no other file."""
     tables = family_tables(machines)
     estimators = tuple(row.estimator for row in tables[0].rows)
     looks = looks_of(estimators)
@@ -69,7 +69,7 @@ def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, PlotStyle]) -> 
 
 
 def _by_speed(machine: Evaluation, looks: Mapping[str, PlotStyle]) -> list[tuple[str, list[float]]]:
-    """Return A in kg at each speed: the attainable A, then A of each estimator."""
+    """Return label and A in kg at each speed, for the attainable accuracy and each estimator."""
     found = []
     for name in machine.estimators:
         at_speeds = [machine.select(estimator=name, speed=at, part='test') for at in machine.speeds]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report as one HTML page, with tables from `content` and inline figures."""
+"""Report of an evaluation as one HTML page with inline figures."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -26,10 +26,11 @@ def render(
 ) -> str:
     """Return the report of an evaluation as one HTML page that needs no other file.
 
-    The report covers the part 'test' of the conditions if there is one, and applies the limits of
-    the class; at least one condition is needed. With a `nominal` quantity of prepackages in kg, it
-    shows their limits, and whether a scale of the class may check them; `ValueError` if they have
-    no limits.
+    The report is on the test passes or, if there are none, on the training passes. The evaluation
+    has at least one condition. If `nominal`, a nominal quantity of prepackages in kg, is given, the
+    report shows its limits and whether a scale of the class may check such prepackages.
+
+    Raises `ValueError` if 76/211/EEC has no limits for `nominal`.
     """
     shown = content.Content(evaluation, accuracy_class)
     return fill(
@@ -50,7 +51,7 @@ def render(
 
 
 def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
-    """Return the page of a template with values, and with the colours of estimators."""
+    """Return the page from a template with `values` and the plot styles of `estimators`."""
     environment = Environment(
         loader=PackageLoader('checkweigher_validation.report', ''),
         autoescape=True,
@@ -71,7 +72,7 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
 
 
 def picture(name: str, figure: Figure, caption: str) -> Markup:
-    """Return a figure with its caption; `name` is a prefix that makes its ids unique."""
+    """Return a figure with its caption as HTML. `name` is a prefix for all ids in the figure."""
     caption = Markup(' ').join(caption.split())
     return Markup(
         '<figure>\n<div class="scroll">{}</div>\n<figcaption>{}</figcaption>\n</figure>'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of signals: a pass, its spectrum, its wavelet bands, and the denoised window."""
+"""Figures of the signal of a pass, its spectrum, its wavelet bands and the denoised window."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ from checkweigher_validation.report.inline_svg import (
 
 MILLISECONDS = 1000.0  # in a second
 
-# Numbers of the colours on the page that belong to no estimator.
+# Numbers of the series whose colours do not belong to an estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
 _THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
 
@@ -30,12 +30,12 @@ _SPECTRUM_LIMIT = 120.0  # Hz
 _SPECTRUM_POINTS = 8192
 _ENERGY_SHARE = 0.99
 
-# Position of a note at the upper edge of a diagram, as an offset in points.
+# Coordinates of a note at the upper edge of a diagram, with an offset in points.
 _AT_TOP: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
 
 
 def pass_figure(example: Example) -> Figure:
-    """Draw a pass with its four times (figure 2 of the paper)."""
+    """Draw a pass with the times t1 to t4 (figure 2 of Long et al.)."""
     figure, axes = new_figure(3.0)
     _draw_pass(axes, example)
     axes.plot(_time(example), GRAMS * example.signal, color=stand_in(SIGNAL), lw=1.0)
@@ -43,7 +43,7 @@ def pass_figure(example: Example) -> Figure:
 
 
 def ideal_figure(example: Example) -> Figure:
-    """Draw a pass over the response of the platform without noise (figure 5)."""
+    """Draw a pass and the response of the platform without noise (figure 5 of Long et al.)."""
     figure, (top, bottom) = new_figure(4.0, 2, sharex=True, height_ratios=(3, 1))
     time = _time(example)
     _draw_pass(top, example)
@@ -59,7 +59,7 @@ def ideal_figure(example: Example) -> Figure:
 
 
 def spectrum_figure(example: Example) -> Figure:
-    """Draw the amplitude spectra of a pass and of its ideal signal (figure 6)."""
+    """Draw the amplitude spectra of a pass and of its noise-free signal (figure 6)."""
     figure, axes = new_figure(3.0)
     frequency, amplitude = amplitude_spectrum(example.signal, example.sample_rate)
     axes.semilogy(frequency, GRAMS * amplitude, color=stand_in(SIGNAL), lw=1.0, label='signal')
@@ -79,7 +79,7 @@ def spectrum_figure(example: Example) -> Figure:
 
 
 def bands_figure(example: Example) -> Figure:
-    """Draw the bands of the stationary wavelet transform, the lowest first (figure 7)."""
+    """Draw the bands of the stationary wavelet transform in ascending order (figure 7)."""
     count = len(example.bands)
     figure, grid = new_figure(0.62 * count + 0.5, count, sharex=True, squeeze=False)
     for axes, (name, values) in zip(grid[:, 0], example.bands, strict=True):
@@ -95,7 +95,7 @@ def bands_figure(example: Example) -> Figure:
 
 
 def denoised_figure(example: Example) -> Figure:
-    """Draw the window after each kind of thresholding (figures 8 and 9)."""
+    """Draw the weighing window after each kind of thresholding (figures 8 and 9)."""
     figure, axes = new_figure(3.4)
     window = example.window
     time = _time(example)[window]
@@ -114,10 +114,10 @@ def denoised_figure(example: Example) -> Figure:
 def amplitude_spectrum(
     signal: NDArray[np.float64], sample_rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the magnitude of the Fourier transform of a signal that begins and ends at zero.
+    """Return the amplitude spectrum of a signal, (n,), that begins and ends at zero.
 
-    The signal, (n,), is padded with zeros for a smooth curve. Returns frequencies in Hz and
-    amplitudes in the signal's unit per Hz; the amplitude at 0 Hz is the area.
+    The signal is padded with zeros, so that the spectrum is smooth. Returns the frequencies in Hz
+    and the magnitude of the Fourier transform in the unit of the signal per Hz.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)
@@ -126,7 +126,7 @@ def amplitude_spectrum(
 
 
 def energy_limit(example: Example) -> float:
-    """Return the frequency in Hz below which 99 % of the energy of the ideal signal lies."""
+    """Return the frequency in Hz below which the noise-free signal has 99 % of its energy."""
     frequency, amplitude = amplitude_spectrum(example.ideal, example.sample_rate)
     energy = np.cumsum(amplitude**2)
     return float(frequency[np.searchsorted(energy, _ENERGY_SHARE * energy[-1])])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a verification as one HTML page, for screen and print."""
+"""Report of a verification as one HTML page for screen and print."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,7 +22,7 @@ from checkweigher_validation.report.page import fill
 from checkweigher_validation.verification.steps import StepKind
 
 _DRAWN = ('warm-up, passes', 'passes', 'eccentricity', 'repeatability')
-_PANELS = 3  # in a row
+_PANELS = 3  # number of panels in a row
 _BLUE = stand_in(90)
 
 Values = Mapping[str, Any]
@@ -30,7 +30,7 @@ Values = Mapping[str, Any]
 
 @rc_context(fname=STYLE)
 def render_verification(report: Values) -> str:
-    """Return the page of a report made by `checkweigher_validation.verification.report`."""
+    """Return the HTML page of a report of `checkweigher_validation.verification.report`."""
     made = {kind: [step for step in report['steps'] if step['test'] == kind] for kind in StepKind}
     tests = {kind: steps for kind, steps in made.items() if steps}
     drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]

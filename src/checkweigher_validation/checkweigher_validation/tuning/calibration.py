@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gain, offset and uncertainty of an estimator from training passes.
 
-Everything is tuned by the index of the paper, A = |mean error| + 3 sigma, averaged over the masses.
+The objective of all tuning is A = |mean error| + 3 sigma of Long et al., averaged over the masses.
 """
 
 from dataclasses import dataclass
@@ -15,38 +15,38 @@ from scipy.stats import t as student
 
 from checkweigher_validation.accuracy.errors import overall_index
 
-# Masses with fewer passes are judged together, because their standard deviation is too uncertain.
+# Masses with fewer passes are combined, because their standard deviations are too uncertain.
 _FEWEST_OF_A_MASS = 5
-# Passes needed to fit an offset besides the gain.
-_FEWEST_FOR_OFFSET = 6
-_DISTINCT_MASSES = 1.2  # heaviest over lightest
+_FEWEST_FOR_OFFSET = 6  # smallest number of passes to fit gain and offset
+_DISTINCT_MASSES = 1.2  # smallest ratio of the heaviest to the lightest mass to fit an offset
 _FOLDS = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """``mass = gain * estimate + offset``; `offset` in kg."""
+    """Calibration ``mass = gain * estimate + offset``."""
 
     gain: float
-    offset: float
+    offset: float  # kg
 
     def apply(self, estimates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return masses in kg."""
+        """Return the calibrated masses of estimates, in kg."""
         return self.gain * estimates + self.offset
 
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """Variance ``std_dev**2 + (relative * mass)**2``; `std_dev` in kg."""
+    """Uncertainty with the variance ``std_dev**2 + (relative * mass)**2``."""
 
-    std_dev: float
+    std_dev: float  # kg
     relative: float
 
 
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:
-    """Return the gain and offset with the smallest squared errors; (n,), kg, not NaN.
+    """Return the calibration with the least sum of squared errors.
 
-    The offset is 0 if there are few passes or their masses hardly differ.
+    `estimates` and `masses` are in kg, (n,), without NaN. The offset is 0 if there are few passes
+    or their masses hardly differ.
     """
     if len(masses) >= _FEWEST_FOR_OFFSET and are_distinct(masses):
         slope, intercept = np.polyfit(estimates, masses, 1)
@@ -55,12 +55,12 @@ def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Ca
 
 
 def are_distinct(masses: NDArray[np.float64]) -> bool:
-    """Return whether masses (n,) differ enough to show an effect of the mass."""
+    """Return whether masses, (n,), differ enough to determine how errors depend on the mass."""
     return bool(masses.max() > _DISTINCT_MASSES * masses.min())
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return A in kg, averaged over the masses; masses with few passes count as one."""
+    """Return A in kg, averaged over the masses. Masses with few passes are combined."""
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
     rest = errors[np.isin(masses, values[counts < _FEWEST_OF_A_MASS])]
@@ -74,17 +74,19 @@ def _spread(errors: NDArray[np.float64]) -> float:
 
 
 def calibrated_index(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return A in kg after calibration on the same passes, infinite if one has no mass."""
+    """Return A in kg after a calibration on the same passes.
+
+    Returns infinity if the estimate of a pass is not positive or not finite.
+    """
     if not np.all(np.isfinite(estimates)) or np.sum(estimates > 0) < len(estimates):
         return math.inf
     return index(calibrate(estimates, masses).apply(estimates) - masses, masses)
 
 
 def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """Return the fold, below `count`, of each pass: (n,) int.
+    """Return the fold of each pass, (n,), a number from 0 to ``count - 1``.
 
-    The passes of one mass are dealt to the folds in turn, so that a mass with enough passes is in
-    all folds. Otherwise a fold could hold a single mass.
+    The passes of each mass are distributed evenly over the folds.
     """
     result = np.empty(len(masses), np.intp)
     result[np.argsort(masses, kind='stable')] = np.arange(len(masses)) % min(count, len(masses))
@@ -94,7 +96,7 @@ def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 def held_out_errors(
     estimates: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the errors of passes in kg, each by a calibration on other passes."""
+    """Return the errors of passes in kg, (n,), each with a calibration on other passes."""
     errors = np.empty(len(masses))
     fold = folds(masses, _FOLDS)
     for number in np.unique(fold):
@@ -104,13 +106,14 @@ def held_out_errors(
 
 
 def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Uncertainty:
-    """Estimate the spread of errors, in part proportional to the mass, by maximum likelihood.
+    """Estimate the uncertainty of a mass by maximum likelihood.
 
-    The errors, (n,) in kg, are of held-out passes. The spread of few passes is itself uncertain, so
-    it is widened until 95 % intervals hold (Student).
+    `errors` are the errors of held-out passes, (n,) in kg. The result is increased by the ratio of
+    the 97.5 % quantiles of Student's t and the normal distribution, because the standard deviation
+    of few errors is itself uncertain.
     """
     mean = float(np.mean(masses))
-    shares = np.linspace(0.0, 1.0, 21)  # of the proportional part, at the mean mass
+    shares = np.linspace(0.0, 1.0, 21)  # fraction of the variance that is proportional to mass**2
     weights = 1 - shares[:, np.newaxis] + np.outer(shares, (masses / mean) ** 2)
     variances = np.mean(errors**2 / weights, axis=1)
     badness = np.log(np.maximum(variances, 1e-300)) + np.mean(np.log(weights), axis=1)

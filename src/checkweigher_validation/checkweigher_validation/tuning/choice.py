@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The choice among tuned estimators, by passes that were held out of their tuning."""
+"""Choice among tuned estimators by their errors on passes that were not used for tuning."""
 
 from collections.abc import Mapping
 import math
@@ -12,24 +12,23 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_validation.tuning.calibration import folds, index
 from checkweigher_validation.tuning.tuner import Tuned
 
-# Largest loss of a simpler estimator; A itself scatters by more between sets of 100 passes.
+# Largest increase of ln A that is negligible. Between sets of 100 passes, A varies by more.
 _NEGLIGIBLE = math.log(1.05)
-_BLOCKS = 20  # of passes, left out in turn
-_LEAST = 1e-12  # kg, least index, for passes without errors
+_BLOCKS = 20  # number of blocks of passes for the jackknife
+_LEAST = 1e-12  # smallest A in kg, to avoid the logarithm of 0
 
 
 def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
-    """Choose the estimator with the smallest A on held-out passes, or an equally good simpler one.
+    """Return the name of the chosen estimator, and the reason of the choice in one line.
 
-    Returns its name, and the reason in one line.
+    The best estimator is that with the smallest A on held-out passes, as the geometric mean over
+    the belt speeds. A simpler estimator is chosen instead if it is not inferior: the sum of the
+    difference of ln A from that of the best estimator and of the standard error of the difference
+    must be negligible. The standard error is computed by a jackknife over blocks of passes. It is
+    large with few passes, so that the best estimator is chosen. Disturbances cancel in the
+    difference, because both estimators weigh the same passes. [own derivation]
 
-    A is compared as a ratio, by the geometric mean over the belt speeds. A simpler estimator is
-    equally good if the sum of its difference from the best and the standard error is negligible (a
-    test of non-inferiority). With few passes no simpler one is, and the best is chosen. The
-    standard error is computed by a jackknife over blocks of passes. Both estimators weigh the same
-    passes, so that common disturbances cancel. [own derivation]
-
-    Raises `ValueError` if there are no estimators.
+    Raises `ValueError` if `tuned` is empty.
     """
     names = sorted(tuned, key=lambda name: (*ESTIMATORS, name).index(name))
     logs = {name: _log_index(tuned[name], None) for name in names}
@@ -38,7 +37,7 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
         return best, f'{best}: nothing else was tuned'
     without = {name: _without_blocks(tuned[name]) for name in names}
     more = {name: logs[name] - logs[best] for name in others}
-    # Standard errors by the jackknife, from the results without each block.
+    # Standard errors from the results without each block, by the formula of the jackknife.
     errors = {
         name: float(np.std(without[name] - without[best]) * math.sqrt(len(without[name]) - 1))
         for name in others
@@ -53,7 +52,7 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
 
 
 def _log_index(tuned: Tuned, block: int | None) -> float:
-    """Return the mean over the speeds of ln A, without one block of the passes."""
+    """Return the mean of ln A over the speeds. The passes of `block` are omitted unless None."""
     logs = []
     for speed in tuned.speeds:
         errors, masses = np.array(speed.held_out_errors), np.array(speed.masses)

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning of the Gauss-Markov estimator: the model is learned, and its order is searched.
+"""Tuning of the Gauss-Markov estimator, which has a model of the platform and a model of the noise.
 
-First, the platform is fitted to passes of known mass by nonlinear least squares; an autoregression
-of the empty belt whitens the noise. Then the noise is learned from the residuals of the training
-passes.
+First, the model of the platform is fitted to passes of known mass by nonlinear least squares, in
+which an autoregression of the signal of the empty belt whitens the noise. Then the noise model is
+learned from the residuals of the passes. The order of the noise model is searched.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,28 +29,30 @@ from checkweigher_validation.tuning.calibration import held_out_errors, index
 from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable, TuningError
 
-# Orders of the autoregression; to resolve a line of the rollers takes about twenty.
+# Orders of the autoregression. An order of about 20 is needed to resolve a spectral line of the
+# rollers.
 ORDERS = (20, 40, 80, 120, 160, 200)
-_CHECKED_PASSES = 40  # of each speed, to decide whether to use the model
+_CHECKED_PASSES = 40  # number of passes of each speed to decide whether the platform model is used
 _CHECKED_ORDER = 40
-_STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient, not rounded to 1 in a file
+_STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient, which the file must not round
 _FIRST_ORDER = 40
-_PASSES_FOR_PLATFORM = 20  # of each speed
+_PASSES_FOR_PLATFORM = 20  # number of passes of each speed to fit the platform
 _PASSES_FOR_START = 4
-_FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # Hz, where the search for the platform begins
+_FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # natural frequencies in Hz to start the fit with
 _LEAST_NOISE = 1e-9  # kg
-_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, prior std. dev. of oscillations and zero: unknown
-# Searched: ln f_n, ln xi, ln (moving mass / heaviest product), entry_begin and entry_end in mm.
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg
+# Bounds of the fitted values: ln(natural frequency in Hz), ln(damping ratio), ln(moving mass /
+# heaviest product), and the parameters entry_begin and entry_end in mm.
 _LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
 _HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
 
 
 class TunedGaussMarkov(Tunable):
-    """The Gauss-Markov estimator: the order of its noise model is searched."""
+    """Tuning of the Gauss-Markov estimator on the passes of one belt speed."""
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with a platform fitted to the passes of all speeds, if that lowers A."""
+        """Return `base` with a platform fitted to the passes of all speeds if this lowers A."""
         sample_rate = groups[0].passes[0].window.sample_rate
         known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)
         models = fit_platform(groups, known), replace(known, sample_rate=0.0)
@@ -61,7 +63,7 @@ class TunedGaussMarkov(Tunable):
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the order with the smallest badness, and the badness."""
+        """Return the order of the noise model with the smallest badness, and this badness."""
         if not self.known.sample_rate:
             return {}, badness({})
         longest = min(len(pass_signal(window, self.known).time) for window in self.windows) // 2
@@ -70,7 +72,7 @@ class TunedGaussMarkov(Tunable):
         return {'order': float(order)}, least
 
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the noise model of some of the passes, with its order."""
+        """Return the noise model that is learned from the passes `rows`."""
         if not self.known.sample_rate:
             names = ('order', 'reflection', 'noise', 'impact')
             return {name: getattr(GaussMarkovParameters(), name) for name in names}
@@ -81,7 +83,7 @@ class TunedGaussMarkov(Tunable):
         return {'order': order, 'reflection': reflection, 'noise': (std_dev,), 'impact': (impact,)}
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the noise model of all passes, padded with zeros to the largest order."""
+        """Return the noise model of all passes, with coefficients of 0 up to the largest order."""
         model = self.learn(np.arange(len(self.windows)), values)
         order = model.pop('order')
         if self.known.sample_rate:
@@ -90,17 +92,17 @@ class TunedGaussMarkov(Tunable):
 
 
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
-    """Return A in kg on some passes, weighed with a noise model from other passes.
+    """Return A in kg on some passes, each of which is weighed with a noise model of other passes.
 
-    A model of the machine may be worse than none if there are few passes, or if its disturbances
-    hide the platform.
+    This value shows whether a platform model is useful. It may be harmful if there are few passes,
+    or if disturbances mask the response of the platform.
     """
     indices = []
     for group in groups:
         some = replace(group, passes=tuple(evenly_chosen(group, _CHECKED_PASSES)))
         tunable = TunedGaussMarkov('gauss_markov', some, base)
         estimates = tunable.estimates({'order': _CHECKED_ORDER})
-        if not np.all(estimates > 0):  # also if one is NaN
+        if not np.all(estimates > 0):  # an estimate of NaN also counts as a failure
             return math.inf
         indices.append(index(held_out_errors(estimates, some.masses), some.masses))
     return float(np.mean(indices))
@@ -109,9 +111,9 @@ def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float
 def fit_platform(
     groups: Sequence[SpeedGroup], known: GaussMarkovParameters
 ) -> GaussMarkovParameters:
-    """Return `known` with the platform and the places of entry that fit the passes best.
+    """Return `known` with the platform and the entry positions that fit the passes best.
 
-    Raises TuningError if the passes are too short or hold no noise.
+    Raises `TuningError` if the passes are too short or have no noise.
     """
     whiteners = {group.speed: _first_whitener(group, known) for group in groups}
     heaviest = max(float(group.masses.max()) for group in groups)
@@ -128,7 +130,7 @@ def fit_platform(
         )
 
     def chosen(count: int) -> list[tuple[Prewhitener, KnownPass, PassSignal]]:
-        # The samples stay the same while the entry is searched.
+        # The used samples must not change while the entry positions are fitted.
         return [
             (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups
@@ -163,11 +165,12 @@ def fit_platform(
 def fit_noise(
     group: SpeedGroup, known: GaussMarkovParameters, order: int
 ) -> tuple[NDArray[np.float64], float, float]:
-    """Fit the noise of the passes of one speed, given a model of the platform.
+    """Fit a noise model to the passes of one speed, given a platform model.
 
     Returns the reflection coefficients of an autoregression, (order,), the standard deviation of
-    its innovations in kg, and the impact in s/m: the oscillation from the entry on, per mass and
-    speed. Raises TuningError if the passes are too short for the order or hold no noise.
+    its innovations in kg, and the impact in s/m, which is the amplitude of the oscillation after
+    the entry per mass and belt speed. Raises `TuningError` if the passes are too short for the
+    order or have no noise.
     """
     whitener = _first_whitener(group, known)
     residuals, kicks = [], []
@@ -184,9 +187,10 @@ def fit_noise(
 def _residual(
     used: PassSignal, mass: float, known: GaussMarkovParameters, whitener: Prewhitener
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the residual of the model on a pass of known mass, in time and whitened, (n,), kg.
+    """Return the residual of the platform model on a pass of known mass.
 
-    Also returns the coefficients of the oscillations and the zero, and their variances, (5,).
+    Returns the residual, (n,) in kg, the whitened residual, (n,) in kg, and the coefficients of the
+    oscillations and the zero with their variances, (5,) each.
     """
     load, *others = responses(known.platform, mass, used.crossing, used.time)
     signal = used.signal - mass * load
@@ -199,10 +203,9 @@ def _residual(
 
 
 def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:
-    """Return the filter that makes the noise of the empty belt white.
+    """Return the filter that whitens the noise of the empty belt.
 
-    If the belt is never empty for long enough, the noise of the loaded belt about its mean is used,
-    which includes the vibration of the product.
+    If the belt is never empty for long enough, the signal of the loaded belt is used instead.
     """
     empty, full = [], []
     for each in group.passes:
@@ -218,9 +221,9 @@ def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhite
 def _reflections(
     segments: Sequence[NDArray[np.float64]], order: int, group: SpeedGroup
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the autoregression of noise, or raise TuningError if there is none."""
+    """Return the autoregression of noise signals. Raises `TuningError` if they have no noise."""
     try:
-        # The rounding of a constant is not noise.
+        # Rounding errors of a constant signal are not regarded as noise.
         if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:
             raise ValueError('the signals hold no noise')
         return pooled_reflections(segments, order)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning of ISWD-EKSI together with the denoising that precedes it."""
+"""Tuning of the estimator ISWD-EKSI together with the denoising that precedes it."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,19 +16,19 @@ from checkweigher_dsp.signal.platform_poles import is_stable
 from checkweigher_validation.tuning.tunables import Tunable
 
 _BANDS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
-_THRESHOLD_FACTOR = 1000.0  # how far below and above the start a threshold is searched
+_THRESHOLD_FACTOR = 1000.0  # largest ratio of a threshold to its start value in the search
 _PLATFORM = ('natural_frequency', 'damping_ratio')
 
 
 class TunedIswdEksi(Tunable):
-    """ISWD-EKSI, with the shrinkage table and the platform of denoise.
+    """Tuning of ISWD-EKSI, which includes the shrinkage table and the platform of the denoiser.
 
-    Band 5 and thresholds are searched if the table of `base` has them, as Table 1 does; otherwise
-    they stay off. R, Q and P0 do not change.
+    The factor of band 5 and the thresholds are searched only if they are positive in `base`, as in
+    Table 1 of Long et al. R, Q and P0 do not change.
     """
 
     def searched(self) -> tuple[Axis, ...]:
-        """Return the axes, with band 5 and thresholds if the table of `base` has them."""
+        """Return the axes of the search, including those of positive thresholds of `base`."""
         found = list(self.estimator.axes)
         for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
             start = self.start(Axis(name, 0.0, 0.0, 0.0))
@@ -40,7 +40,7 @@ class TunedIswdEksi(Tunable):
         return tuple(found)
 
     def start(self, axis: Axis) -> float:
-        """Return the value of `base` at this speed, also for parameters of denoise."""
+        """Return the start of the search, which is the value of `base` at this speed."""
         known = self.base.denoise
         if not hasattr(known, axis.name):
             return super().start(axis)
@@ -48,15 +48,15 @@ class TunedIswdEksi(Tunable):
         return float(np.interp(self.group.speed, known.speeds[: len(column)], column))
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the steady state of every denoised pass; NaN for an unstable platform."""
+        """Return the estimated load of each pass, (n,) in kg; NaN if the platform is unstable."""
         windows = Denoiser(self._denoise(values)).denoise_all(self.windows)
         own = {'rise_noise': (values['rise_noise'],), 'doubt': False}
         loads = self.estimator(self.known.for_speed(self.group.speed, own)).estimate_all(windows)
-        # The identifier refuses an unstable platform.
+        # The identifier does not accept an unstable platform either.
         return np.array([each.mass if is_stable(each.a1, each.a2) else math.nan for each in loads])
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return bands and platform for denoise, and the rise noise for the identifier."""
+        """Return the parameters of the denoiser, and the rise noise of the identifier."""
         denoise = self._denoise(values)
         return {
             **{f'denoise.{name}': getattr(denoise, name) for name in (*_BANDS, *_PLATFORM)},

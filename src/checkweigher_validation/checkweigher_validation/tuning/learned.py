@@ -5,12 +5,13 @@ r"""Tuning of the learned estimator: the covariance of the signal of a pass abou
 .. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o
    + n (d d' + z^2 1 1')
 
-R are the residuals of the n passes of a speed from the mean curve, and :math:`\sigma^2` the mean of
-their variances. The other terms come from other signals or are assumed, and dominate with few
-passes: the noise N of the empty belt, white noise, the residuals :math:`R_o` of the other speeds at
-the same places of the belt, the curve d by which a heavier product rings slower, and the error z of
-the zero, which successive passes share and therefore hardly show.
-The coefficients a to c are averaged over a grid, each point weighted by the likelihood of held-out
+R has the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is the
+mean of the variances of R. The other terms dominate if there are few passes: the covariance N of
+the noise of the empty belt; white noise; the residuals :math:`R_o` of each other speed at the same
+positions on the belt, with the mean variance :math:`\sigma_o^2`; the change d of the curve for a
+heavier product, whose oscillation is slower; and the standard deviation z of the zero, whose error
+is nearly equal in successive passes and thus not visible in R. The weights are averaged over a grid
+of the coefficients a, b and c. Each point of the grid is weighted by the likelihood of held-out
 passes. [own derivation]
 """
 
@@ -39,58 +40,58 @@ from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import are_distinct, calibrate, folds
 from checkweigher_validation.tuning.tunables import Tunable
 
-_LONGEST_LEAD = 0.75  # as a multiple of t3 - t1
-_ALONE = 0.02  # share of the training passes that may have less than the gap
-_LESS = 0.95  # share of that gap that suffices in production
-_FEWEST = 3  # passes from which weights are learned
+_LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1
+_ALONE = 0.02  # fraction of the training passes that may have a shorter gap before the product
+_LESS = 0.95  # ratio of the gap that is required in production to that of the training passes
+_FEWEST = 3  # smallest number of passes from which weights are learned
 _FOLDS = 8
-_SLOWER = 0.01  # largest relative difference of the ringing frequency between products
-_ZERO = 2.0  # z, as a multiple of the standard deviation that the segmenter states
+_SLOWER = 0.01  # assumed relative difference of the natural frequency between products
+_ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
 _LEAST_VARIANCE = 1e-18  # kg^2
-# a, b and c.
+# Grid of the coefficients a, b and c.
 _SHARES = tuple(product((0.0, 0.03, 0.3, 3.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Features (n, k) of the passes of one speed, and their `masses` (n,), both in kg."""
+    """Features and true masses of the passes of one speed."""
 
-    features: NDArray[np.float64]
-    masses: NDArray[np.float64]
+    features: NDArray[np.float64]  # (n, k), in kg
+    masses: NDArray[np.float64]  # (n,), in kg
 
     def select(self, rows: NDArray[np.bool_]) -> 'Evidence':
-        """Return some of the passes."""
+        """Return the passes `rows`."""
         return Evidence(self.features[rows], self.masses[rows])
 
     @property
     def curve(self) -> NDArray[np.float64]:
-        """Mean curve of a load of 1, (k,)."""
+        """Mean features of a pass per mass, (k,)."""
         return np.asarray(self.masses @ self.features / (self.masses @ self.masses))
 
     @property
     def scatter(self) -> NDArray[np.float64]:
-        """R'R, (k, k), kg^2."""
+        """Product R'R of the residuals, (k, k), in kg^2."""
         residuals = self.features - np.outer(self.masses, self.curve)
         return np.asarray(residuals.T @ residuals)
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Knowledge from sources other than the passes of a speed."""
+    """Terms of the covariance that do not depend on the passes of the speed."""
 
-    noise: NDArray[np.float64]  # (k, k), kg^2, of the empty belt
-    elsewhere: NDArray[np.float64]  # (k, k), residuals of other speeds, each of variance 1
-    time: NDArray[np.float64]  # (k,), since t1, in parts
-    zero: float = 0.0  # kg^2, variance of an error that all parts share
+    noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2
+    elsewhere: NDArray[np.float64]  # normalized sum of R_o'R_o over the other speeds, (k, k)
+    time: NDArray[np.float64]  # time of each feature since t1, (k,), in features
+    zero: float = 0.0  # variance z^2 of the zero in kg^2
 
     def last(self, count: int) -> 'Prior':
-        """Return the prior of only the last parts."""
+        """Return the terms of the last `count` features."""
         end = slice(-count, None)
         return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end], self.zero)
 
 
 def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
-    """Return the weights for each point of the grid, (points, k), with a gain of 1."""
+    """Return the weights for each point of the grid, (points, k). Their gain is 1."""
     count, curve, scatter = len(known.masses), known.curve, known.scatter
     parts = len(curve)
     variance = max(float(np.trace(scatter)) / parts / count, _LEAST_VARIANCE)
@@ -107,14 +108,14 @@ def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class CrossValidatedFit:
-    """Weights (k,), and estimates of the passes by weights from other passes, (n,) kg."""
+    """Weights from all passes, and estimates of all passes by cross-validation."""
 
-    weights: NDArray[np.float64]
-    held_out: NDArray[np.float64]
+    weights: NDArray[np.float64]  # (k,)
+    held_out: NDArray[np.float64]  # estimate of each pass by weights from other passes, (n,) in kg
 
 
 def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
-    """Learn weights, averaged over the grid by the likelihood of held-out passes."""
+    """Return weights that are averaged over the grid by the likelihood of held-out passes."""
     fold = folds(known.masses, _FOLDS)
     found = np.empty((len(_SHARES), len(known.masses)))
     for number in np.unique(fold):
@@ -129,11 +130,11 @@ def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
 
 
 class TunedLearned(Tunable):
-    """Learned estimator. Nothing is searched; all parameters follow by least squares."""
+    """Tuning of the learned estimator. No parameters are searched."""
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with the layout of the parts, which is the same at all speeds."""
+        """Return `base` with the layout of the features, which is the same at all speeds."""
         windows = [[each.window for each in group.passes] for group in groups]
         rises = [rise_time(window) / transit(window) for row in windows for window in row]
         rise = rise_parts(float(np.median(rises)))
@@ -151,7 +152,7 @@ class TunedLearned(Tunable):
         return replace(base, identifier=base.identifier.with_set('learned', known))
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the load of every pass by weights from the other passes."""
+        """Return the estimated load of each pass by weights from other passes, (n,) in kg."""
         alone, led = self._fits
         result = alone.held_out.copy()
         if led is not None:
@@ -159,7 +160,7 @@ class TunedLearned(Tunable):
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the weights from all passes."""
+        """Return the weights that are learned from all passes."""
         alone, led = self._fits
         layout = self.known.layout
         before = np.zeros(layout.count - layout.window)
@@ -169,12 +170,12 @@ class TunedLearned(Tunable):
 
     @cached_property
     def _led(self) -> NDArray[np.bool_]:
-        """Whether the signal before t2 is used, by pass, (n,) bool."""
+        """Mask of the passes in which the signal before t2 is used, (n,) bool."""
         return _is_led(self.group, self.known)
 
     @cached_property
     def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
-        """Return the fit of the parts from t2 on, and the fit of all parts if there is one."""
+        """Return the fit to the features after t2, and the fit to all features or None."""
         layout = self.known.layout
         prior = self._prior(layout)
         alone = fit(_evidence(self.group, Layout(0, 0, layout.window)), prior.last(layout.window))
@@ -201,10 +202,10 @@ class TunedLearned(Tunable):
 def empty_belt_covariances(
     windows: Sequence[WeighWindow], layout: Layout, settle_time: float
 ) -> NDArray[np.float64]:
-    """Return the covariances, (layout.count,) kg^2, of parts of the empty belt by their distance.
+    """Return the autocovariance of features of the empty belt, (layout.count,) in kg^2.
 
-    They are computed about 0, not about the mean, because an error of the zero counts as noise. A
-    covariance is 0 if the empty belt was recorded too briefly for its distance.
+    The mean is not subtracted, because an error of the zero counts as noise. The autocovariance is
+    0 for lags that are longer than the recorded signals of the empty belt.
     """
     segments = []
     for window in windows:
@@ -226,5 +227,5 @@ def _is_led(group: SpeedGroup, known: LearnedParameters) -> NDArray[np.bool_]:
 
 
 def _gap(window: WeighWindow) -> float:
-    """Return the time since the previous item left, as a multiple of t3 - t1."""
+    """Return the time from the exit of the previous item to t1, as a multiple of t3 - t1."""
     return seconds_alone(window) / transit(window)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuned parameters as a ROS parameter file that names its training passes."""
+"""ROS parameter file with tuned parameters, and their accuracy as comments."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -23,12 +23,23 @@ def parameter_file(
     compared: Mapping[str, Tuned] | None = None,
     reason: str = '',
 ) -> str:
-    """Return the text of a parameter file with all tuned parameters.
+    """Return the text of a parameter file.
 
-    The file has all parameters of the tuned estimators, and other parameters that differ from their
-    defaults. It selects the first estimator of `tuned`; `reason` is a line that says why. `source`
-    has a line for each set of training passes, and `made` is the time of tuning, by default now.
-    `compared` has the estimators in the table at the head, by default `tuned`.
+    The file has all parameters of the tuned estimators, and all other parameters that differ from
+    their defaults. It selects the first estimator of `tuned`.
+
+    Parameters
+    ----------
+    tuned : mapping of str to Tuned
+        Tuned estimators by name.
+    source : sequence of str
+        A line for each set of training passes.
+    made : datetime or None
+        Time of tuning, by default now.
+    compared : mapping of str to Tuned or None
+        Estimators in the table of accuracies, by default `tuned`.
+    reason : str
+        Reason for the selection of the first estimator, in one line.
     """
     made = made or datetime.now(UTC)
     lines = [
@@ -61,7 +72,7 @@ def parameter_file(
 
 
 def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
-    """Return the parameters of each node that are in the file."""
+    """Return the parameters in the file by node."""
     first, *_ = tuned.values()
     sections = {
         entry.name: _changed(getattr(first.parameters, entry.name))
@@ -79,10 +90,11 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 
 
 def accuracy_lines(text: str) -> list[str]:
-    """Return the table of accuracies at the head of a parameter file, and the reason of the choice.
+    """Return the lines of the table of accuracies in a parameter file.
 
-    The lines are the headings, a line for each estimator at each speed, and ``chosen: ...`` if the
-    file has a reason. A file that was not tuned has none.
+    The first line has the headings. It is followed by a line for each estimator at each speed and,
+    if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if the
+    file has no table.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))
@@ -101,5 +113,5 @@ def _changed(parameters: Parameters) -> dict[str, object]:
 
 
 def _printable(text: str) -> str:
-    """Return a text from a bag without characters that would end the comment."""
+    """Return a text without control characters, because a line break would end the comment."""
     return ''.join(sign if sign.isprintable() else ' ' for sign in text)

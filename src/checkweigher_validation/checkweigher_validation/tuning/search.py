@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The search for parameters, the same for every estimator."""
+"""Search for the best parameters of an estimator."""
 
 from collections.abc import Callable, Mapping, Sequence
 import math
@@ -14,13 +14,13 @@ from scipy.stats import qmc
 
 from checkweigher_dsp.estimation.estimators.base import Axis
 
-BUDGET = 240  # evaluations of an estimator on all passes of one speed
-_EXPLORED = 0.4  # of the budget
-_DESCENTS = 3  # from different places
-_APART = 0.25  # in the coordinates of the search, 0 to 1
+BUDGET = 240  # default number of evaluations
+_EXPLORED = 0.4  # fraction of the budget that is spread over the whole space
+_DESCENTS = 3  # largest number of simplex searches from different points
+_APART = 0.25  # smallest distance of the points; each coordinate is from 0 to 1
 _FIRST_STEP = 0.2
 _SEED = 1
-_DIGITS = 5  # significant; more would be noise, and differ from machine to machine
+_DIGITS = 5  # significant digits of a value; more digits would differ between computers
 
 Values = dict[str, float]
 Point = NDArray[np.float64]
@@ -28,7 +28,7 @@ _Trial = tuple[float, Point, Values]
 
 
 def value_at(axis: Axis, position: float) -> float:
-    """Return the parameter at a position on its axis from 0 to 1."""
+    """Return the value at a position on an axis. Position 0 is `low` and position 1 is `high`."""
     position = min(max(position, 0.0), 1.0)
     if axis.logarithmic:
         found = axis.low * (axis.high / axis.low) ** position
@@ -39,7 +39,7 @@ def value_at(axis: Axis, position: float) -> float:
 
 
 def start_position(axis: Axis) -> float:
-    """Return the position of `start` on its axis, clipped to 0..1."""
+    """Return the position of the start value on its axis, from 0 to 1."""
     start = min(max(axis.start, axis.low), axis.high)
     if axis.logarithmic:
         return math.log(start / axis.low) / math.log(axis.high / axis.low)
@@ -51,18 +51,19 @@ def search(
 ) -> tuple[Values, float]:
     """Search for the values with the smallest badness.
 
-    Part of the budget is spread evenly over the whole space (Latin hypercube), with the start. The
-    simplex search of Nelder and Mead continues from the best points that lie apart, and then from
-    the best one of all with the rest of the budget.
+    First, the start and points of a Latin hypercube are evaluated. Simplex searches (Nelder and
+    Mead) then start from the best points that are not close to each other. The rest of the budget
+    is used for simplex searches from the best point of all.
 
     Parameters
     ----------
     axes : sequence of Axis
-        If it is empty, there is one evaluation.
+        Parameters to be searched. If there are none, `badness` is evaluated once.
     badness : callable
-        Function of the values by name; infinite if the estimator fails.
+        Objective as a function of the values by name. It is infinite if the estimator fails.
     budget : int
-        Largest number of evaluations, to within one simplex; 1 evaluates only the start.
+        Largest number of evaluations. It may be exceeded by the size of a simplex. If it is 1, only
+        the start is evaluated.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def search(
 def _explore(
     at: Callable[[Point], float], tried: Sequence[_Trial], dimensions: int, budget: int
 ) -> None:
-    """Evaluate until the budget is used up; `at` adds each evaluation to `tried`."""
+    """Evaluate points until the budget is used up. The function `at` adds each one to `tried`."""
     points = qmc.LatinHypercube(dimensions, rng=np.random.default_rng(_SEED))
     for point in points.random(max(round(budget * _EXPLORED) - 1, 0)):
         at(point)
@@ -113,9 +114,9 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
 
 
 def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
-    """Search by Nelder and Mead, if the evaluations suffice for more than the first simplex."""
+    """Search by Nelder and Mead if `evaluations` exceeds the number of corners of a simplex."""
     if evaluations > len(origin) + 1:
-        # A simplex with a corner at the origin that stays between 0 and 1.
+        # All corners of the first simplex must be in the range from 0 to 1.
         inward = np.where(origin + step <= 1, step, -step)
         options: dict[str, Any] = {
             'initial_simplex': np.vstack((origin, origin + np.diag(inward))),

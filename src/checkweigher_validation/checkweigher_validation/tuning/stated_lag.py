@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters for the lag of the samples behind the photo-eyes, from training passes."""
+"""Estimation of the time lag between photo-eyes and samples from training passes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,22 +11,22 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import lag_of
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
 
-_FEWEST = 3  # passes of one speed
-_DIGITS = 7  # decimal places of s and m
+_FEWEST = 3  # smallest number of passes of one speed
+_DIGITS = 7  # number of decimal places of the parameters
 
 
 def unchecked(segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters that cut windows only by the photo-eyes, for training."""
+    """Return parameters with which windows are cut by the photo-eyes alone, for training."""
     return replace(segmenter, rise_lag_tolerance=0.0)
 
 
 def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters that state the lag of passes that were cut only by the eyes.
+    """Return parameters of the segmenter with the lag of the training passes.
 
-    The parameters that an estimator learns are valid for the lag of the training passes. The lag is
-    modelled as a delay plus a distance divided by the belt speed, and fitted by least squares to
-    the median at each speed. The remaining differences widen the tolerance. Passes of unknown lag
-    are ignored.
+    The learned parameters of an estimator are valid for this lag only. The windows of `passes` must
+    have been cut by the photo-eyes alone. The lag is modelled as a delay plus a distance divided by
+    the belt speed. This model is fitted by least squares to the median lag at each speed, and its
+    largest residual is added to the tolerance. Passes whose lag is unknown are ignored.
     """
     rows = []
     for group in group_by_speed(passes):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators on the passes of one belt speed: the parameters to search, and the masses."""
+"""Tuning of an estimator on the passes of one belt speed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,11 +19,11 @@ from checkweigher_validation.tuning.search import Values, search
 
 
 class TuningError(ValueError):
-    """An estimator that cannot be tuned on these passes. The message has the reason."""
+    """Error for an estimator that cannot be tuned on the given passes."""
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
-    """Return the loads of passes by the chosen estimator, (n,) float64, kg, before the gain."""
+    """Return the loads that the selected estimator finds, before gain and offset, (n,) in kg."""
     identifier = parameters.identifier
     estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
     windows = [each.window for each in group.passes]
@@ -33,11 +33,11 @@ def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.fl
 
 
 class Tunable:
-    """An estimator on the passes of one belt speed.
+    """Estimator to be tuned on the passes of one belt speed, `group`.
 
-    The class of the estimator defines the parameters that are searched and learned. A subclass is
-    for an estimator that also needs the passes at other speeds, `others`, or a model of the
-    machine. `base` has all parameters that are not tuned at a single speed.
+    The class of the estimator defines which parameters are searched and which are learned.
+    Subclasses are for estimators that also need `others`, the passes at other speeds, or a model of
+    the machine. `base` has the parameters that are not tuned.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Tunable:
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with the parameters learned from all speeds together; here none."""
+        """Return `base` with the parameters that are learned from all speeds, here unchanged."""
         return base
 
     @property
@@ -63,7 +63,7 @@ class Tunable:
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the best parameter values, and the value of the objective there."""
+        """Return the values with the smallest `badness` that was found, and that badness."""
         axes = [replace(axis, start=self.start(axis)) for axis in self.searched()]
         return search(axes, badness, budget)
 
@@ -72,19 +72,20 @@ class Tunable:
         return self.estimator.axes
 
     def start(self, axis: Axis) -> float:
-        """Return the value of `base` at this speed, where the search starts."""
+        """Return the start of the search, which is the value of `base` at this speed."""
         known = self.known
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
 
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the parameters that the estimator learns from some of the passes."""
+        """Return the parameters that the estimator learns from the passes `rows`."""
         windows = [self.windows[row] for row in rows]
         return self.estimator.learn(self.known, windows, self.group.masses[rows], values)
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the load of every pass, before gain and offset: (n,) float64, kg.
+        """Return the estimated load of each pass before gain and offset, (n,) in kg.
 
-        An estimator that learns weighs each pass with parameters learned from other passes.
+        If the estimator learns parameters, each pass is weighed with the parameters that are
+        learned from other passes.
         """
         passes = np.arange(len(self.windows))
         fold = folds(self.group.masses, max(self.estimator.folds, 1))
@@ -98,7 +99,7 @@ class Tunable:
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the lists of parameters at this speed, by full names with the node."""
+        """Return the parameters at this speed. A key has the form ``node.name``."""
         learned = self.learn(np.arange(len(self.windows)), values)
         return {f'identifier.{self.name}.{name}': numbers for name, numbers in learned.items()}
 

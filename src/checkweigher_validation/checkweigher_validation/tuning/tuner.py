@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning of estimators on passes of known mass, by the same procedure for all of them."""
+"""Tuning of estimators on passes of known mass."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ from checkweigher_validation.tuning.learned import TunedLearned
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tunables import Tunable, TuningError, estimates_of
 
-# Estimators whose tuning does not follow from their class alone.
+# Estimators that need a subclass of `Tunable`.
 _OWN: dict[str, type[Tunable]] = {
     'iswd_eksi': TunedIswdEksi,
     'gauss_markov': TunedGaussMarkov,
@@ -40,39 +40,39 @@ _OWN: dict[str, type[Tunable]] = {
 }
 TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in ESTIMATORS}
 
-FEWEST_PASSES = 3  # of one speed; fewer do not show their scatter
-_FEWEST_FOR_HALVES = 60  # so that each half has enough passes to tune on
+FEWEST_PASSES = 3  # smallest number of passes of one speed
+_FEWEST_FOR_HALVES = 60  # smallest number of passes with which one half is enough for tuning
 _FEWEST_FOR_FIFTHS = 20
 _DIGITS = 7  # significant digits of numbers in a parameter file
 
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
-    """Parameters, calibration and accuracy from the passes of one belt speed.
+    """Result of the tuning of an estimator on the passes of one belt speed.
 
-    `lists` has the lists of parameters for this speed, by their full names. `held_out_index` is A
-    if each half of the passes is weighed with the parameters of the other half (each fifth with
-    fewer than 60 passes, each single pass with fewer than 20). A value far above `index` means
-    overfitting. `uncertainty` is computed from passes held out of the calibration or, with fewer
-    than 60 passes, from `held_out_errors`.
+    Held-out errors are computed by cross-validation: each half of the passes is weighed with the
+    parameters that are tuned on the other half. Fifths are used instead of halves if there are
+    fewer than 60 passes, and single passes if there are fewer than 20. If `held_out_index` is much
+    larger than `index`, the parameters are overfitted. `uncertainty` is computed from these errors
+    if there are fewer than 60 passes, otherwise from errors with a calibration on other passes.
     """
 
     speed: float  # m/s
     passes: int
-    lists: Mapping[str, tuple[float, ...]]
+    lists: Mapping[str, tuple[float, ...]]  # parameters for this speed; keys are ``node.name``
     calibration: Calibration
     uncertainty: Uncertainty
-    zero_std_dev: float  # kg, typical of these passes
-    index: float  # A on the training passes, kg
-    held_out_index: float = math.nan  # kg
-    # Of the held-out passes: (n,), kg, in the same order for every estimator.
+    zero_std_dev: float  # median standard deviation of the zero in kg
+    index: float  # A on the training passes in kg
+    held_out_index: float = math.nan  # A of the held-out errors in kg
+    # Error and true mass of each held-out pass in kg, in the same order for every estimator.
     held_out_errors: tuple[float, ...] = ()
     masses: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """An estimator tuned at all speeds, and the resulting parameters of the line."""
+    """Results of the tuning of an estimator at all speeds, and all parameters of the line."""
 
     estimator: str
     speeds: tuple[TunedSpeed, ...]
@@ -99,21 +99,21 @@ def tune(
     base : LineParameters
         Parameters that are not tuned.
     budget : int
-        Largest number of evaluations of each estimator at each speed.
+        Largest number of evaluations for each estimator at each speed.
     n_jobs : int, optional
         Number of processes, as in `checkweigher_validation.jobs.run_jobs`.
     skip_failing : bool
-        Whether to omit estimators that fail, unless all of them fail.
+        Whether to omit estimators that cannot be tuned, unless all of them fail.
 
     Returns
     -------
     dict of str to Tuned
-        By estimator.
+        Result of each estimator by name.
 
     Raises
     ------
     TuningError
-        If there are too few passes at a speed, or an estimator fails with all values.
+        If there are too few passes at a speed, or an estimator cannot be tuned.
     """
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
@@ -149,7 +149,7 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
 def _jobs(
     tasks: Sequence[Tunable], budget: int
 ) -> dict[tuple[Tunable, int | None], Callable[[], Any]]:
-    """Return the jobs by task and fold; None tunes on all passes, the others check a fold."""
+    """Return the jobs by task and fold. The fold is None for the tuning on all passes."""
     return {
         **{(task, None): partial(_tune_speed, task, budget) for task in tasks},
         **{
@@ -163,7 +163,7 @@ def _jobs(
 def _run(
     jobs: Mapping[Any, Callable[[], Any]], n_jobs: int | None, text: str
 ) -> tuple[dict[Any, Any], dict[Any, TuningError]]:
-    """Run jobs, and return by key the results of those that succeed and the errors of the rest."""
+    """Run jobs, and return the results of successful jobs and the errors of the others, by key."""
     calls = [partial(_attempt, job) for job in jobs.values()]
     ended = list(zip(jobs, run_jobs(calls, n_jobs, text), strict=True))
     errors = {key: each for key, each in ended if isinstance(each, TuningError)}
@@ -171,7 +171,7 @@ def _run(
 
 
 def _attempt(job: Callable[[], Any]) -> Any:
-    """Return the result of a job, or its TuningError, as raising it would end the other jobs."""
+    """Return the result of a job, or its TuningError, because an exception would end all jobs."""
     try:
         return job()
     except TuningError as error:
@@ -179,7 +179,7 @@ def _attempt(job: Callable[[], Any]) -> Any:
 
 
 def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any]) -> TunedSpeed:
-    """Return the result of a task with the errors of held-out passes."""
+    """Return the result of a task with the errors of the held-out passes."""
     errors, masses = np.concatenate([found[task, fold] for fold in _folds(task.group)], axis=1)
     learned: TunedSpeed = replace(
         found[task, None],
@@ -188,13 +188,13 @@ def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any
         masses=tuple(masses.tolist()),
     )
     if len(masses) < _FEWEST_FOR_HALVES:
-        # A search fits few training passes much better than later ones.
+        # The errors of few training passes are much smaller than those of other passes.
         learned = replace(learned, uncertainty=uncertainty(errors, masses))
     return learned
 
 
 def _folds(group: SpeedGroup) -> range:
-    """Return the folds: halves, fifths or, if there are few passes, each single pass."""
+    """Return the numbers of the folds of a group: halves, fifths, or single passes."""
     count = len(group.passes)
     if count >= _FEWEST_FOR_HALVES:
         return range(2)
@@ -202,16 +202,16 @@ def _folds(group: SpeedGroup) -> range:
 
 
 def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
-    """Tune on all passes of a speed except a fold; return its errors and masses, (2, n), kg."""
+    """Tune on all passes except a fold; return errors and true masses of the fold, (2, n) in kg."""
     group = task.group
     count = len(_folds(group))
-    # The folds alternate in time, so that a drift and every mass are in all of them.
+    # Each fold has passes of each mass from the whole recording, and thus includes drifts.
     held_out = folds(group.masses, count) == fold
     learn, check = (
         replace(group, passes=tuple(compress(group.passes, chosen)))
         for chosen in (~held_out, held_out)
     )
-    # Half the evaluations, to limit the cost of all checks.
+    # The budget is halved to limit the time for all folds.
     budget = max(budget // 2, 1) if count < len(group.passes) else budget
     learned = _tune_speed(type(task)(task.name, learn, task.base, task.others), budget)
     estimates = estimates_of(check, _assemble(task.name, [learned], task.base).parameters)

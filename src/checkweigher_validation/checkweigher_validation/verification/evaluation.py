@@ -1,20 +1,23 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of a procedure: each attempt at a step against the limits of the class.
+"""Evaluation of a verification: comparison of each step with the limits of the accuracy class.
 
-The rules and their sources:
+The rules are:
 
-- Mean error and standard deviation of passes (each error in category Y): the limits of
-  `checkweigher_validation.accuracy.classes`, which names their sources.
-- Loads at rest: the same source; the limit of category X applies in both categories.
-- Zero within 0.25 e after zeroing and within 0.5 e later, loads on other lanes within the error of
-  the class, no mass outside the range of dynamic setting: OIML R 51-1:2006, quoted from memory
-  because its text was not available.
-- A pass without a mass fails its step. This is a rule of this program, so that a machine cannot
-  keep its limits by refusing to weigh.
+- The mean error and the standard deviation of passes are limited. In category Y, the error of each
+  pass is limited instead. The module `checkweigher_validation.accuracy.classes` has these limits
+  and their sources.
+- The error of a load at rest must be within the limit of the mean error of category X, which
+  applies in both categories.
+- The zero must be within 0.25 e after zeroing, and within 0.5 e later. The error of passes beside
+  the middle of the belt must be within the limit of the class. Passes outside the range of dynamic
+  setting must not get a mass. These rules are from OIML R 51-1:2006, quoted from memory because its
+  text was not available.
+- A step fails if a pass did not get a mass. This is a rule of this program; otherwise a machine
+  could meet its limits by not weighing.
 
-The uncertainty of an error is expanded with k = 2. It has a part from the scatter of the passes and
-one from the certificate of the reference mass. It is stated, but not subtracted from the limits.
+The stated uncertainty of an error is an expanded uncertainty with k = 2. It combines the scatter of
+the passes and the uncertainty of the reference mass. It is not subtracted from the limits.
 """
 
 from collections import Counter
@@ -32,34 +35,34 @@ from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
 from checkweigher_validation.verification.procedure import AtRest, Attempt, Procedure
 from checkweigher_validation.verification.steps import StepKind, steps_of
 
-ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5  # e
-COVERAGE = 2.0  # k of the expanded uncertainty
+ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5  # limits of the zero in e
+COVERAGE = 2.0  # coverage factor k of the expanded uncertainty
 WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
-LEVEL = 0.95  # probability of the intervals whose coverage is stated
+LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
-_THIRD = (0.25, 0.5)  # loads that count as a third of Max, relative to Max
+_THIRD = (0.25, 0.5)  # range of loads relative to Max that count as about a third
 _REFERENCE_SHARE = 1 / 3  # largest uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
-_LATE = 1.0  # largest deviation of a warm-up time, min
-_CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)  # the zero of calibration
+_LATE = 1.0  # largest deviation from a planned warm-up time in min
+_CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)  # zero at calibration
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Result of an attempt at a step, in kg; NaN for a figure or limit that does not apply."""
+    """Result of an attempt at a step. Masses are in kg; a value is NaN if it does not apply."""
 
     attempt: Attempt
-    number: int  # of this attempt at the step, from 1
-    attempts: int  # total at the step
-    count: int = 0  # weighed passes
-    required: int = 0  # weighings that the rule asks for
-    faults: int = 0
-    error: float = math.nan  # mean error of the passes, or the change of a zero
-    worst_error: float = math.nan  # error of the worst pass, with its sign
+    number: int  # number of this attempt at the step, from 1
+    attempts: int  # number of all attempts at the step
+    count: int = 0  # number of weighed passes
+    required: int = 0  # number of weighings that the rule requires
+    faults: int = 0  # number of passes without a mass
+    error: float = math.nan  # mean error of the passes, or change of the zero
+    worst_error: float = math.nan  # signed error of the pass with the largest magnitude
     std_dev: float = math.nan
-    spread: float = math.nan  # largest error less the smallest
-    uncertainty: float = math.nan  # of the error, k = 2
+    spread: float = math.nan  # difference between the largest and the smallest error
+    uncertainty: float = math.nan  # expanded uncertainty of the error, k = 2
     coverage: float = math.nan  # fraction of the stated intervals that contain the error
     max_error: float = math.nan
     max_std_dev: float = math.nan
@@ -67,12 +70,12 @@ class Result:
 
     @property
     def passed(self) -> bool:
-        """Whether the attempt was made and is within its limits."""
+        """Whether the attempt was made and is within all limits."""
         return self.verdict == 'passed'
 
     @property
     def verdict(self) -> str:
-        """Verdict: 'skipped', 'failed' or 'passed'."""
+        """Verdict on the attempt: 'skipped', 'failed' or 'passed'."""
         if self.attempt.skipped:
             return 'skipped'
         return 'failed' if self.failures else 'passed'
@@ -80,30 +83,42 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class AttemptResults:
-    """Results of all attempts in their order, and the departures from the recommendations."""
+    """Results of all attempts in chronological order, and the departures from the rules."""
 
     results: tuple[Result, ...]
-    missing: tuple[str, ...]  # names of steps that were not made
-    departures: tuple[str, ...]  # sentences
+    missing: tuple[str, ...]  # names of the steps that were not made
+    gaps: tuple[str, ...]  # a sentence for each missing step, test or weighing
+    doubts: tuple[str, ...]  # a sentence for each other departure
+
+    @property
+    def departures(self) -> tuple[str, ...]:
+        """Sentences on all departures."""
+        return self.gaps + self.doubts
 
     @property
     def verdict(self) -> str:
-        """Verdict: 'failed', 'incomplete' or 'passed', by the last attempt at each step."""
+        """Verdict 'failed', 'incomplete', 'undecided' or 'passed'.
+
+        It is computed from the last attempt at each step. If no step failed, the verification is
+        incomplete if something is missing, and undecided if there is another departure.
+        """
         if any(each.failures for each in self.last):
             return 'failed'
-        return 'incomplete' if self.missing else 'passed'
+        if self.gaps:
+            return 'incomplete'
+        return 'undecided' if self.doubts else 'passed'
 
     @property
     def last(self) -> tuple[Result, ...]:
-        """The last attempt at each step."""
+        """Result of the last attempt at each step."""
         return tuple(each for each in self.results if each.number == each.attempts)
 
 
 def outcome_of(procedure: Procedure) -> AttemptResults:
-    """Evaluate a procedure."""
+    """Return the results of a verification."""
     totals = Counter(attempt.step.name for attempt in procedure.attempts)
     made: Counter[str] = Counter()
-    zeros: list[tuple[StepKind, AtRest]] = []  # readings of zero so far
+    zeros: list[tuple[StepKind, AtRest]] = []  # kind of step and reading of each zero so far
     accuracy_class = procedure.plan.accuracy_class
     results = []
     for attempt in procedure.attempts:
@@ -121,13 +136,14 @@ def outcome_of(procedure: Procedure) -> AttemptResults:
             zeros.append((step.kind, reading))
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
     missing = tuple(step.name for step in steps_of(procedure.plan) if step.name not in done)
-    return AttemptResults(tuple(results), missing, tuple(_departures(procedure, results, missing)))
+    gaps = tuple(_gaps(procedure.plan, results, missing))
+    return AttemptResults(tuple(results), missing, gaps, tuple(_doubts(procedure, results)))
 
 
 def _zero_for(
     attempt: Attempt, zeroings: Sequence[ZeroChange], zeros: Sequence[tuple[StepKind, AtRest]]
 ) -> AtRest | None:
-    """Return the zero that a reading is compared with; None for the first one of the warm-up."""
+    """Return the zero that is subtracted from a reading, or None for the first warm-up reading."""
     kind = attempt.step.kind
     if kind == StepKind.STATIC:
         return zeros[-1][1] if zeros else _CALIBRATED
@@ -146,7 +162,7 @@ def _judge_reading(
     if reading.reasons:
         return replace(blank, failures=(f'no reading: {", ".join(reading.reasons)}',))
     step = blank.attempt.step
-    if zero is None:  # the first one, with which the later ones are compared
+    if zero is None:  # this is the first zero, with which the later ones are compared
         return replace(
             blank, error=0.0, max_error=math.inf, uncertainty=COVERAGE * reading.std_error
         )
@@ -168,10 +184,10 @@ def _judge_reading(
 
 
 def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
-    """Judge the passes of an attempt by the limits of its test.
+    """Return the result of the passes of an attempt.
 
-    Repeatability is judged by the standard deviation, in category Y by the spread; warm-up and
-    eccentricity by the error; other passes within the range by both.
+    In a test of repeatability, the standard deviation is limited (in category Y, the spread). In
+    the tests of warm-up and eccentricity, the error is limited. Otherwise both are limited.
     """
     step, condition = blank.attempt.step, condition_of(blank.attempt)
     result = _with_figures(blank, condition)
@@ -218,7 +234,7 @@ def _with_figures(blank: Result, condition: ConditionResult) -> Result:
 
 
 def condition_of(attempt: Attempt) -> ConditionResult:
-    """Return the passes of an attempt as a condition."""
+    """Return the errors of the passes of an attempt."""
     step = attempt.step
     assert step.load is not None
     assert step.speed is not None
@@ -242,7 +258,7 @@ def _shortcomings(attempt: Attempt, condition: ConditionResult) -> Iterator[str]
 
 
 def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[str]:
-    """Yield the faults of passes outside the range, which must not get a mass."""
+    """Yield the faults of a test outside the range, in which no pass may get a mass."""
     passes = condition.count + condition.faults
     if passes < planned:
         yield f'{passes} of {planned} planned passes'
@@ -250,26 +266,38 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
         yield f'{condition.count} passes got a mass'
 
 
-def _departures(
-    procedure: Procedure, results: Sequence[Result], missing: Sequence[str]
-) -> Iterator[str]:
+def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iterator[str]:
+    """Yield a sentence for each step, test and weighing that is missing."""
     yield from (f'Step {name} was not made.' for name in missing)
-    yield from _test_departures(procedure.plan)
+    yield from _missing_tests(plan)
+    for result in results:
+        if 0 < result.count < result.required:
+            yield (
+                f'Step {result.attempt.step.name} has {result.count} weighings, '
+                f'{result.required} are asked for.'
+            )
+
+
+def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
+    """Yield a sentence for each departure that leaves in doubt what was tested."""
+    yield from _warm_up_departures(procedure.plan, results)
     yield from _load_departures(procedure.plan)
     yield from _reference_departures(procedure.plan)
+    if not procedure.identity.get('audit_log_sha256'):
+        yield 'No audit log was read, which would show changes between the steps.'
     if procedure.changes is None:
         yield 'Parameters and audit log were not read again after the last step.'
     yield from procedure.changes or ()
-    yield from _late_warm_up(results)
+    zeroed = min((zero.stamp for zero in procedure.zeros), default=math.inf)
     for result in results:
-        step = result.attempt.step
+        name, attempt = result.attempt.step.name, result.attempt
+        if attempt.step.kind == StepKind.ZEROING and attempt.reading and attempt.begin < zeroed:
+            yield f'Step {name} followed no zeroing; it was compared with the zero of calibration.'
         if result.attempts > 1 and result.number == 1:
-            yield f'Step {step.name} was made {result.attempts} times; the last one counts.'
-        if 0 < result.count < result.required:
-            yield f'Step {step.name} has {result.count} weighings, {result.required} are asked for.'
+            yield f'Step {name} was made {result.attempts} times; the last one counts.'
 
 
-def _test_departures(plan: Plan) -> Iterator[str]:
+def _missing_tests(plan: Plan) -> Iterator[str]:
     tests = {
         'warm-up': plan.warm_up,
         'zero': plan.zero,
@@ -279,9 +307,6 @@ def _test_departures(plan: Plan) -> Iterator[str]:
         'loads at rest': plan.static,
     }
     yield from (f'The plan has no test of {name}.' for name, test in tests.items() if not test)
-    if plan.warm_up and plan.warm_up.minutes != WARM_UP_MINUTES:
-        given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
-        yield f'Warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
 
 
 def _load_departures(plan: Plan) -> Iterator[str]:
@@ -299,9 +324,9 @@ def _load_departures(plan: Plan) -> Iterator[str]:
 
 
 def _reference_departures(plan: Plan) -> Iterator[str]:
-    """Yield a sentence for each reference mass that is too uncertain for its limits."""
+    """Yield a sentence for each reference mass whose uncertainty is too large for its limits."""
     own = plan.accuracy_class
-    limits: dict[Mass, float] = {}  # smallest limit of the steps of a load
+    limits: dict[Mass, float] = {}  # smallest limit of all steps with a load, in kg
     for step in steps_of(plan):
         if step.load is not None and step.kind != StepKind.OUTSIDE:
             limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)
@@ -315,7 +340,10 @@ def _reference_departures(plan: Plan) -> Iterator[str]:
             )
 
 
-def _late_warm_up(results: Sequence[Result]) -> Iterator[str]:
+def _warm_up_departures(plan: Plan, results: Sequence[Result]) -> Iterator[str]:
+    if plan.warm_up and plan.warm_up.minutes != WARM_UP_MINUTES:
+        given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
+        yield f'Warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
     own = [each for each in results if each.attempt.step.minutes is not None]
     for result in own:
         planned, after = result.attempt.step.minutes, minutes_after(result, own[0])
@@ -324,5 +352,5 @@ def _late_warm_up(results: Sequence[Result]) -> Iterator[str]:
 
 
 def minutes_after(result: Result, first: Result) -> float:
-    """Return the time from the start of another attempt to the start of this one, min."""
+    """Return the time in min from the start of the attempt `first` to that of `result`."""
     return (result.attempt.begin - first.attempt.begin) / (1e9 * MINUTE)

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a verification: machine, accuracy class, reference masses and tests.
+"""Plan of a verification: a YAML file with machine, accuracy class, reference masses and tests.
 
-The plan is a YAML file; `EXAMPLE` has a comment at each key. Its masses are in grams and its speeds
-in m/min, as the keys say. A test whose section is left out is not done, and the report says so.
+`EXAMPLE` is a plan with a comment for each key. Masses are in g, and speeds are in m/min. A test
+without a section in the plan is not made, and the report mentions that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,12 +26,12 @@ from checkweigher_validation.accuracy.classes import (
 )
 
 EXAMPLE = (files(__package__) / 'example_plan.yaml').read_text(encoding='utf-8')
-LONGEST = 10_000  # characters of a plan
+LONGEST = 10_000  # largest number of characters of a plan
 MINUTE = 60.0  # s
-PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders in the folder of a machine
+PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders of the folder of a machine
 
-_ROUNDING = 1 + 1e-9
-_MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0  # passes, g, m/min
+_ROUNDING = 1 + 1e-9  # tolerance of a mass that equals a limit
+_MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0  # largest values; g and m/min
 
 
 def _grams(text: str, default: Any = MISSING, minimum: float = 1e-6) -> Any:
@@ -54,12 +54,12 @@ class Mass(Settings):
 
     @property
     def mass(self) -> float:
-        """Mass, kg."""
+        """Mass in kg."""
         return self.mass_g / GRAMS
 
     @property
     def uncertainty(self) -> float:
-        """Standard uncertainty of the mass, kg."""
+        """Standard uncertainty of the mass in kg."""
         return self.uncertainty_g / GRAMS
 
 
@@ -73,7 +73,7 @@ class Passes(NamedTuple):
 
 @dataclass(frozen=True)
 class PassesOfLoad(Settings):
-    """Passes of one load at one belt speed, as a section of the file."""
+    """Section of the file with the passes of one load at one belt speed."""
 
     load: str = parameter(text='reference mass')
     speed_m_per_min: float = parameter(text='belt speed', minimum=0.1, maximum=_FASTEST)
@@ -82,7 +82,7 @@ class PassesOfLoad(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class WarmUp(PassesOfLoad):
-    """Zero and passes of one load at some times after the machine was switched on."""
+    """Section with the times of a warm-up test, at which zero and passes are recorded."""
 
     minutes: tuple[float, ...] = parameter(text='times', minimum=0, maximum=24 * 60)
 
@@ -93,7 +93,7 @@ class WarmUp(PassesOfLoad):
 
 @dataclass(frozen=True, kw_only=True)
 class Eccentricity(PassesOfLoad):
-    """Passes of one load on lanes beside the middle of the belt."""
+    """Section with the passes of one load beside the middle of the belt."""
 
     positions: tuple[str, ...] = parameter(text='names of lanes on the belt')
 
@@ -106,37 +106,37 @@ class Eccentricity(PassesOfLoad):
 
 @dataclass(frozen=True)
 class ZeroReadings(Settings):
-    """Readings of the zero."""
+    """Section with the number of readings of the zero."""
 
     readings: int = parameter(5, 'of the empty belt', minimum=1, maximum=100)
 
 
 @dataclass(frozen=True)
 class Static(Settings):
-    """Loads at rest."""
+    """Section with the loads at rest."""
 
     loads: tuple[str, ...] = parameter(text='reference masses')
 
 
 @dataclass(frozen=True)
 class Rest(Settings):
-    """Reading of a load at rest."""
+    """Section with the settings of a reading at rest."""
 
     duration_s: float = parameter(5.0, 'time of a reading', unit='s', minimum=0.2, maximum=60)
     tolerance_g: float = _grams('by which it may move', 0.1)
 
     @property
     def tolerance(self) -> float:
-        """Largest change of the load during a reading, kg."""
+        """Largest change of the load during a reading in kg."""
         return self.tolerance_g / GRAMS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(Settings):
-    """Machine, accuracy class, reference masses and tests of a verification.
+    """Plan of a verification.
 
-    The fields are the keys of the file; the properties are in SI units. A test that is not made is
-    None or empty.
+    The fields have the units of the file, and the properties have SI units. The field of a test is
+    None or empty if the test is not made.
     """
 
     machine: Mapping[str, str] = parameter(text='nameplate')
@@ -181,22 +181,22 @@ class Plan(Settings):
 
     @property
     def accuracy_class(self) -> AccuracyClass:
-        """Class to which the machine is verified."""
+        """Accuracy class that the machine must satisfy."""
         return AccuracyClass(self.class_, self.factor, self.e_g / GRAMS, self.in_service)
 
     @property
     def minimum(self) -> float:
-        """Min, kg."""
+        """Min in kg."""
         return self.min_g / GRAMS
 
     @property
     def maximum(self) -> float:
-        """Max, kg."""
+        """Max in kg."""
         return self.max_g / GRAMS
 
     @property
     def prepackages(self) -> tuple[Suitability, ...]:
-        """Prepackages for the machine to check, with the error that they allow."""
+        """Comparison of the class with the error allowed for each nominal quantity."""
         return tuple(suitability(self.accuracy_class, each / GRAMS) for each in self.prepackages_g)
 
     @property
@@ -210,14 +210,15 @@ class Plan(Settings):
 
     @property
     def static_loads(self) -> tuple[Mass, ...]:
-        """Loads at rest, the lightest first."""
+        """Loads at rest in ascending order."""
         loads = [self.references[name] for name in self.static.loads] if self.static else []
         return tuple(sorted(loads, key=lambda load: load.mass))
 
     def passes_of(self, section: PassesOfLoad, default: int = 0) -> Passes:
         """Return the passes of a section.
 
-        Without a number in the section there are `default` passes, or as many as the load requires.
+        If the section has no number of passes, `default` passes are made, or the number that the
+        load requires if `default` is 0.
         """
         load = self.references[section.load]
         count = section.passes or default or weighings_required(load.mass)
@@ -259,7 +260,7 @@ class Plan(Settings):
                 raise SettingsError(text, key)
 
     def _known(self, names: Sequence[str], *path: object) -> list[Mass]:
-        """Return reference masses by name; `SettingsError` if one is unknown."""
+        """Return the reference masses with some names. Raises `SettingsError` if one is unknown."""
         for name in names:
             if name not in self.references:
                 text = f'{name!r} is none of the references {", ".join(self.references)}'
@@ -269,7 +270,7 @@ class Plan(Settings):
 
 
 def read_plan(text: str) -> Plan:
-    """Return the plan of a YAML text; `SettingsError` names the first key that cannot be used."""
+    """Return the plan in a YAML text. Raises `SettingsError` if the text is not a valid plan."""
     if len(text) > LONGEST:
         raise SettingsError(f'{len(text)} characters, at most {LONGEST}: shorten the comments')
     with opened(text) as content:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A procedure as recorded in its bag: the plan, and each attempt at a step with its readings."""
+"""Reader for the bag of a verification, with the plan and the readings of each step."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,8 +30,7 @@ from checkweigher_recording.bags.results import mcap_digest, read_records
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
-# Keys of the identity in a bag: the program that recorded it, and digests of files outside the bag.
-# The identity after the last step also has the changes since the first step.
+# Keys of the identity in a bag, which has the program that recorded the bag, and digests of files.
 IDENTITY = (
     'program',
     'program_sha256',
@@ -46,66 +45,63 @@ SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
 @dataclass(frozen=True, slots=True)
 class ItemPass:
-    """One item that passed; masses in kg, NaN if unknown."""
+    """One pass of an item. Masses are in kg, and NaN if they are unknown."""
 
-    stamp: int  # ns, t1, or t3 if there is no t1
+    stamp: int  # t1 in ns, or t3 if t1 is unknown
     mass: float
-    std_dev: float  # as the identifier states it
+    std_dev: float  # stated standard deviation
     speed: float  # m/s
-    reasons: tuple[str, ...]  # why it was not weighed
+    reasons: tuple[str, ...]  # reasons why the item was not weighed
 
     @property
     def weighed(self) -> bool:
-        """Whether it got a mass."""
+        """Whether the item got a mass."""
         return not self.reasons
 
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """Reading of the load on the belt, in kg above the zero of calibration.
+    """Reading of a load at rest in kg, relative to the zero of calibration."""
 
-    Without a reading the numbers are NaN, and `reasons` says why.
-    """
-
-    mass: float
-    std_error: float  # of the mean, from the means of ten successive batches
+    mass: float  # NaN, as the following values, if there is no valid reading
+    std_error: float  # standard error of the mean, from the means of ten successive batches
     noise: float  # standard deviation of the samples
     samples: int
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()  # reasons why there is no valid reading
 
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """An attempt at a step, from `begin` to `end` in ns; it was not made if it was `skipped`."""
+    """Attempt at a step."""
 
     step: Step
-    begin: int
-    end: int
+    begin: int  # ns
+    end: int  # ns
     passes: tuple[ItemPass, ...] = ()
     reading: AtRest | None = None
-    skipped: str = ''  # why
+    skipped: str = ''  # reason why the step was not made, or empty
 
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """Content of the bag of a procedure."""
+    """Content of the bag of a verification."""
 
     plan: Plan
     plan_text: str
-    identity: Mapping[str, str | None]  # program and parameters, with the keys of IDENTITY
+    identity: Mapping[str, str | None]  # values of the keys in IDENTITY
     load_cell: LoadCell
     attempts: tuple[Attempt, ...]
-    zeros: tuple[ZeroChange, ...]  # set by the service `zero`
+    zeros: tuple[ZeroChange, ...]  # zeros that the operator has set
     digest: str  # SHA-256 of the bag
     faults_between: tuple[ItemPass, ...] = ()  # items without a mass that belong to no attempt
-    # Sentences on the changes since the first step; None if they were not read after the last step.
+    # A sentence for each change of settings since the first step, or None if this is unknown.
     changes: tuple[str, ...] | None = ()
 
 
 def read_procedure(path: Path) -> Procedure:
-    """Read the bag of a procedure.
+    """Read the bag of a verification.
 
-    Raises `BagError` if the bag holds no procedure, or is damaged.
+    Raises `BagError` if the bag is damaged or is not of a verification.
     """
     found = read_records(
         path, ports.VERIFICATION, ports.MASS_ESTIMATE, ports.VERDICT, ports.ZERO_SETTING
@@ -147,7 +143,7 @@ def read_procedure(path: Path) -> Procedure:
 def item_passes(
     estimates: Iterable[MassEstimate], verdicts: Iterable[Verdict]
 ) -> tuple[ItemPass, ...]:
-    """Return the items of verdicts in the order of entry, with the speeds of their estimates."""
+    """Return the passes of verdicts in order of entry, with the speeds of their estimates."""
     speeds = {(each.item_id, each.t1): each.belt_speed for each in estimates}
     items = [
         item_pass(each, speeds.get((each.estimate_id, each.t1), math.nan)) for each in verdicts
@@ -156,7 +152,10 @@ def item_passes(
 
 
 def item_pass(verdict: Verdict, speed: float) -> ItemPass:
-    """Return the item of a verdict; a FAULT has no mass, unless only a product is missing."""
+    """Return the pass of a verdict. It has no mass if the decision is FAULT.
+
+    The reason NoProduct is an exception, because the item was weighed and only limits are missing.
+    """
     fault = verdict.decision == Decision.FAULT and verdict.reasons != (Reason.NO_PRODUCT.value,)
     fault |= not math.isfinite(verdict.mass)
     reasons = tuple(verdict.reasons) or ('Unknown',) if fault else ()
@@ -183,7 +182,7 @@ def _attempt(
 
 
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:
-    """Return the reading of the blocks that are within a time span in ns."""
+    """Return the reading from all blocks between two times in ns."""
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)
     inside = np.flatnonzero((blocks.stamps >= begin) & (blocks.stamps + durations <= end))

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a verification: plain values in the form of `report.schema.json`.
+"""Report of a verification as plain values that satisfy `report.schema.json`.
 
-The report depends only on the bag of the procedure: its times are from the records, and the
-computer that makes it has no influence. The same bag gives the same report, byte for byte.
+The report is computed only from the bag of the verification. The same bag gives the same report,
+byte for byte, at any time and on any computer.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,12 +25,12 @@ from checkweigher_validation.verification.procedure import AtRest, Attempt, Item
 SCHEMA = 'checkweigher-verification/1'
 Values = dict[str, Any]
 
-# Statement, checks that software cannot make, and sources of the limits.
+# Texts of the report: a statement, the checks that software cannot make, and the sources.
 _TEXTS = yaml.safe_load((files(__package__) / 'report_texts.yaml').read_text(encoding='utf-8'))
 
 
 def report_of(procedure: Procedure) -> Values:
-    """Return the report of a procedure as plain values; an unknown value is None."""
+    """Return the report of a verification as plain values. An unknown value is None."""
     found = outcome_of(procedure)
     cell, identity = asdict(procedure.load_cell), procedure.identity
     stamps = [stamp for each in procedure.attempts for stamp in (each.begin, each.end)]
@@ -111,7 +111,7 @@ def as_json(report: Mapping[str, Any]) -> str:
 
 
 def canonical(values: object) -> str:
-    """Return plain values as JSON in one fixed form, for a digest."""
+    """Return plain values as JSON. Equal values give equal texts, so that a digest can be used."""
     return json.dumps(values, sort_keys=True, separators=(',', ':'))
 
 
@@ -120,7 +120,7 @@ def _digest(text: str) -> str:
 
 
 def _step(result: Result, first: Result | None = None) -> Values:
-    """Return the result of an attempt; `first` is the first result of the warm-up."""
+    """Return the values of an attempt. `first` is the first result of the warm-up."""
     attempt, step = result.attempt, result.attempt.step
     after = None
     if first is not None and step.minutes is not None:
@@ -181,20 +181,20 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
 
 
 def _in_grams(record: object, *names: str) -> Values:
-    """Return fields of a record that are in kg, each with its value in g."""
+    """Return the values in g of some fields of a record, which are in kg."""
     return {f'{name}_g': _grams(getattr(record, name)) for name in names}
 
 
 def _grams(value: float) -> float | None:
-    """Return kg in g to the microgram, None if unknown or infinite."""
+    """Return a mass in kg as a value in g with six decimal places, or None if it is not finite."""
     return _number(GRAMS * value, 6)
 
 
 def _number(value: float, digits: int) -> float | None:
-    # Adding zero removes the sign of minus zero.
+    # The addition converts -0.0 to 0.0.
     return round(value, digits) + 0.0 if math.isfinite(value) else None
 
 
 def _time(stamp: int) -> str:
-    """Return ns since 1970 as ISO 8601 in UTC, to the millisecond."""
+    """Return a time in ns since 1970 as ISO 8601 text in UTC with milliseconds."""
     return f'{np.datetime64(stamp // 1_000_000, "ms")}Z'

@@ -1,10 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of a verification in their order, with the instructions to the operator.
+"""Steps of a verification, with an instruction to the operator for each step.
 
-The tests are in the order of the test report of OIML R 51-2:2006 (warm-up time, range of dynamic
-setting, zero-setting and so on); only its table of contents was available. The zero is an
-exception: it is read before the results that depend on it.
+The tests have the order of the test report in OIML R 51-2:2006, of which only the table of contents
+was available. The test of the zero is an exception: it precedes the tests that depend on the zero.
 """
 
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
 
 
 class StepKind(StrEnum):
-    """Test that a step belongs to."""
+    """Test to which a step belongs."""
 
     WARM_UP_ZERO = 'warm-up, zero'
     WARM_UP = 'warm-up, passes'
@@ -47,19 +46,19 @@ _TO_DO = {
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step: a reading at rest, or `count` passes of a load at a belt speed."""
+    """Step of a verification: a reading at rest, or `count` passes of a load."""
 
     name: str
     kind: StepKind
     load: Mass | None = None
-    speed: float | None = None  # m/s
+    speed: float | None = None  # belt speed in m/s, or None for a reading at rest
     count: int = 0
     position: str = ''
-    minutes: float | None = None  # after the first step, of the warm-up
+    minutes: float | None = None  # planned time after the first step of the warm-up
 
     @property
     def at_rest(self) -> bool:
-        """Whether it is a reading at rest."""
+        """Whether the step is a reading at rest."""
         return self.speed is None
 
     @property
@@ -71,7 +70,7 @@ class Step:
 
 
 def steps_of(plan: Plan) -> tuple[Step, ...]:
-    """Return the steps of a plan in their order, each with a unique name."""
+    """Return the steps of a plan in chronological order. Each step has a unique name."""
     return tuple(_steps(plan))
 
 

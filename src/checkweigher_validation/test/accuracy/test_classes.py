@@ -20,6 +20,7 @@ from checkweigher_validation.accuracy.classes import (
     weighings_required,
 )
 
+FACTORS = {'XI': 0.5, 'XII': 0.5, 'XIIII': 2}  # a factor for each class that may not have 1
 EXACT = 1e-12  # relative
 
 
@@ -57,7 +58,7 @@ def test_the_error_steps_right_after_its_loads(names, loads, interval):
     }
     for name, by_service in steps.items():
         for in_service, errors in zip((False, True), by_service, strict=True):
-            limits = AccuracyClass(name, interval=interval, in_service=in_service)
+            limits = AccuracyClass(name, FACTORS.get(name, 1), interval, in_service)
             for number, load in enumerate(loads):
                 at, above = (limits.max_error((load + more) * interval) for more in (0, 1e-3))
                 assert at == pytest.approx(errors[number] * interval)
@@ -94,13 +95,31 @@ def test_standard_deviations_of_each_row_are_those_worked_by_hand(mass, initial,
     assert AccuracyClass(in_service=True).max_std_dev(mass) == pytest.approx(in_service, rel=EXACT)
 
 
-@given(st.floats(1e-3, 50), st.sampled_from([0.02, 0.1, 0.5, 1.0, 2.0]))
+@given(st.floats(1e-3, 50), st.sampled_from([0.02, 0.1, 0.5, 1.0]))
 def test_the_class_factor_scales_the_standard_deviation_alone(mass, factor):
     scaled = AccuracyClass(factor=factor)
     expected = factor * AccuracyClass().max_std_dev(mass)
     assert scaled.max_std_dev(mass) == pytest.approx(expected, rel=EXACT)
     assert scaled.max_error(0.1) == AccuracyClass().max_error(0.1)
-    assert AccuracyClass('XI').max_error(1e4 * mass) > 0  # there is no largest load
+    assert AccuracyClass('XI', 0.5).max_error(1e4 * mass) > 0  # there is no largest load
+
+
+@pytest.mark.parametrize(
+    ('name', 'allowed', 'refused'),
+    [
+        # MID, Annex VIII, Chapter II, 4.2; at most 2 by R 51.
+        ('XI', (0.01, 0.5), (1, 2)),
+        ('XII', (0.2, 0.5), (1, 2)),
+        ('XIII', (0.1, 0.5, 1), (2,)),
+        ('XIIII', (2,), (0.5, 1, 5)),
+    ],
+)
+def test_each_class_has_the_factors_of_the_directive(name, allowed, refused):
+    for factor in allowed:
+        assert str(AccuracyClass(name, factor)).startswith(f'{name}({factor:g}), ')
+    for factor in refused:
+        with pytest.raises(ValueError, match=f'class factor x: {factor} is not '):
+            AccuracyClass(name, factor)
 
 
 def test_weighings_required_are_those_of_the_rule():
@@ -132,9 +151,9 @@ def test_the_nameplate_decides_which_limits_hold():
     assert not judge(one, AccuracyClass()).passed
     # In service 0.2 g and 0.3 % of 164.5 g = 0.4935 g.
     assert judge(one, AccuracyClass(in_service=True)).passed
-    # With x = 2 only the standard deviation is within.
-    assert judge(one, AccuracyClass(factor=2)).std_dev_passed
-    assert not judge(one, AccuracyClass(factor=2)).error_passed
+    # With x = 2 and e = 0.1 g only the standard deviation is within: the load is above 1000 e.
+    assert judge(one, AccuracyClass('XIIII', 2)).std_dev_passed
+    assert not judge(one, AccuracyClass('XIIII', 2)).error_passed
     # With e = 0.2 g the load is 822.5 e: 1 e.
     assert judge(one, AccuracyClass(interval=0.2e-3)).error_passed
 
@@ -145,7 +164,7 @@ def test_too_few_weighings_none_at_all_and_a_load_above_the_class_do_not_pass():
     none = judge(make_condition([], faults=60), AccuracyClass())
     assert (none.error_passed, none.std_dev_passed) == (False, False)
     # XIIII goes up to 1000 e = 100 g.
-    above = judge(make_condition(errors_with(0, 1e-6)), AccuracyClass('XIIII'))
+    above = judge(make_condition(errors_with(0, 1e-6)), AccuracyClass('XIIII', 2))
     assert math.isnan(above.max_error)
     assert not above.passed
 
@@ -173,7 +192,7 @@ def test_there_are_four_classes_of_each_category():
     assert str(AccuracyClass()) == 'XIII(1), e = 0.1 g, initial verification'
     assert str(AccuracyClass('Y(a)', in_service=True)) == 'Y(a), e = 0.1 g, in service'
     # GB/T 27739 writes it so.
-    assert AccuracyClass('XIV') == AccuracyClass('XIIII')
+    assert AccuracyClass('XIV', 2) == AccuracyClass('XIIII', 2)
 
 
 def test_one_weighing_beyond_the_limit_of_category_y_fails():
@@ -235,7 +254,7 @@ def test_e_is_the_smallest_that_the_class_allows_for_max(name, maximum, interval
 def test_a_range_that_no_class_allows_is_refused_with_the_rule(
     name: str, interval: float, minimum: float, maximum: float, complaint: str
 ):
-    own = AccuracyClass(name, interval=interval * 1e-3)
+    own = AccuracyClass(name, FACTORS.get(name, 1), interval * 1e-3)
     if not complaint:
         check_range(own, minimum * 1e-3, maximum * 1e-3)
         return
@@ -261,7 +280,7 @@ def test_a_range_that_no_class_allows_is_refused_with_the_rule(
 def test_a_class_checks_prepackages_of_five_times_its_error_in_service(
     name: str, interval: float, nominal: float, max_error: float, allowed: float
 ):
-    found = suitability(AccuracyClass(name, interval=interval), nominal)
+    found = suitability(AccuracyClass(name, FACTORS.get(name, 1), interval), nominal)
     assert found.max_error == pytest.approx(max_error, nan_ok=True)
     assert found.allowed_error == pytest.approx(allowed)
     assert found.suitable == (max_error <= allowed)

@@ -205,7 +205,7 @@ def test_all_conditions_stand_beside_table_3_of_the_paper(page):
 
 
 def test_the_limits_of_prepackages_are_there_if_asked_for(page, text):
-    assert ['6.75 g', '143.25 g', '136.50 g'] in table_with(page, 'TU1')
+    assert ['6.80 g', '143.20 g', '136.40 g'] in table_with(page, 'TU1')
     assert '<strong>suitable</strong>' in text
     of_one_gram = AccuracyClass('XIII', interval=1e-3)  # errs by 1 g in service, a fifth is 0.9 g
     assert '<strong>NOT suitable</strong>' in render(make_evaluation(), of_one_gram, nominal=0.1)

@@ -5,11 +5,14 @@
 from dataclasses import replace
 import math
 
-from made_procedure import PLAN, START, attempt_of, procedure_of
+from made_procedure import IDENTITY, PLAN, START, attempt_of, procedure_of
 import pytest
 
 from checkweigher_core.records import ZeroChange
 from checkweigher_validation.verification.evaluation import outcome_of
+from checkweigher_validation.verification.plan import EXAMPLE, read_plan
+from checkweigher_validation.verification.procedure import AtRest, Attempt, ItemPass, Procedure
+from checkweigher_validation.verification.steps import StepKind, steps_of
 
 GRAM = 1e-3
 IN_Y = PLAN.replace('class: XIII', 'class: Y(a)')
@@ -154,6 +157,45 @@ def test_what_was_another_one_after_the_last_step_is_told():
     assert unread not in outcome_of(made).departures
     assert unread in outcome_of(replace(made, changes=None)).departures
     assert 'It changed.' in outcome_of(replace(made, changes=('It changed.',))).departures
+
+
+def whole_procedure(text: str = EXAMPLE) -> Procedure:
+    """Return a procedure of a plan, with all its steps within their limits."""
+    plan = read_plan(text)
+    attempts = []
+    for number, step in enumerate(steps_of(plan)):
+        minutes = 31 + number if step.minutes is None else step.minutes
+        begin, mass = START + round(60e9 * minutes), step.load.mass if step.load else 0.0
+        reading = AtRest(mass, 1e-6, 1e-5, 960) if step.at_rest else None
+        item = ItemPass(begin, mass, 1e-4, step.speed or 0.0, ())
+        if step.kind == StepKind.OUTSIDE:
+            item = replace(item, mass=math.nan, reasons=('BeltSpeed',))
+        passes = () if step.at_rest else (item,) * step.count
+        attempts.append(Attempt(step, begin, begin + 1, passes, reading))
+    return procedure_of(*attempts, zeros=[ZeroChange(START, 0.0, 0.0, 1e-6)], plan=text)
+
+
+def test_only_a_whole_verification_without_departures_is_passed():
+    whole = whole_procedure()
+    found = outcome_of(whole)
+    assert (found.departures, found.verdict) == ((), 'passed')
+
+    *others, last = whole.attempts
+    assert last.reading is not None
+    beyond = replace(last, reading=replace(last.reading, mass=last.reading.mass + 1e-3))
+    uncertain = EXAMPLE.replace('    uncertainty_g: 0.002', '    uncertainty_g: 0.5')
+    for procedure, verdict in (
+        (replace(whole, attempts=(*others, beyond)), 'failed'),
+        (replace(whole, attempts=tuple(others)), 'incomplete'),
+        (whole_procedure(EXAMPLE.replace('# passes: 60', 'passes: 59')), 'incomplete'),
+        (whole_procedure(EXAMPLE[: EXAMPLE.index('static:')]), 'incomplete'),
+        (whole_procedure(uncertain), 'undecided'),
+        (replace(whole, attempts=(*others, beyond, last)), 'undecided'),
+        (replace(whole, zeros=()), 'undecided'),
+        (replace(whole, changes=('It changed.',)), 'undecided'),
+        (replace(whole, identity={**IDENTITY, 'audit_log_sha256': None}), 'undecided'),
+    ):
+        assert outcome_of(procedure).verdict == verdict
 
 
 def test_departures_from_what_is_recommended_are_told():

@@ -53,10 +53,10 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
         ('[250, 500]', '[500, 500]', 'prepackages_g: 500 is there twice'),
         ('[250, 500]', '[2]', 'prepackages_g: 2 is not in 5..10000'),
         (
-            '[250, 500]',
-            '[5]',
-            'prepackages_g: 5 g may be checked by a scale whose error in service is at most '
-            '0.09 g (FPackV, Annex 7); that of XIII with e = 0.1 g is 0.1 g',
+            'e_g: 0.1',
+            'e_g: 2',
+            'prepackages_g: 250 g may be checked by a scale whose error in service is at most '
+            '1.8 g (FPackV, Annex 7); that of XIII with e = 2 g is 2 g',
         ),
         ('max_g: 600', 'max_g: 300', 'line 37: loads: large, 500 g, is not in Min..Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),

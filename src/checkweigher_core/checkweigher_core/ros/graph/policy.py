@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Security policy of a line for SROS2: the least rights of each node, and the enclaves."""
+"""SROS2 security policy of a line, with the enclaves and the minimal rights of each node."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -20,17 +20,17 @@ from checkweigher_core.ros.services import (
     VERIFY,
 )
 
-LINE = 'line'  # the process in which all nodes of a lane may run
+LINE = 'line'  # enclave of a process with all nodes of a lane
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which observers subscribe, by node. The page uses this table, too.
+# Topics to which nodes outside the table of ports subscribe, by node. The page uses it, too.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # for clocks, if its stamps come from two hosts
+    'segmenter': (ports.DIAGNOSTICS,),  # the diagnostics of other hosts show their clocks
     'page_results': ports.PAGE_RESULTS,
     'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
@@ -53,8 +53,8 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
 
 # Services of rclpy that a node calls.
 _CALLED = {
-    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets parameters of a recipe, reads all
-    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # for the digest in the report
+    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets the parameters of a recipe
+    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # reports a digest of the parameters
     PAGE_WORK: _of(services.LIFE_CYCLE_NODES, ('get_state', 'change_state'))
     | _of(NODES, ('get_parameters',))
     | _of((*services.LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (services.SETTER,)),
@@ -63,7 +63,7 @@ _CALLED = {
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Rights of a node as full names; DDS reads a ``*`` in a name as any characters."""
+    """Rights of a node as full names of topics and services, with ``*`` for any characters."""
 
     publish: frozenset[str] = frozenset()
     subscribe: frozenset[str] = frozenset()
@@ -72,7 +72,7 @@ class Rights:
 
 
 def rights(node: str, lane: str = '') -> Rights:
-    """Return the rights of a node, by its name, in the namespace `lane`."""
+    """Return the rights of a node in the namespace `lane`."""
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     client = PAGE_WORK if node in GATEWAY_WORK else node
     subscribe = {
@@ -85,7 +85,7 @@ def rights(node: str, lane: str = '') -> Rights:
         client, set()
     )
     if node in (*NODES, *OF_MACHINE):
-        publish.add(f'{node}/_*')  # shows a starting node its own participant
+        publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
     if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
         reply |= _of([node], services.LIFE_CYCLE_SERVICES)
@@ -94,21 +94,21 @@ def rights(node: str, lane: str = '') -> Rights:
 
 def _makes(node: str, port: Port) -> bool:
     every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE, *GATEWAYS)
-    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # rejects that its inputs show
+    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # from its machine inputs
     return every or inputs or port.maker == node
 
 
 def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
-    """Return the full names in a lane; a name with a leading slash is already full."""
+    """Return the full names in a lane. A name with a leading slash is already full."""
     space = f'/{lane}' if lane else ''
     return frozenset(name if name.startswith('/') else f'{space}/{name}' for name in names)
 
 
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
-    """Return the enclaves of some lanes, each with its nodes as namespace and name.
+    """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave. The process with all six nodes has one, too. The page serves
-    all lanes from one process, so it has only one.
+    Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
+    page is one process for all lanes, with one enclave.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
@@ -116,7 +116,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
         space = f'/{lane}' if lane else ''
         for node in (*NODES, *OF_MACHINE, REPORTER):
             found[f'{space}/{node}'] = [(lane, node)]
-        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # it records in the same process
+        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # runs in the same process
         found[f'{space}/{LINE}'] = [(lane, node) for node in NODES]
         found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
@@ -129,7 +129,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
 
 
 def enclave_arguments(lane: str, name: str) -> list[str]:
-    """Return the ROS arguments for the enclave of a name in a lane, none without security."""
+    """Return the ROS arguments that select an enclave of a lane, empty without security."""
     if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
         return []
     return ['--enclave', f'/{lane}/{name}' if lane else f'/{name}']
