@@ -30,14 +30,18 @@ class Authority:
         self._key = rsa.generate_private_key(65537, 2048)
         self.certificate = self._write(name, None).certificate
 
-    def pair(self, name: str) -> Pair:
+    def pair(self, name: str, uri: str = 'urn:plant') -> Pair:
         """Return a certificate for a server on this computer or for a client of that name."""
-        return self._write(name, rsa.generate_private_key(65537, 2048))
+        return self._write(name, rsa.generate_private_key(65537, 2048), uri)
 
-    def _write(self, name: str, key: rsa.RSAPrivateKey | None) -> Pair:
+    def _write(self, name: str, key: rsa.RSAPrivateKey | None, uri: str = 'urn:plant') -> Pair:
         own, now = key or self._key, datetime.now(UTC)
         usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-        here = [x509.DNSName('localhost'), x509.IPAddress(ip_address('127.0.0.1'))]
+        here = [
+            x509.UniformResourceIdentifier(uri),
+            x509.DNSName('localhost'),
+            x509.IPAddress(ip_address('127.0.0.1')),
+        ]
         made = (
             x509.CertificateBuilder()
             .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]))
@@ -51,7 +55,7 @@ class Authority:
             .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
             .sign(self._key, hashes.SHA256())
         )
-        files = Pair(self._folder / f'{name}.pem', self._folder / f'{name}.key')
+        files = Pair(self._folder / f'{name}.pem', self._folder / f'{name}.key.pem')
         secret = own.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
         files.key.write_bytes(secret)
         files.key.chmod(0o600)

@@ -3,13 +3,13 @@
 """A gateway in a process of its own, as a user starts it, and the verdicts of its line."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 import re
 import subprocess
 import time
 
-from running import PATIENCE, start_command, wait_for
+from running import PATIENCE, children, start_command, wait_for
 import yaml
 
 from checkweigher_core.records import Verdict
@@ -18,8 +18,9 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
 
 LANE = 'lane1'
+MODULE = 'checkweigher_gateways.gateway'
 # A fast simulated line, of which some items are too light.
-LINE = {
+LINE: dict[str, dict[str, object]] = {
     'driver': {
         'source': 'simulator',
         'simulator': {
@@ -30,18 +31,42 @@ LINE = {
             'masses': [0.2, 0.05, 0.2],
         },
     },
-    'reject': {'lower_limit': 0.1, 'upper_limit': 0.3},
+    'reject': {'max_rejects_in_a_row': 6},
 }
+
+
+PRODUCTS = {
+    'light': {'nominal': 0.2, 'lower_limit': 0.19, 'upper_limit': 0.21},
+    'heavy': {'nominal': 0.3, 'lower_limit': 0.29, 'upper_limit': 0.31},
+}
+
+
+def line_values(folder: Path) -> dict[str, dict[str, object]]:
+    """Return the parameters of the line, with its recipes in a folder and its audit log there."""
+    recipes = folder / 'recipes.yaml'
+    recipes.write_text(yaml.safe_dump({'products': PRODUCTS}))
+    log = str(folder / 'audit.log')
+    product = {'recipes': str(recipes), 'product': 'light', 'audit_log': log}
+    return {**LINE, 'product': product}
 
 
 class Verdicts(PortNode):
     """Node of the plant that takes the verdicts of the line, without those before it came."""
 
-    def __init__(self, spinner: Spinner) -> None:
+    def __init__(self, spinner: Spinner, folder: Path, line: int) -> None:
         super().__init__('plant', namespace=f'/{LANE}')
+        self.folder, self._line = folder, line
         self.taken: list[Verdict] = []
         self.subscribe(ports.VERDICT, self.taken.append)
         spinner.add(self)
+
+    def gateway(self) -> int:
+        """Return the process of the gateway that runs beside the line, 0 while there is none."""
+        for child in children(self._line):
+            with suppress(FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
+                if MODULE in Path(f'/proc/{child}/cmdline').read_text(encoding='utf-8'):
+                    return child
+        return 0
 
     def more(self, count: int) -> list[Verdict]:
         """Wait for further verdicts, and return them."""

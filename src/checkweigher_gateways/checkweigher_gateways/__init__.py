@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gateways from the topics of the lanes into the plant."""
 
-KINDS = ('metrics', 'mqtt')
+KINDS = ('metrics', 'mqtt', 'opcua')

@@ -43,11 +43,25 @@ class MqttSettings(Settings):
 
 
 @dataclass(frozen=True)
+class OpcuaSettings(Settings):
+    """Section of the gateway for OPC UA."""
+
+    host: str = parameter(_ADDRESS, 'address that is served')
+    port: int = parameter(4840, 'port; 0 for a free one', minimum=0, maximum=65535)
+    certificate: str = parameter('', 'certificate of the server, PEM; needed beyond loopback')
+    key: str = parameter('', 'its key, PEM')
+    clients: str = parameter('', 'folder with certificates of clients or of their authorities')
+    users: str = parameter('', 'users of the page; empty for the file of checkweigher user')
+    nodesets: str = parameter('', 'folder of the models; empty for that of setup/nodesets')
+
+
+@dataclass(frozen=True)
 class GatewaySettings(Settings):
     """Settings of all gateways. A file runs the gateways whose sections it has."""
 
     metrics: MetricsSettings | None = parameter(None, 'Prometheus')
     mqtt: MqttSettings | None = parameter(None, 'MQTT, with Sparkplug B')
+    opcua: OpcuaSettings | None = parameter(None, 'OPC UA')
 
     @property
     def kinds(self) -> list[str]:

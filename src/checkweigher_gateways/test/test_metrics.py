@@ -4,8 +4,10 @@
 
 import asyncio
 from collections import Counter
+from contextlib import suppress
 import json
 import math
+import os
 from pathlib import Path
 import re
 import shutil
@@ -20,13 +22,16 @@ from gateway_process import LANE, Verdicts, gateway
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 import pytest
-from running import ROOT, wait_for
+from running import ROOT, free_port, wait_for
 import yaml
 
 from checkweigher_core.records import GRAMS, Verdict, seconds
 from checkweigher_gateways.metrics import Metrics, make
 from checkweigher_gateways.settings import MetricsSettings, read_gateways
 
+PORT = free_port()
+ADDRESS = f'http://127.0.0.1:{PORT}/metrics'
+GATEWAYS = {'metrics': {'port': PORT}}
 CONFIG = ROOT / 'src/checkweigher_gateways/config'
 PROMTOOL = shutil.which('promtool')
 needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="Debian's prometheus is not installed")
@@ -35,8 +40,8 @@ needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="Debian's prometheu
 class Scrape:
     """What Prometheus reads at one time."""
 
-    def __init__(self, address: str) -> None:
-        with urlopen(address) as answer:
+    def __init__(self) -> None:
+        with urlopen(ADDRESS, timeout=1.0) as answer:
             self.page = answer.read().decode()
         families = text_string_to_metric_families(self.page)
         self.samples = [each for family in families for each in family.samples]
@@ -67,41 +72,50 @@ class Scrape:
         return found[0] if found else 0
 
 
-def test_the_metrics_are_those_of_the_verdicts(verdicts: Verdicts, tmp_path: Path):
-    with gateway('metrics', tmp_path, {'port': 0}) as (process, address):
-        wait_for(lambda: Scrape(address).place_in(verdicts.taken), 'an item')
-        before = Scrape(address)
-        verdicts.more(5)
-        wait_for(
-            lambda: Scrape(address).place_in(verdicts.taken) >= before.place_in(verdicts.taken) + 5
-        )
-        after = Scrape(address)
-        taken = verdicts.taken[before.place_in(verdicts.taken) : after.place_in(verdicts.taken)]
-        assert len(taken) >= 5
-        assert after.counts('items', 'decision') - before.counts('items', 'decision') == Counter(
-            each.decision.name.lower() for each in taken
-        )
-        assert after.counts('item_reasons', 'reason') - before.counts(
-            'item_reasons', 'reason'
-        ) == Counter(reason for each in taken for reason in each.reasons)
-        masses = [each.mass for each in taken if math.isfinite(each.mass)]
-        gained = {
-            part: after.of_lane(f'item_mass_grams_{part}')
-            - before.of_lane(f'item_mass_grams_{part}')
-            for part in ('count', 'sum')
-        }
-        assert gained == {'count': len(masses), 'sum': pytest.approx(GRAMS * sum(masses))}
-        for name in ('zero_offset_grams', 'belt_noise_grams'):
-            wait_for(lambda name=name: math.isfinite(Scrape(address).of_lane(name)), name)
-        wait_for(lambda: 0 < Scrape(address).of_lane('verdict_latency_median_seconds') < 1)
-        assert after.value('process_running', process='gateway_metrics') == 1
-        assert after.value('process_running', process='page') == 0
-        check_metrics(after.page)
-        # A gateway that hangs, and one that is killed.
-        process.send_signal(signal.SIGSTOP)
-        verdicts.go_on()
-        process.kill()
-        verdicts.go_on()
+def seen() -> float:
+    """Return the number of items that a gateway has counted, 0 without one."""
+    with suppress(OSError):
+        return float(Scrape().counts('items', 'decision').total())
+    return 0.0
+
+
+def placed(verdicts: Verdicts, least: int) -> tuple[Scrape, int] | None:
+    """Return what is read and how many verdicts it counts, None if those are less or unknown."""
+    read = Scrape()
+    place = read.place_in(verdicts.taken)
+    return (read, place) if place >= least else None
+
+
+def test_the_metrics_are_those_of_the_verdicts(verdicts: Verdicts):
+    wait_for(lambda: seen() > 0, 'an item')
+    before, begin = wait_for(lambda: placed(verdicts, 1))
+    after, end = wait_for(lambda: placed(verdicts, begin + 5))
+    taken = verdicts.taken[begin:end]
+    assert after.counts('items', 'decision') - before.counts('items', 'decision') == Counter(
+        each.decision.name.lower() for each in taken
+    )
+    assert after.counts('item_reasons', 'reason') - before.counts(
+        'item_reasons', 'reason'
+    ) == Counter(reason for each in taken for reason in each.reasons)
+    masses = [each.mass for each in taken if math.isfinite(each.mass)]
+    gained = {
+        part: after.of_lane(f'item_mass_grams_{part}') - before.of_lane(f'item_mass_grams_{part}')
+        for part in ('count', 'sum')
+    }
+    assert gained == {'count': len(masses), 'sum': pytest.approx(GRAMS * sum(masses))}
+    for name in ('zero_offset_grams', 'belt_noise_grams'):
+        wait_for(lambda name=name: math.isfinite(Scrape().of_lane(name)), name)
+    wait_for(lambda: 0 < Scrape().of_lane('verdict_latency_median_seconds') < 1)
+    assert after.value('process_running', process='gateway_metrics') == 1
+    assert after.value('process_running', process='page') == 0
+    check_metrics(after.page)
+    # A gateway that hangs is killed, and one that was killed is started again.
+    os.kill(verdicts.gateway(), signal.SIGSTOP)
+    verdicts.go_on()
+    wait_for(lambda: seen() > 0, 'a gateway again')
+    os.kill(verdicts.gateway(), signal.SIGKILL)
+    verdicts.go_on()
+    wait_for(lambda: seen() > 0, 'a gateway again')
 
 
 def check_metrics(page: str) -> None:
