@@ -13,6 +13,7 @@ from checkweigher_msgs.srv import BeginTest, NewBatch, RecordChange, ResetStatis
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from std_srvs.srv import Trigger
 
+from checkweigher_core.health.disk import DiskWatch, free_bytes
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.health.host_clock import HostClock
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
@@ -74,6 +75,8 @@ class ProductNode(StageNode[ProductParameters]):
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
         known, name = self.parameters, self.get_fully_qualified_name()
         self._host_clock = HostClock()
+        kept = Path(known.audit_log or known.batch_folder).absolute().parent
+        self._disk = DiskWatch(partial(free_bytes, kept))
         try:
             if known.product:
                 find(known.recipes, known.product)
@@ -251,7 +254,7 @@ class ProductNode(StageNode[ProductParameters]):
         await self._audit.read_started()
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the findings on recipe, audit log, alarms, batch record, test and clock."""
+        """Return the findings on recipe, audit log, alarms, batch record, test, clock and disk."""
         return [
             self._selection.finding(),
             self._audit.finding(),
@@ -259,6 +262,7 @@ class ProductNode(StageNode[ProductParameters]):
             self._batches.finding(),
             self._test.finding(),
             self._host_clock.finding(now),
+            self._disk.finding(now),
         ]
 
 

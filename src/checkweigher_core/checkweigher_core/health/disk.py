@@ -1,0 +1,63 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Room on the disk with the folder of a machine, and when there will be none."""
+
+from collections.abc import Callable
+import math
+from pathlib import Path
+import shutil
+
+from checkweigher_core.health.findings import Finding, RecentValues, conclude, error_if, warn_if
+
+_ASPECT = 'Disk'
+_PERIOD = 600.0  # s between two looks
+_DAY = 86_400.0  # s
+_SHORTEST_SPAN = 6 * _PERIOD  # s, over which a trend is estimated
+_WARNING = 30.0  # days ahead
+_LEAST = 100e6  # bytes; a batch record of 100,000 items needs less
+_HINT = 'move kept items and passes to another disk, see docs/backup.md'
+
+
+def free_bytes(folder: Path) -> float:
+    """Return the number of free bytes on the disk of a folder, NaN if it cannot be read."""
+    try:
+        return float(shutil.disk_usage(folder).free)
+    except OSError:
+        return math.nan
+
+
+class DiskWatch:
+    """Watch of the free bytes over the last two days. Times in s of a monotonic clock.
+
+    The trend is the median over all pairs, so a recording that is made and removed in a few hours
+    does not count.
+    """
+
+    def __init__(self, free: Callable[[], float]) -> None:
+        self._free = free
+        self._values = RecentValues(2 * _DAY)
+        self._looked = -math.inf
+        self._finding = conclude(_ASPECT, 'not known yet')
+
+    def finding(self, now: float) -> Finding:
+        """Return the aspect Disk at `now`, s."""
+        if now - self._looked >= _PERIOD:
+            self._looked = now
+            self._values.forget(now)
+            self._values.add(now, free := self._free())
+            self._finding = self._conclude(free)
+        return self._finding
+
+    def _conclude(self, free: float) -> Finding:
+        slope = self._values.slope if self._values.span >= _SHORTEST_SPAN else math.nan
+        days = free / -slope / _DAY if slope < 0 else math.inf
+        text = f'{free / 1e9:.1f} GB are free'
+        return conclude(
+            _ASPECT,
+            text,
+            [
+                error_if(free < _LEAST, f'full: {text}', _HINT),
+                warn_if(days < _WARNING, f'full in {days:.0f} days: {text}', _HINT),
+            ],
+            {'free_gb': free / 1e9, 'days_left': days},
+        )
