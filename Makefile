@@ -10,9 +10,10 @@ SHELL := bash
 # A recipe line that starts with it runs in the project's environment.
 IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 
+comma := ,
 PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/) $(wildcard docs/)
 
-.PHONY: help setup demo test soak bench docs lint format clean
+.PHONY: help setup demo test soak bench coverage docs deb release lint format clean
 
 help: ## Show this list.
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -24,9 +25,11 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 	@./checkweigher replay bags/paper_60 --rate 1
 	@echo 'next, a line with its page: ./checkweigher run --page --folder my_machine (docs/page.md)'
 
+# Tests wait for lines in real time: four at once, also on two cores. They start hundreds of
+# processes, which share their compiled modules even if the user's Python writes none.
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-	  python3 -m pytest -n auto --maxprocesses 4 --dist worksteal $(PYTEST_ARGS)
+	  PYTHONDONTWRITEBYTECODE= python3 -m pytest -n 4 --dist worksteal $(PYTEST_ARGS)
 
 soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
@@ -35,8 +38,20 @@ soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are 
 bench: ## Measure kernels and graph; BENCH_ARGS='--quick --part graph' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST python3 bench/run.py $(BENCH_ARGS)
 
+coverage: ## Measure which lines the tests of each package reach, in one process; PYTEST_ARGS are handed on.
+	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST python3 -m coverage run --data-file log/coverage \
+	  --source $(subst $() ,$(comma),$(filter-out checkweigher_msgs,$(notdir $(patsubst %/,%,$(wildcard src/*/))))) \
+	  -m pytest -n 0 $(PYTEST_ARGS)
+	@$(IN_ENVIRONMENT) python3 -m coverage report --data-file log/coverage --skip-covered --include 'src/*/checkweigher_*'
+
 docs: ## Write the tables of docs/ and the file config/line.yaml from the code.
 	@$(IN_ENVIRONMENT) python3 docs/make_docs.py
+
+deb: ## Build the Debian package of the latest commit into dist/.
+	@$(IN_ENVIRONMENT) packaging/deb .venv dist
+
+release: ## Build what is released of the latest commit into dist/: source archive, package, SBOM, check sums.
+	@$(IN_ENVIRONMENT) packaging/release .venv dist
 
 lint: ## Check style and types.
 	@$(IN_ENVIRONMENT) ruff check $(PYTHON_SOURCES)

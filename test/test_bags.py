@@ -9,10 +9,11 @@ import re
 import subprocess
 
 from ament_index_python.packages import get_package_share_directory
+from here import run_here
 from mcap.reader import make_reader
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from running import BAGS, ROOT, Rows
+from running import BAGS, ROOT, read_rows
 import yaml
 
 NAMES = ('paper_30', 'paper_45', 'paper_60', 'paper_75', 'paper_90')
@@ -34,8 +35,9 @@ def test_each_bag_has_its_provenance():
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_each_mass_is_there_at_least_four_times(name: str, rows: Rows):
-    weighed = rows('weigh', BAGS / name)
+def test_each_mass_is_there_at_least_four_times(name: str, tmp_path: Path):
+    assert run_here('weigh', BAGS / name, '--csv', tmp_path / 'masses.csv').returncode == 0
+    weighed = read_rows(tmp_path / 'masses.csv')
     counts = Counter(row['reference_g'] for row in weighed)
     assert len(counts) == 5
     assert min(counts.values()) >= 4
@@ -46,7 +48,7 @@ def test_each_mass_is_there_at_least_four_times(name: str, rows: Rows):
 
 
 def test_remaking_gives_the_same_bytes(tmp_path: Path):
-    subprocess.run([BAGS / 'remake', tmp_path / 'bags'], check=True, timeout=120)
+    subprocess.run([BAGS / 'remake', tmp_path / 'bags'], check=True, timeout=600)
     for name in NAMES:
         files = sorted(path.name for path in (BAGS / name).iterdir())
         assert sorted(path.name for path in (tmp_path / 'bags' / name).iterdir()) == files

@@ -19,7 +19,7 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_production.audit_log import TORN
 from checkweigher_production.recipes import Product, read_recipes
 
-PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), *ROOT.glob('src/*/README.md')]
+PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), *ROOT.glob('src/*/*.md')]
 
 
 @pytest.mark.parametrize('path', make_docs.generated(), ids=lambda path: path.name)

@@ -5,6 +5,7 @@
 import ast
 from collections.abc import Iterable
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import sys
@@ -34,7 +35,10 @@ KEYS = {
     'jinja2': 'python3-jinja2',
     'markupsafe': 'python3-jinja2',  # which returns its type
     'matplotlib': 'python3-matplotlib',
+    'google': 'python3-protobuf',
     'numpy': 'python3-numpy',
+    'paho': 'python3-paho-mqtt',
+    'prometheus_client': 'python3-prometheus-client',
     'pytest': 'python3-pytest',
     'pywt': 'python3-pywt',
     'ruamel': 'python3-ruamel.yaml',
@@ -196,3 +200,32 @@ def test_each_source_names_its_copyright_and_licence():
     sources = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
     assert len(sources) > 200
     assert [str(path) for path in sources if not path.read_text().startswith(header)] == []
+
+
+@each_package
+def test_a_package_has_licence_and_quality_declaration(folder: Path):
+    assert (folder / 'LICENSE').read_bytes() == (ROOT / 'LICENSE').read_bytes()
+    text = (folder / 'QUALITY_DECLARATION.md').read_text(encoding='utf-8')
+    version = str(parse_package(str(folder)).version)
+    stable = int(version.partition('.')[0]) >= 1
+    assert f'| 1.ii stable version | {"yes" if stable else "no"}: {version} |' in text
+    answers = re.findall(
+        r'^\| (?:\d\.[iv]+(?:, )?)+ .*? \| (yes|no|none|measured)\b', text, re.MULTILINE
+    )
+    assert len(answers) == text.count('\n| ') - 1
+
+
+def test_the_debian_package_has_the_version_of_the_packages():
+    (version,) = {str(parse_package(str(folder)).version) for folder in PACKAGES}
+    changelog = (ROOT / 'debian/changelog').read_text(encoding='utf-8')
+    assert changelog.startswith(f'checkweigher ({version}) ')
+
+
+def _locked(name: str) -> set[str]:
+    """Return the entries of a lock: name, version, condition and hashes."""
+    text = (ROOT / 'requirements' / name).read_text(encoding='utf-8')
+    return set(re.split(r'\n(?=\S)', re.sub(r'^#.*\n', '', text, flags=re.MULTILINE).strip()))
+
+
+def test_what_is_installed_for_a_line_is_part_of_what_is_tested():
+    assert _locked('runtime.lock') < _locked('requirements.lock')

@@ -40,10 +40,7 @@ class Cluster:
 
 @contextmanager
 def cluster(
-    folder: Path,
-    workers: int,
-    environment: Mapping[str, str] | None = None,
-    nannies: bool = False,
+    folder: Path, workers: int, environment: Mapping[str, str] | None = None, nannies: bool = False
 ) -> Iterator[Cluster]:
     """Have a cluster with so many workers, of one thread each, until the block ends.
 

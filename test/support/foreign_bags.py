@@ -4,6 +4,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 from mcap.writer import Writer as McapWriter
@@ -11,6 +12,7 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+import yaml
 
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import EyeEdge, SampleBlock
@@ -70,6 +72,27 @@ def write_foreign(
             made = store.types[message.message_type](**content)
             data = store.serialize_cdr(made, message.message_type)
             writer.write(channels[key], message.stamp, data)
+    return path
+
+
+def write_split(path: Path, messages: list[Message], mode: CompressionMode, parts: int = 3) -> Path:
+    """Write messages as `ros2 bag record` does that splits a bag: files with numbers, one after
+    the other, and one ``metadata.yaml``."""
+    size = -(-len(messages) // parts)
+    path.mkdir()
+    names, whole = [], write_foreign(path / 'whole', messages, mode=mode)
+    for number in range(parts):
+        part = messages[number * size : (number + 1) * size]
+        folder = write_foreign(path / f'part_{number}', part, mode=mode)
+        (file,) = folder.glob('part_*.mcap*')
+        ending = file.name.removeprefix(folder.name)
+        names.append(f'{path.name}_{number}{ending}')
+        file.rename(path / names[-1])
+        rmtree(folder)
+    content = yaml.safe_load((whole / 'metadata.yaml').read_text())
+    content['rosbag2_bagfile_information']['relative_file_paths'] = names
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(content))
+    rmtree(whole)
     return path
 
 

@@ -21,12 +21,7 @@ _SAMPLES, _BLOCK, _NOISE = 2880, 48, 1e-5  # at rest; kg
 
 
 def record_steps(
-    folder: Path,
-    plan: str,
-    names: Collection[str] = (),
-    *,
-    gain: float = 1.0,
-    drift: float = 0.0,
+    folder: Path, plan: str, names: Collection[str] = (), *, gain: float = 1.0, drift: float = 0.0
 ) -> list[Path]:
     """Write a bag of each step of a plan, or of those of some names, in the order of the plan.
 

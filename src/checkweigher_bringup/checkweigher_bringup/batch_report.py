@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches, from the record of the line, as text, HTML and JSON."""
+"""Reports on batches, as text, HTML and JSON. The line writes a record of each batch."""
 
 from collections.abc import Iterator, Sequence
 import json
@@ -16,7 +16,7 @@ from checkweigher_production.batch_record import read_lines
 from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
-# Comparison of the SHA-256 of a record with the audit log, in words.
+# Texts for the results of comparing the SHA-256 of a record with the audit log.
 _IN_LOG = {
     InLog.AGREES: 'agrees with the audit log',
     InLog.DIFFERS: 'DIFFERS from that in the audit log: it is not as it was when the batch ended',
@@ -25,9 +25,11 @@ _IN_LOG = {
 
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
-    """Return the batch of a record, compared with an audit log (default: the one it names).
+    """Read the record of a batch, and compare its SHA-256 with the audit log.
 
-    Raises `RecordError` if the record cannot be read, `AuditError` if the log cannot.
+    If `log` is None, the audit log is the file that the record names. If the log is damaged, a
+    warning is printed on stderr. Raises `RecordError` if the record cannot be read, and
+    `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
     named = next(read_lines(path)).get('audit_log')
@@ -37,26 +39,29 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
         return batch
     found = read_log(log)
     if not found.whole:
-        text = f'{log}: line {found.bad_line}: {found.problem}: {found.reason}'
-        warn(f'the audit log is not whole: {text}')
+        reason = f'{found.problem}: {found.reason}'
+        warn(f'the audit log is not whole: {log}: line {found.bad_line}: {reason}')
     return batch.with_log(found.entries)
 
 
 def write_report(
     batch: Batch, parts: Sequence[PartFigures], html: Path | None, json_file: Path | None
 ) -> None:
-    """Write the report to the given paths; OutputError if a file cannot be written."""
+    """Write a report as HTML and as JSON, or raise `OutputError` if a file cannot be written."""
     if html is not None:
         from checkweigher_validation.report.batch_page import render_batch
 
         write_whole(html, render_batch(batch, parts))
     if json_file is not None:
-        text = json.dumps(as_json(batch, list(parts)), indent=2, allow_nan=False)
-        write_whole(json_file, text + '\n')
+        content = as_json(batch, list(parts))
+        write_whole(json_file, json.dumps(content, indent=2, allow_nan=False) + '\n')
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield lines of text on the hash of the record, and on each product."""
+    """Yield the report as lines of text: the hash of the record, then the figures of each product.
+
+    The items of a batch may belong to several products. `parts` has the figures of each product.
+    """
     title = f'batch {one_line(batch.name)}'
     if batch.in_log in _IN_LOG:
         open_yet = batch.in_log is InLog.ABSENT and not batch.end
@@ -76,10 +81,9 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 def _mean(part: PartFigures) -> str:
     mean, nominal = GRAMS * part.mean, GRAMS * part.product.nominal
     spread = ''
-    if not math.isnan(part.std_dev):  # NaN for a single item
+    if not math.isnan(part.std_dev):  # The standard deviation of a single item is NaN.
         spread = f'standard deviation {GRAMS * part.std_dev:.3f} g, '
-    # Adding zero turns -0.0 into 0.0.
-    giveaway = round(GRAMS * part.giveaway, 3) + 0.0
+    giveaway = round(GRAMS * part.giveaway, 3) + 0.0  # Adding zero turns -0.0 into 0.0.
     return f'mean {mean:.3f} g of {nominal:g} g, {spread}giveaway {giveaway:+.3f} g'
 
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that writes the report of each finished batch beside its record.
 
-The node has its own process with a lower priority than the line, because nothing waits for it. It
-writes the SHA-256 of both files to the audit log of the lane.
+The node runs in its own process with a lower priority than the line, because no other node waits
+for a report. The node writes the SHA-256 of each report to the audit log of the lane.
 """
 
 import hashlib
@@ -20,12 +20,12 @@ from checkweigher_core.ros.running import run
 from checkweigher_validation.batch.figures import figures_of
 
 _POLL_PERIOD = 0.5  # s
-_SEED = 1  # of the reference test
-_LESS_URGENT = 10  # niceness
+_SEED = 1  # seed for the samples of the reference test
+_NICENESS = 10
 
 
 class BatchReporter(PortNode):
-    """Node that reports on each batch that `product` publishes as finished."""
+    """Node that reports on each batch that the node `product` publishes as finished."""
 
     def __init__(self) -> None:
         super().__init__('batch_reporter')
@@ -44,13 +44,13 @@ class BatchReporter(PortNode):
 
 
 def write_files(record: Path, sha256: str) -> dict[str, str]:
-    """Write the report beside a record as HTML and JSON; return their SHA-256 by file name.
+    """Write the report on a batch as HTML and JSON; return the SHA-256 of each file by its name.
 
     Raises ValueError if `sha256` is not the hash of the record.
     """
     batch = read_recorded(record)
     if batch.sha256 != sha256:
-        raise ValueError(f'{record}: is not the record that ended, it has another SHA-256')
+        raise ValueError(f'{record}: the record was changed after the end of the batch')
     files = record.with_suffix('.html'), record.with_suffix('.json')
     write_report(batch, [figures_of(part, _SEED) for part in batch.parts], *files)
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
@@ -58,7 +58,7 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
 
 def main() -> None:
     """Run the node."""
-    os.nice(_LESS_URGENT)
+    os.nice(_NICENESS)
     run(BatchReporter)
 
 

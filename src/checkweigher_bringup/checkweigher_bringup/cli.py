@@ -1,10 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Command line, which runs a command and prints each error as one line."""
+"""Command line program, which runs a command and prints each error as one line."""
 
 import signal
 
-if __name__ == '__main__':  # until the handlers are installed
+# Ctrl-C during the imports ends the program without a traceback.
+if __name__ == '__main__':
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 import argparse
@@ -12,7 +13,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from io import TextIOWrapper
-from keyword import iskeyword
 import os
 from re import sub
 import sys
@@ -23,19 +23,23 @@ from checkweigher_bringup.commands import add_options
 from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.printable import one_line
 
-# Folder in commands/, its title, and its commands, each a module. The docstring of a module has the
-# purpose of its command, and examples.
+# Groups of commands: the folder in commands/, the title, and the modules of the commands. The
+# docstring of a module has the purpose of the command, and examples. An underscore after the name
+# of a module is not part of the command, because `import` cannot be the name of a module.
 _GROUPS = (
     (
         'line',
         'a line that runs',
-        ('run', 'status', 'echo', 'record', 'calibrate', 'page', 'policy', 'user', 'certificate'),
+        (
+            *('run', 'status', 'echo', 'record', 'calibrate', 'page', 'gateway', 'policy', 'user'),
+            *('certificate', 'backup', 'restore'),
+        ),
     ),
-    ('recordings', 'recorded bags', ('weigh', 'replay', 'simulate', 'import', 'keep', 'recover')),
+    ('recordings', 'recorded bags', ('weigh', 'replay', 'simulate', 'import_', 'keep', 'recover')),
     ('accuracy', 'how accurate it is', ('tune', 'evaluate', 'verify')),
     ('production', 'what was produced and changed', ('batch', 'performance', 'audit')),
 )
-COMMANDS = tuple(name for *_, names in _GROUPS for name in names)
+COMMANDS = tuple(name.rstrip('_') for *_, names in _GROUPS for name in names)
 
 _PROGRAM = 'checkweigher'
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a command
@@ -44,13 +48,14 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a c
 class _Ended(KeyboardInterrupt):
     """Exception for a signal that ends the command.
 
-    It is not a plain KeyboardInterrupt, because Python ends by SIGINT if one is raised in code that
-    `exec` runs, such as the definition of a dataclass, even if it is caught.
+    The class differs from KeyboardInterrupt, because Python kills itself by SIGINT after a plain
+    KeyboardInterrupt in code that `exec` runs, even if the exception is caught. Python defines a
+    dataclass by `exec`.
     """
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser that prints each error as one line, like the commands."""
+    """Parser of a command line that prints each error as one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: {one_line(message)}; see {self.prog} --help\n')
@@ -70,28 +75,21 @@ def build_parser() -> argparse.ArgumentParser:
     for folder, title, names in _GROUPS:
         examples += f'  # {title}\n'
         for name in names:
-            module = _module_of(folder, name)
-            _add_command(commands, name, module)
+            module = import_module(f'checkweigher_bringup.commands.{folder}.{name}')
+            _add_command(commands, name.rstrip('_'), module)
             examples += f'  {examples_of(module)[0]}\n'
     parser.epilog = f'examples:\n{examples}\n{_PROGRAM} COMMAND --help shows the options of each.'
     return parser
 
 
-def _module_of(folder: str, command: str) -> ModuleType:
-    # A module cannot have the name `import`, which is a keyword.
-    suffix = '_' if iskeyword(command) else ''
-    return import_module(f'checkweigher_bringup.commands.{folder}.{command}{suffix}')
-
-
 def examples_of(module: ModuleType) -> list[str]:
-    """Return the examples of a command, from the docstring of its module."""
+    """Return the examples in the docstring of the module of a command."""
     return [line.strip() for line in str(module.__doc__).splitlines() if line.startswith(_PROGRAM)]
 
 
 def _add_command(
     commands: 'argparse._SubParsersAction[_Parser]', name: str, module: ModuleType
 ) -> None:
-    """Add a command with the purpose, the options and the examples of its module."""
     purpose = str(module.__doc__).partition('\n')[0]
     examples = examples_of(module)
     parser = commands.add_parser(
@@ -108,37 +106,41 @@ def _add_command(
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command and exit with its status.
 
-    The status is 0 on success, 1 on a failure that the command reports, such as an item without a
-    verdict, 2 on bad input or output, and 128 + N if signal N ended it (130 for Ctrl-C).
+    The status is 0 if the command succeeds, and 1 if it reports a failure, such as an item without
+    a verdict. The status is 2 if the input or the output cannot be used, and 128 + N if signal N
+    ended the command (130 for Ctrl-C).
     """
-    came: list[int] = []
+    received: list[int] = []
 
     def interrupt(number: int, _: FrameType | None) -> None:
-        came.append(number)
+        received.append(number)
         raise _Ended
 
     try:
         _prepare(interrupt)
         status = _run(sys.argv[1:] if arguments is None else arguments)
     except BaseException as error:
-        # C++ code may have turned the KeyboardInterrupt into another exception.
-        if not came:
+        # C++ code may have replaced `_Ended` by another exception.
+        if not received:
             raise
-        status = 128 + came[0] if not isinstance(error, SystemExit) else _status_of(error)
-    for number in _ENDING:  # else one during the exit of Python prints a traceback
+        status = 128 + received[0] if not isinstance(error, SystemExit) else _status_of(error)
+    # Otherwise, a signal during the exit of Python would print a traceback.
+    for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
 
 
 def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
-    """Make signals interrupt the command, and standard streams accept any text."""
+    """Install the signal handler `interrupt`, and prepare the standard streams for any text."""
     end_with_parent()
     for number in _ENDING:
-        # A script starts background commands with SIGINT ignored, but SIGINT must end a
-        # recording there, too. SIGHUP stays ignored under nohup.
+        # A background command of a shell script starts with SIGINT ignored. The handler replaces
+        # that setting, so that SIGINT ends a recording. The command nohup ignores SIGHUP, and
+        # SIGHUP then stays ignored.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupt)
-    # If a standard stream is closed, the next file would get its number and its output.
+    # Otherwise, the next opened file would take the file number of a closed standard stream, and
+    # the output of the command would go to that file.
     while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(file)
@@ -149,18 +151,18 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run a command and return its status; print an error that the user can correct as one line."""
+    """Run a command and return its exit status. Print an error of the user as one line."""
     command = ''
     try:
         try:
             parsed = build_parser().parse_args(arguments)
             command = f' {parsed.command}'
             status = int(parsed.run(parsed))
-        except SystemExit as error:  # argparse has printed the reason
+        except SystemExit as error:  # argparse has already printed the reason.
             status = _status_of(error)
         sys.stdout.flush()
         return status
-    except BrokenPipeError:  # the reader of the output, such as head, has ended
+    except BrokenPipeError:  # The program that reads the output, such as head, has ended.
         _discard_output()
         return 0
     except (MemoryError, OSError, RuntimeError, ValueError) as error:
@@ -170,22 +172,22 @@ def _run(arguments: Sequence[str]) -> int:
         if isinstance(error, OSError):
             _discard_output()
         status = getattr(error, 'exit_status', 2)
-    with suppress(OSError):  # the terminal may be gone
+    with suppress(OSError):  # The terminal may have been closed.
         print(f'{_PROGRAM}{command}: {one_line(line)}', file=sys.stderr)
     return status
 
 
 def _line_for(error: Exception) -> str:
-    """Return the message for an error that the user can correct; empty for a defect."""
-    # The message of an error of this project is one line for the user.
+    """Return the message of an error that the user can correct, or '' for a program defect."""
+    # The exception classes of this project have messages of one line for the user.
     if type(error).__module__.startswith('checkweigher_'):
         return str(error)
     if isinstance(error, OSError):
         return f'{error.filename or "the output"}: {error.strerror or error}'
     if isinstance(error, MemoryError):
         return 'not enough memory for this'
-    # Compared by name, because only commands of a graph import rclpy. With ROS security on, an
-    # RCLError usually means an invalid keystore, which the user can correct.
+    # The class is compared by its name, because most commands do not import rclpy. If ROS security
+    # is enabled, an invalid keystore usually causes the RCLError, and the user can correct that.
     if type(error).__name__ == 'RCLError' and os.environ.get('ROS_SECURITY_ENABLE') == 'true':
         text = sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
         return f'ROS_SECURITY_ENABLE=true: {text.rstrip(".,")}'
@@ -193,7 +195,7 @@ def _line_for(error: Exception) -> str:
 
 
 def _discard_output() -> None:
-    """Discard the buffer of the standard output, because writing it would fail again."""
+    """Redirect standard output to the null device, because flushing its buffer would fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 

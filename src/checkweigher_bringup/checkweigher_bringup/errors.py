@@ -8,11 +8,11 @@ from checkweigher_core.printable import one_line
 
 
 class UserError(ValueError):
-    """An error that the user can correct; its message is one line."""
+    """An error that the user can correct. Its message is one line."""
 
 
 class LineError(UserError):
-    """Failure of the line, such as an item without a verdict."""
+    """A failure of the line, such as an item without a verdict."""
 
     exit_status = 1
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of bags, or of a simulated protocol, for the command `evaluate`."""
+"""Evaluation of bags or of a simulated protocol, for the command `evaluate`."""
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,9 +42,9 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Weigh the passes, show the table and write the requested files.
+    """Weigh the passes, print the table, and write the requested files.
 
-    Returns the number of skipped bags. For `n_jobs` see `run_jobs`.
+    Returns the number of bags that were skipped. `n_jobs` is described at `run_jobs`.
     """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -70,9 +70,9 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 
 
 def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Tune and weigh on machines of the family, show the tables and write the requested files.
+    """Tune and weigh on simulated machines, print the tables, and write the requested files.
 
-    Takes the arguments of `evaluate`. Returns 0, because there are no bags to skip.
+    The arguments are those of `evaluate`. Returns 0, because no bags are read.
     """
     _check(arguments)
     protocol = _machines_protocol(arguments)
@@ -127,7 +127,7 @@ def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
     name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.max
     if interval is not None and maximum is not None:
-        raise UserError('--interval and --max: name one of them, --max gives the interval')
+        raise UserError('--interval and --max: name one of them; --max sets the interval')
     try:
         if maximum is not None:
             e = smallest_interval(name, maximum / GRAMS)
@@ -139,7 +139,6 @@ def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Reject options that cannot be used, before the work begins."""
     if bool(arguments.bags) == bool(arguments.protocol):
         raise UserError('name bags, or --protocol paper or machines to simulate')
     settings.check_positive(arguments, 'budget', 'jobs', 'nominal')
@@ -184,7 +183,7 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> R
 
 
 def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
-    """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
+    """Weigh the passes of known mass in bags. Tune first if the user gave bags to train on."""
     base = settings.line_parameters(arguments.params)
     default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
     estimators = settings.estimator_names(arguments.estimator, default)
@@ -213,7 +212,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return the heaviest pass at the slowest and at the fastest speed."""
+    """Return the heaviest pass at the slowest speed and the heaviest pass at the fastest speed."""
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
     return tuple(
@@ -223,23 +222,23 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 
 
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
-    """Return the passes by part and belt speed; a fault has the speed of the pass before it.
+    """Return the passes to train on and the passes to test on, grouped by belt speed.
 
-    Both parts are grouped by the same speeds, so that their results can be compared.
+    The speeds of the groups are common, so that the results of training and test can be compared.
     """
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
     if len({each.window.sample_rate for each in whole}) > 1:
-        raise UserError('--train: these bags are sampled at another rate than those of the test')
+        raise UserError('--train: these bags are sampled at another rate than the others')
     groups = group_by_speed(whole)
-    parts = (('train', train), ('test', test))
-    return [each for part, passes in parts for each in _by_speed(part, passes, groups)]
+    return [*_by_speed('train', train, groups), *_by_speed('test', test, groups)]
 
 
 def _by_speed(
     part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
 ) -> Iterator[PassSet]:
+    """Yield the passes of each speed. A fault has the speed of the pass before it."""
     speeds = {id(each): group.speed for group in groups for each in group.passes}
     chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
     speed = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)

@@ -1,8 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole line, or some of its nodes, in one process.
+"""Program that runs the whole line, or some of its nodes, in one process.
 
-The arguments name the nodes (default: all): ``line driver reject --ros-args ...``
+The arguments name the nodes, as in ``line driver reject --ros-args ...``. Without names, all nodes
+run.
 """
 
 from collections.abc import Callable, Collection
@@ -10,7 +11,7 @@ from functools import partial
 import os
 import sys
 
-# checkweigher_dsp.nodes sets this too late, because rclpy imports numpy before it.
+# The variable must be set before numpy is imported, and rclpy imports numpy.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from rclpy.node import Node
@@ -31,8 +32,9 @@ STAGE_NODES = {
     'identifier': IdentifierNode,
     'reject': RejectNode,
 }
-
-
+# The nodes of a process get each record in this order. The node `reject` is the first, so that it
+# gets an edge of a product before the estimate that depends on the edge. The nodes shut down in the
+# reverse order. The driver ends first, so that items on the belt still get their verdicts.
 NODE_CLASSES: dict[str, Callable[[], Node]] = {
     'reject': partial(RejectNode, keep_numbers=True),
     'identifier': IdentifierNode,
@@ -44,11 +46,7 @@ NODE_CLASSES: dict[str, Callable[[], Node]] = {
 
 
 def make_line(names: Collection[str] = ()) -> list[Node]:
-    """Make the nodes with these names (default: all), in the order in which they get a record.
-
-    Reject is first, so it gets an edge before the estimate that depends on it. The nodes shut down
-    in reverse order, the driver first, so that items on the belt still get their verdicts.
-    """
+    """Make the nodes with these names, or all nodes if `names` is empty."""
     for name in names:
         if name not in NODE_CLASSES:
             raise ParameterError(f'{name}: no such node; there are {", ".join(NODE_CLASSES)}')
@@ -56,7 +54,7 @@ def make_line(names: Collection[str] = ()) -> list[Node]:
 
 
 def main() -> None:
-    """Run the nodes that the command line names."""
+    """Run the nodes that the arguments name."""
     run_all(partial(make_line, remove_ros_args(sys.argv)[1:]))
 
 

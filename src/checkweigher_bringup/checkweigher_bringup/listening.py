@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Listeners to the results of a running graph."""
+"""Nodes that receive the results of a running graph."""
 
 from collections import deque
 from collections.abc import Callable
@@ -17,29 +17,30 @@ from checkweigher_core.ros.ports import Port
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
-_ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without its estimate
-_MAX_REFERENCES = 100  # known masses kept for items still on the line
-_MAX_UNPAIRED = 1000  # estimates without a verdict, and verdicts without an estimate
+_ESTIMATE_PATIENCE = 1.0  # time in s after which a verdict is shown without its estimate
+_MAX_REFERENCES = 100  # known masses that are kept until the verdict of their item arrives
+_MAX_UNPAIRED = 1000  # estimates that wait for their verdict, or verdicts for their estimate
 
 
 class ResultListener(PortNode):
-    """Node that pairs the estimates and verdicts of a lane.
+    """Node that pairs each verdict of a lane with its mass estimate.
 
-    It also requests earlier messages that the nodes keep, because a restarted node may publish
-    before it is discovered. The queue `weighings` has the pairs and may be read from any thread.
-    `judged` is the number of pairs, and `heard` the time of the last record in s of the monotonic
-    clock.
+    The subscriptions also request earlier messages, because a node may publish a result before it
+    discovers the subscription. Any thread may read the pairs from the queue `weighings`. `judged`
+    is the number of pairs, and `heard` is the arrival time of the latest record in s of the
+    monotonic clock.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        # Not a SimpleQueue: in CPython 3.11, its `get` never returns if a signal comes just before
-        # the time limit.
+        # The queue is not a SimpleQueue. In CPython 3.11, `SimpleQueue.get` may never return if a
+        # signal arrives just before the timeout.
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.judged = 0
+        # Estimates without a verdict, and verdicts without an estimate, by the estimate number.
         self._estimates: dict[int, MassEstimate] = {}
-        self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
+        self._verdicts: dict[int, tuple[float, Verdict]] = {}  # arrival time in s, verdict
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
         self.listen(ports.VERDICT, self._on_verdict)
 
@@ -67,25 +68,15 @@ class ResultListener(PortNode):
             self._verdicts[verdict.estimate_id] = time.monotonic(), verdict
             _forget_oldest(self._verdicts)
 
-    def pair_overdue(self, patience: float) -> None:
-        """Pass on verdicts whose estimate has not come within `patience` s.
-
-        A listener that has just started may have missed the estimate of its first verdict.
-        """
-        for key, (came, verdict) in list(self._verdicts.items()):
-            if time.monotonic() - came > patience:
-                del self._verdicts[key]
-                self._pair(_estimate_of(verdict), verdict)
-
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
         self.judged += 1
-        # Use the number of the verdict, because it is unique.
+        # The number of the estimate may be repeated, but the number of the verdict is unique.
         self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
-    """Return an estimate with the fields that its verdict repeats."""
+    """Return an estimate with the values that a verdict copies from it."""
     return MassEstimate(
         verdict.item_id,
         verdict.t1,
@@ -98,26 +89,33 @@ def _estimate_of(verdict: Verdict) -> MassEstimate:
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:
-    """Remove the oldest entry if there are too many; its other half will not come."""
+    """Remove the oldest record if there are too many, because its other half was lost."""
     if len(unpaired) > _MAX_UNPAIRED:
         del unpaired[next(iter(unpaired))]
 
 
 class EchoNode(ResultListener):
-    """Listener to the results and the known masses of a lane."""
+    """Node that receives the results and the known masses of a lane."""
 
     def __init__(self) -> None:
         super().__init__('echo')
-        self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
+        self.create_timer(_ESTIMATE_PATIENCE / 2, self._pair_overdue)
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
         self.listen(ports.REFERENCE_MASS, self._references.append)
 
+    def _pair_overdue(self) -> None:
+        # A node that has just started may have missed the estimate of the first verdict.
+        for key, (arrival, verdict) in list(self._verdicts.items()):
+            if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
+                del self._verdicts[key]
+                self._pair(_estimate_of(verdict), verdict)
+
     def result(self, weighing: Weighing) -> ItemResult:
-        """Return a weighing with its known mass, if there is one."""
+        """Return a weighing with the known mass of its item, if the line published one."""
         return ResultJoiner((), list(self._references)).join(weighing)
 
     def silence(self) -> str:
-        """Return the reason why no verdict comes."""
+        """Return a text that explains why no verdict has arrived."""
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:

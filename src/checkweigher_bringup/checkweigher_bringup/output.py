@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the commands: a table on the screen, and files."""
+"""Output of the commands: a table of items on the screen, and files."""
 
 from collections import Counter
 import math
@@ -22,7 +22,7 @@ from checkweigher_validation.accuracy.results import (
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
-    """Raise UserError or OutputError if a file cannot be written."""
+    """Raise `UserError` or `OutputError` if a file cannot be written."""
     if path is None or is_stream(path):
         return
     if path.is_dir():
@@ -33,39 +33,41 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
 
 
 def with_warning(recording: Recording) -> Recording:
-    """Print the warning of a recording, if any, on stderr, and return the recording."""
+    """Return a recording, after printing its warning on stderr if it has one."""
     if recording.warning:
         warn(recording.warning)
     return recording
 
 
 def read_with_warning(path: Path, lane: str | None) -> Recording:
-    """Read a bag with a progress bar, and print its warning on stderr."""
+    """Read a bag with a progress bar, and print the warning of the bag on stderr."""
     return with_warning(read_bag(path, lane, progress=True))
 
 
 class ItemTable:
     """Table on the screen with one line per item and a summary at the end.
 
-    `origin` is the zero of the column t1 in ns. If it is None, the table begins with the first item
-    and uses its time. The table goes to `file`, by default to the screen.
+    The stamp `origin` in ns is subtracted from the times in column t1. If it is None, the stamp of
+    the first item is used, and the header is printed with this item. The table is written to
+    `file`, by default to the standard output.
     """
 
     def __init__(self, origin: int | None = None, file: TextIO | None = None) -> None:
         self._origin = origin
         self._file = file
         self._decisions: Counter[Decision] = Counter()
-        self._errors = ErrorSum()  # in g; not a list, because a line runs for months
+        # A sum of errors in g takes constant memory, while a line runs for months.
+        self._errors = ErrorSum()
         if origin is not None:
             self._print(TABLE_HEADER)
 
     @property
     def count(self) -> int:
-        """Number of items shown."""
+        """Number of items that were shown."""
         return self._decisions.total()
 
     def show(self, result: ItemResult) -> ItemResult:
-        """Show an item, and return it."""
+        """Print the line of an item, and return the item."""
         if self._origin is None:
             self._origin = result.estimate.t1 or result.estimate.t3 or 0
             self._print(TABLE_HEADER)
@@ -76,7 +78,7 @@ class ItemTable:
         return result
 
     def close(self) -> None:
-        """Show the summary."""
+        """Print the summary."""
         if self._origin is not None:
             self._print(summary(self._decisions, self._errors))
 

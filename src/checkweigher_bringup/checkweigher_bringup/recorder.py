@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder that writes the messages of a lane to a bag, byte for byte."""
+"""Recorder that writes the serialized messages of a lane to a bag without a change."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -24,19 +24,21 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-_POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # s; at most this much is lost if the process is killed
-_FAREWELL = 1.0  # s, for messages in transit after a signal
-_PATIENCE = 5.0  # s without a message before a warning
-_TRAIL = 1.0  # s, for the last product to leave the belt
-# Passes with these reasons count, because their window is whole and training may help.
+# A pass with only these reasons for a fault counts. The window of the pass is complete, and
+# training may remove the cause of the fault.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
+_POLL_PERIOD = 0.2  # s
+_FLUSH_PERIOD = 1.0  # maximum time in s of the messages that are lost if the process is killed
+_FAREWELL = 1.0  # time in s after a signal in which messages in transit are still recorded
+_PATIENCE = 5.0  # time in s without a message before a warning
+_TRAIL = 1.0  # time in s for the last product to leave the belt
 
 
 class ReferencePasses:
-    """Passes of products of one known mass in kg; the recording ends after `wanted` of them.
+    """Passes of products with the same known mass in kg.
 
-    `count` is the number of passes so far with a whole window.
+    The recording ends after `wanted` passes, or has no limit if `wanted` is None. `count` is the
+    number of passes so far that have a complete window.
     """
 
     def __init__(self, mass: float, wanted: int | None) -> None:
@@ -49,16 +51,16 @@ class ReferencePasses:
 
     @property
     def done(self) -> bool:
-        """True if all wanted passes have come, and the last product has left the belt."""
+        """True if the wanted number of products has passed and the last one has left the belt."""
         return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
 
     def lines(self) -> Iterator[str]:
-        """Yield a line for each new pass; may be called from any thread."""
+        """Yield a line of text for each new pass. Any thread may call this method."""
         while not self._news.empty():
             yield one_line(self._news.get())
 
     def take(self, verdict: Verdict) -> Reference | None:
-        """Count a pass; return its known mass, or None if it does not count."""
+        """Count a pass, and return its known mass. Return None if the pass does not count."""
         if self.count >= self._wanted:
             return None
         reasons = ', '.join(verdict.reasons)
@@ -76,10 +78,11 @@ class ReferencePasses:
 
 
 class RecorderNode(PortNode):
-    """Recorder of the serialized messages of a lane, with port and time of arrival in ns.
+    """Node that receives the serialized messages of a lane.
 
-    The queue `messages` may be read from any thread. The known mass of `passes` replaces the
-    references of the line.
+    The queue `messages` has the port, the arrival time in ns, and the bytes of each message. Any
+    thread may read the queue. If `passes` is given, its known mass is recorded for each pass
+    instead of the reference masses that the line publishes.
     """
 
     def __init__(
@@ -89,7 +92,8 @@ class RecorderNode(PortNode):
         self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self.passes = passes
         self._flushed = time.monotonic()
-        # QoS of the stages: it skips older verdicts, whose items are not recorded.
+        # With the QoS of the stages, verdicts of earlier items do not arrive. The signals of those
+        # items are not in the bag.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
                 put = partial(self._put, port)
@@ -98,18 +102,18 @@ class RecorderNode(PortNode):
             self.subscribe(ports.VERDICT, self._on_verdict)
 
     def write(self, bag: BagWriter) -> bool:
-        """Write the next message into a bag; return whether one came in time.
+        """Wait a moment for the next message, write it, and return whether it arrived.
 
         The bag is flushed once a second.
         """
-        came = False
+        arrived = False
         with suppress(queue.Empty):
             bag.put(*self.messages.get(timeout=_POLL_PERIOD))
-            came = True
+            arrived = True
         if time.monotonic() - self._flushed > _FLUSH_PERIOD:
             self._flushed = time.monotonic()
             bag.flush()
-        return came
+        return arrived
 
     def _put(self, port: Port, data: bytes) -> None:
         self.messages.put((port, time.time_ns(), data))
@@ -129,15 +133,15 @@ def record(
     inputs_only: bool = False,
     passes: ReferencePasses | None = None,
 ) -> None:
-    """Record for a duration in s, until all passes have come, or until SIGINT, SIGTERM or SIGHUP.
+    """Record a lane for `duration` s, until all `passes` are done, or until a signal arrives.
 
-    The bag has its name from the first message on. If this process is killed, the bag lacks the
-    last second and ``metadata.yaml``. With `inputs_only`, results are not recorded, because a
-    replay computes them again. The known mass of `passes` is recorded in place of the references of
-    the line.
+    The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the last
+    second and the file ``metadata.yaml``. With `inputs_only`, results are not recorded, because a
+    replay computes them again. The known mass of `passes` is recorded instead of the reference
+    masses of the line.
 
-    Raises `OutputError` if the bag cannot be written; `UserError` if no message came, which leaves
-    no bag.
+    Raises `OutputError` if the bag cannot be written. Raises `UserError` and leaves no bag if no
+    message arrives.
     """
     recorded = ports.PLAYED if inputs_only else ports.RECORDED
     with (
@@ -160,21 +164,24 @@ def record(
 
 
 def _write_until(end: float, bag: BagWriter, node: RecorderNode, asked: Sequence[int]) -> None:
-    """Write messages until `end` in s, all passes have come, or a signal asks for the end."""
-    finishing, passes = False, node.passes
-    now = silent_since = time.monotonic()
+    """Write messages until the time `end` in s, until all passes are done, or until a signal."""
+    passes, silent_since = node.passes, time.monotonic()
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
-        while now < end and not (passes and passes.done):
-            if asked and not finishing:
-                finishing, end = True, min(end, now + _FAREWELL)
-            for line in passes.lines() if passes else ():
-                progress.write(line)
-            if node.write(bag):
-                progress.update()
+        while not asked and (now := time.monotonic()) < end and not (passes and passes.done):
+            if _write_next(bag, node, progress):
                 silent_since = now
-            elif finishing:
-                break
             elif now - silent_since > _PATIENCE:
                 silent_since = now
                 progress.write(f'no messages for {_PATIENCE:.0f} s')
-            now = time.monotonic()
+        end = min(end, time.monotonic() + _FAREWELL)
+        while asked and time.monotonic() < end and _write_next(bag, node, progress):
+            pass
+
+
+def _write_next(bag: BagWriter, node: RecorderNode, progress: tqdm) -> bool:
+    """Print a line for each new pass, write the next message, and return whether it arrived."""
+    for line in node.passes.lines() if node.passes else ():
+        progress.write(line)
+    arrived = node.write(bag)
+    progress.update(int(arrived))
+    return arrived

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Replay of a bag by the graph, in this process or in one process per node."""
+"""Replay of a bag by the graph, with all nodes in this process or one process per node."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -29,17 +29,17 @@ from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
 
-_PATIENCE = 30.0  # s without any message
+_PATIENCE = 30.0  # maximum time in s without a message
 _CHECK_PERIOD = 0.2  # s
-_FAREWELL = 1.0  # s, for recorders to receive the last messages
-_DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
+_FAREWELL = 1.0  # time in s for recorders to receive the last messages
+_DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
 
 
 class Collector(ResultListener):
-    """Listener that collects the results of a graph until every item has its verdict.
+    """Node that collects the results of a graph until every item has its verdict.
 
-    The replay fails after `patience` s of silence; if it `waits` for listeners, silence counts from
-    the first sample on. `failure` is the error of a replay that has failed.
+    The replay fails if no message arrives for `patience` s. If the driver `waits` for subscribers,
+    this time begins with the first sample. `failure` is the error of a replay that has failed.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -48,13 +48,13 @@ class Collector(ResultListener):
         self._patience = patience
         self._waits = waits
         self._expected: int | None = None
-        self._samples = 0  # processed by the segmenter
+        self._samples = 0  # number of samples that the segmenter has processed
         self.listen(ports.SEGMENTER_STATUS, self._on_segmenter)
         self.listen(ports.DRIVER_STATUS, self._on_driver)
 
     @property
     def finished(self) -> bool:
-        """True if every item has its verdict, or the replay has failed."""
+        """True if every item has its verdict or the replay has failed."""
         return self.failure is not None or self._expected == self.judged
 
     def _on_segmenter(self, status: StreamStatus) -> None:
@@ -69,7 +69,7 @@ class Collector(ResultListener):
             self.failure = LineError(status.text)
 
     def check(self) -> None:
-        """Set `failure` if a second driver runs or the graph is silent."""
+        """Set `failure` if a second driver runs, or if no message has arrived for too long."""
         if self.count_drivers() > 1:
             self.failure = self.conflict()
         elif not self._waits and time.monotonic() - self.heard > self._patience:
@@ -80,7 +80,7 @@ class Collector(ResultListener):
             )
 
     def conflict(self) -> UserError:
-        """Return the error for a second driver."""
+        """Return the error that a second driver runs."""
         name = self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
         return UserError(
             f'something else publishes {name} in this ROS domain; stop it, or choose another '
@@ -91,20 +91,21 @@ class Collector(ResultListener):
 def replay(
     driver: Mapping[str, Any], parameters: LineParameters, namespace: str, *, processes: bool
 ) -> Iterator[Weighing]:
-    """Run the graph on the bag of a driver and yield each item when it has its verdict.
+    """Run the graph on a bag, and yield each item when it has its verdict.
 
-    Raises UserError if another driver uses the same topics, LineError if the graph ends early or an
-    item gets no verdict.
+    The parameters of the node `driver` name the bag. With `processes`, each node has its own
+    process. Raises `UserError` if another driver uses the same topics, and `LineError` if the graph
+    ends early or an item gets no verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
-    # Without deadlines, a replay has the results of `weigh` even on a slow machine.
+    # With deadlines, the results on a slow machine could differ from those of the command `weigh`.
     values['reject']['deadlines'] = False
-    values['identifier']['learning.record'] = (
-        '-'  # the bag does not have the parameters that a line has learned
-    )
+    # The bag does not contain the record of the parameters that the line has learned.
+    values['identifier']['learning.record'] = '-'
     values['driver'] = dict(driver)
     with spinning(namespace) as spinner, ExitStack() as stack:
-        # The segmenter publishes its status every 0.2 s of signal.
+        # The segmenter publishes a status for each 0.2 s of signal, so a slow replay is silent for
+        # longer.
         patience = _PATIENCE + (1 / driver['rate'] if driver['rate'] > 0 else 0)
         collector = Collector(patience, waits=driver['listeners'] > 0)
         time.sleep(_DISCOVERY_TIME)
@@ -136,7 +137,8 @@ def _results(
     collector: Collector, children: Sequence[Process], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
-        # Read before the queue is emptied, so that the queue has the last results.
+        # If `finished` is true, all results are in the queue. The property is therefore read before
+        # the queue.
         finished = collector.finished
         with suppress(queue.Empty):
             while True:
@@ -153,7 +155,7 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until the subscribers have all messages, which are lost at the end of a node."""
+    """Wait until all messages are acknowledged, because a node drops them when it ends."""
     end = time.monotonic() + _FAREWELL
     for node in nodes:
         for publisher in node.publishers:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Supervision of a live line: keeps its processes running, and shows its verdicts."""
+"""Supervisor of a live line, which keeps its processes running and shows its verdicts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -12,11 +12,12 @@ import sys
 import time
 from typing import Any
 
-from checkweigher_bringup.commissioning.machine_folder import MachineFolder
+from checkweigher_bringup.commissioning.machine_folder import DEFAULTS, MachineFolder
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.hosts.description import LineDescription
 from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import ItemTable
+from checkweigher_bringup.service_manager import Watchdog, supervises
 from checkweigher_bringup.spinning import (
     asked_to_end,
     memory_file,
@@ -28,20 +29,22 @@ from checkweigher_bringup.supervision import CANNOT_START, SupervisedProcess, sa
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import Place
 from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.services import GATEWAYS
+from checkweigher_gateways.settings import read_gateways
 from checkweigher_web.access.users import UserFile, default_users
 
 _POLL_PERIOD = 0.1  # s
-_DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
+_DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
 _MODULE = 'checkweigher_bringup.line'
-# Nodes that run beside the line, which does not depend on them.
+# Nodes that run beside the line. The line does not need these nodes.
 BESIDE = {
     'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
     'verifier': 'checkweigher_bringup.commissioning.verifier',
     'batch_reporter': 'checkweigher_bringup.batch_reporter',
 }
 _PAGE = 'page'
-_SILENT = ('batch_reporter', _PAGE)  # send no diagnostics
-_NOT_NEEDED = {*BESIDE, _PAGE}
+_SILENT = ('batch_reporter', _PAGE)  # processes that publish no diagnostics
+_NOT_NEEDED = {*BESIDE, _PAGE, *GATEWAYS}
 
 
 def run_line(
@@ -52,25 +55,30 @@ def run_line(
     apart: bool,
     page: int | None = None,
     folder: MachineFolder | None = None,
+    gateways: Path | None = None,
 ) -> int:
-    """Run the line until a signal asks for its end, and return the exit status.
+    """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
-    The parameters of the `driver` override the file `params`. With `apart`, each node has its own
-    process. `page` is the port of the page, None for no page. With a `folder`, the line keeps the
-    state of its machine there, and the nodes of `BESIDE` run beside the line. Raises UserError if
-    a line runs in this lane already.
+    The parameters of the `driver` override those of the file `params`. With `apart`, each node has
+    its own process. `page` is the port of the page, or None if the page is not served. With a
+    `folder`, the line keeps the state of the machine in it, and the nodes of `BESIDE` run as well.
+    The gateways of the file `gateways` run beside the line. Raises `UserError` if a line already
+    runs in this lane, and `SettingsError` if the file is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
         processes = _processes(modules, files, namespace, page, folder)
+        if gateways is not None:
+            processes |= _gateway_processes(gateways, namespace)
         with spinning(namespace) as spinner, closing(ItemTable()) as table:
             node = EchoNode()
             lane = node.get_namespace().rstrip('/')
             names = (*ports.NODES, *processes)
             whole = processes.get('line')
-            _listen(node, {f'{lane}/{name}': processes.get(name, whole) for name in names})
-            # Held until the end, so that only one of two lines that start at once continues.
+            process_of = {f'{lane}/{name}': processes.get(name, whole) for name in names}
+            watchdog = _listen(node, process_of)
+            # If two lines start at the same time, only one line gets the place.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
@@ -83,17 +91,18 @@ def run_line(
             def meanwhile() -> None:
                 if folder is not None and folder.take_restart():
                     _restart(processes)
+                    watchdog.restarted(time.monotonic())
                 with suppress(queue.Empty):
                     table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
 
             try:
-                return _supervise(processes, asked, meanwhile)
+                return _supervise(processes, watchdog, asked, meanwhile)
             finally:
                 place.free()
 
 
 def run_host(line: LineDescription, host: str) -> int:
-    """Run the nodes of a host until a signal asks for their end; return the exit status."""
+    """Run the nodes of a host until SIGINT, SIGTERM or SIGHUP, and return the exit status."""
     shares = line.shares(host)
     os.environ.update(line.environment())
     with ExitStack() as stack, asked_to_end() as asked, spinning() as spinner:
@@ -104,26 +113,33 @@ def run_host(line: LineDescription, host: str) -> int:
             needs = {'needs_product': True} if 'recipes' in share.product else {}
             write_parameter_file(file, {'product': share.product, 'reject': needs})
             command = node_command(_MODULE, share.lane, *share.params, file, nodes=share.nodes)
-            process = SupervisedProcess(share.name, partial(list, command))
+            process = SupervisedProcess(share.name, partial(list, command), kept=not supervises())
             processes[share.name] = process
             process_of |= {f'/{share.lane}/{name}': process for name in share.nodes}
         print(f'{host}: {", ".join(processes) or "nothing to run"}', file=sys.stderr, flush=True)
         node = PortNode('run')
-        _listen(node, process_of)
+        watchdog = _listen(node, process_of)
         spinner.add(node)
-        return _supervise(processes, asked, partial(time.sleep, _POLL_PERIOD))
+        return _supervise(processes, watchdog, asked, partial(time.sleep, _POLL_PERIOD))
 
 
-def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> None:
-    """Notify a process of each report of its nodes, which are given by full names."""
+def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
+    """Notify each process of the diagnostics of its nodes.
+
+    `process_of` has the process of each node by the full name of the node. Returns the watchdog of
+    the nodes of the line among them.
+    """
+    watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
     def on_diagnostics(message: Any) -> None:
         for status in message.status:
-            name = status.name.partition(':')[0].strip('/')
-            if (process := process_of.get(f'/{name}')) is not None:
+            name = '/' + status.name.partition(':')[0].strip('/')
+            watchdog.heard(name, time.monotonic())
+            if (process := process_of.get(name)) is not None:
                 process.heard(time.monotonic())
 
     node.subscribe(ports.DIAGNOSTICS, on_diagnostics)
+    return watchdog
 
 
 def _parameter_files(
@@ -133,9 +149,10 @@ def _parameter_files(
     driver: Mapping[str, object],
     folder: MachineFolder | None,
 ) -> Callable[[], list[Path]]:
-    """Return a function that returns the parameter files of the line at each start.
+    """Return a function that returns the parameter files for the next start of the line.
 
-    The files of the user override `first`, and `last` overrides them.
+    The file `first` has defaults, which the files of the user override. The file `last` overrides
+    all others.
     """
     if folder is None:
         given = [] if params is None else [params]
@@ -144,7 +161,7 @@ def _parameter_files(
             given.append(last)
         return lambda: given
     own = folder.parameters(params, restarts=True)
-    write_parameter_file(first, folder.defaults())
+    write_parameter_file(first, DEFAULTS)
     write_parameter_file(last, {**own, 'driver': {**own['driver'], **driver}})
     return lambda: [first, *folder.files(params), last]
 
@@ -156,7 +173,7 @@ def _processes(
     page: int | None,
     folder: MachineFolder | None,
 ) -> dict[str, SupervisedProcess]:
-    """Return a process for each module, and one for the page if it has a port."""
+    """Return a process for each module, and a process for the page if `page` is its port."""
 
     def command(module: str) -> list[str]:
         return node_command(module, namespace, *files())
@@ -165,32 +182,54 @@ def _processes(
     if page is not None:
         commands[_PAGE] = partial(_page_command, page, namespace, folder)
     return {
-        name: SupervisedProcess(name, command, reports=name not in _SILENT)
+        name: SupervisedProcess(
+            name,
+            command,
+            reports=name not in _SILENT,
+            kept=name in _NOT_NEEDED or not supervises(),
+        )
         for name, command in commands.items()
     }
 
 
+def _gateway_processes(file: Path, namespace: str) -> dict[str, SupervisedProcess]:
+    """Return a process for each section of a file of gateways."""
+    lane = ['--settings', str(file), '--namespace', namespace]
+    start = [sys.executable, '-m', 'checkweigher_gateways.gateway']
+    return {
+        f'gateway_{kind}': SupervisedProcess(
+            f'gateway_{kind}', partial(list, [*start, kind, *lane])
+        )
+        for kind in read_gateways(file).kinds
+    }
+
+
 def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> list[str]:
-    keep = (
-        ['--keep', str(folder.path / 'kept')]
-        if folder is not None and UserFile(default_users()).now()
-        else []
-    )
     command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
-    return [*command, '--namespace', namespace, *keep]
+    command += ['--namespace', namespace]
+    if folder is not None and UserFile(default_users()).now():
+        command += ['--keep', str(folder.path / 'kept')]
+    return command
 
 
 def _supervise(
-    processes: Mapping[str, SupervisedProcess], asked: Sequence[int], meanwhile: Callable[[], None]
+    processes: Mapping[str, SupervisedProcess],
+    watchdog: Watchdog,
+    asked: Sequence[int],
+    meanwhile: Callable[[], None],
 ) -> int:
-    """Keep processes running, and call `meanwhile`, until a signal asks for their end."""
+    """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
+
+    If systemd supervises this process, it feeds the watchdog, and ends with a process of the line.
+    """
     try:
         while not asked:
             now = time.monotonic()
-            # The other processes are supervised even if one of them has failed.
+            # Each process is checked, even if another one has failed.
             failed = {name for name, process in processes.items() if not process.look(now)}
             if failed - _NOT_NEEDED:
                 return CANNOT_START
+            watchdog.feed(now)
             meanwhile()
         return 128 + asked[0]
     finally:
@@ -198,7 +237,7 @@ def _supervise(
 
 
 def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
-    """Start the line again; the nodes beside it continue."""
+    """Restart the processes of the line, while the other processes continue."""
     line = {name: process for name, process in processes.items() if name not in _NOT_NEEDED}
     say('the line starts again, as was asked')
     _end(line)
@@ -207,7 +246,7 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End the processes of the line, the driver first and reject last, then the others."""
+    """End all processes: first the driver, then the stages, then `reject`, then the others."""
     line = [process for name, process in processes.items() if name not in _NOT_NEEDED]
     beside = [process for name, process in processes.items() if name in _NOT_NEEDED]
     for group in (line[:1], line[1:-1], line[-1:], beside):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several commands share: their checks, and parameters from files."""
+"""Checks of options that several commands have, and parameters from files."""
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,19 +24,20 @@ from checkweigher_validation.cluster import LOCAL, on_scheduler
 def line_parameters(
     path: Path | None, estimator: str | None = None, lane: str | None = None
 ) -> LineParameters:
-    """Return the parameters of a file, or the defaults, with the estimator of the command line.
+    """Return the parameters of a file, or the defaults if `path` is None.
 
-    `lane` is the namespace of a lane in a file with several lanes.
+    `estimator` replaces the estimator of the file. `lane` is the namespace of a lane if the file
+    has the parameters of several lanes.
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product of the options `--recipes` and `--product`, None without them.
+    """Return the product of the options `--recipes` and `--product`, or None without the options.
 
-    Raises `UserError` if only one is given, or the file has no such product; `SettingsError` if the
-    file cannot be used.
+    Raises `UserError` if only one of the options is given or the file lacks the product, and
+    `SettingsError` if the file cannot be used.
     """
     path, name = arguments.recipes, arguments.product
     if path is None and name is None:
@@ -50,9 +51,10 @@ def recipe_of(arguments: Namespace) -> Product | None:
 
 
 def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:
-    """Return the estimators of an option, each once; UserError if one is unknown.
+    """Return the estimators that an option names, or `default`, without repetitions.
 
-    The name `all` stands for the estimators of `default`, followed by the others.
+    The name `all` stands for the estimators of `default`, followed by all others. Raises
+    `UserError` if a name is unknown.
     """
     names: list[str] = []
     for name in given or default:
@@ -65,7 +67,7 @@ def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list
 
 
 def check_namespace(name: str) -> str:
-    """Return a ROS namespace without its leading slash; UserError if it is not valid."""
+    """Return a ROS namespace without a leading slash, or raise `UserError` if it is not valid."""
     name = name.strip('/')
     if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name):
         raise UserError(
@@ -75,23 +77,22 @@ def check_namespace(name: str) -> str:
 
 
 def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
-    """Return paths of bags for the workers of `--scheduler`, which may run in another folder."""
+    """Return the paths of bags for the workers, which may run in another working directory."""
     is_local = arguments.scheduler == LOCAL
     return [bag if is_local or is_url(bag) else os.path.abspath(bag) for bag in bags]
 
 
 @contextmanager
 def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
-    """Select the scheduler of jobs by the options; yield `n_jobs` for `run_jobs`.
+    """Use the scheduler of the option `--scheduler` in a block, and yield `n_jobs` for `run_jobs`.
 
-    Refused workers are reported on stderr.
-
-    Raises `UserError` if the options cannot be used together; `SchedulerError` if the cluster
-    cannot be used.
+    Workers of the cluster that run another version of the program are not used, and are reported on
+    stderr. Raises `UserError` if the options cannot be used together, and `SchedulerError` if the
+    cluster cannot be used.
     """
     check_positive(arguments, 'jobs')
     if arguments.scheduler != LOCAL and arguments.jobs is not None:
-        raise UserError('--jobs: a cluster has as many as its workers; leave it out')
+        raise UserError('--jobs: a cluster has one job per worker, so leave out this option')
     if arguments.scheduler != LOCAL and '://' not in arguments.scheduler:
         raise UserError(
             f'--scheduler {arguments.scheduler}: must be local, or an address as tcp://HOST:8786'
@@ -103,18 +104,18 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
         try:
             yield arguments.jobs
         finally:
-            remove_abandoned()  # of processes that were interrupted
+            remove_abandoned()  # Interrupted processes may have left temporary folders.
 
 
 def refuse(arguments: Namespace, why: str, *names: str) -> None:
-    """Raise UserError if one of the options is given; the message has its name and the reason."""
+    """Raise `UserError` with the reason `why` if one of the options is given."""
     for name in names:
         if getattr(arguments, name) is not None:
             raise UserError(f'--{name}: {why}')
 
 
 def check_positive(arguments: Namespace, *names: str) -> None:
-    """Raise UserError unless the numbers of the options are finite and above 0."""
+    """Raise `UserError` unless the numbers of the options are finite and above 0."""
     for name in names:
         given = getattr(arguments, name)
         for value in given if isinstance(given, list) else [given]:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes of a command, in its own process or in other processes."""
+"""Functions that run ROS nodes in the process of a command or in other processes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,17 +21,18 @@ from checkweigher_core.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
 
-_PROCESS_PATIENCE = 5.0  # s, for a process to end by itself
+_PROCESS_PATIENCE = 5.0  # time in s in which a process must end by itself
 
 
 @contextmanager
 def spinning(namespace: str = '') -> Iterator[Spinner]:
-    """Run ROS and a spinner during a block; nodes made in the block are in `namespace`.
+    """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
 
-    Python handles the signals: Ctrl-C raises KeyboardInterrupt in the block, which can finish its
-    work while the nodes still exist.
+    Ctrl-C raises KeyboardInterrupt in the block, which can finish its work while the nodes still
+    exist. The nodes log only warnings, because a command shows its own results.
     """
-    rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
+    arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         spinner = Spinner()
@@ -47,9 +48,9 @@ def ros_arguments(namespace: str) -> list[str]:
 def node_command(
     module: str, namespace: str = '', *parameter_files: Path, nodes: Sequence[str] = ()
 ) -> list[str]:
-    """Return the command that runs the `nodes` of a module, with parameter files."""
+    """Return the command that runs the `nodes` of a module with parameter files."""
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
-    # Name of the node, or of the process if it runs several nodes.
+    # The name is that of the node, or that of the module if it runs several nodes.
     name = {path: node for node, path in NODES.items()}.get(module, module.rpartition('.')[2])
     place = [*ros_arguments(namespace), *enclave_arguments(namespace, name)]
     return [sys.executable, '-m', module, *nodes, '--ros-args', *files, *place]
@@ -57,18 +58,18 @@ def node_command(
 
 @contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Collect the signals that ask for the end in a list, without a KeyboardInterrupt.
+    """Collect the numbers of SIGINT, SIGTERM and SIGHUP in a list, instead of raising an exception.
 
-    A KeyboardInterrupt could interrupt the writing of a message or the start of a process.
+    An exception could interrupt the writing of a message or the start of a process.
     """
-    came: list[int] = []
+    received: list[int] = []
     before = {
-        number: signal.signal(number, lambda number, _: came.append(number))
+        number: signal.signal(number, lambda number, _: received.append(number))
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) != signal.SIG_IGN  # under nohup
+        if signal.getsignal(number) != signal.SIG_IGN  # The command nohup ignores SIGHUP.
     }
     try:
-        yield came
+        yield received
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -78,7 +79,7 @@ def asked_to_end() -> Iterator[list[int]]:
 def memory_file() -> Iterator[Path]:
     """Yield the path of an empty file in memory, which other processes can open.
 
-    The file ends with this process, even if the process is killed.
+    The system removes the file when this process ends, even if the process is killed.
     """
     number = os.memfd_create('checkweigher')
     try:
@@ -88,7 +89,7 @@ def memory_file() -> Iterator[Path]:
 
 
 def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
-    """Write a ROS parameter file with a section for each node."""
+    """Write a ROS parameter file from the parameters of each node."""
     content = {
         f'/**/{node}': {
             'ros__parameters': {
@@ -102,17 +103,17 @@ def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, objec
 
 
 def start_process(words: Sequence[str]) -> Process:
-    """Start a process of nodes, which ends with this process.
+    """Start a process that ends when this process ends.
 
-    Signals of the terminal reach only this process, which then ends the others in order. It uses
-    SIGTERM, because SIGINT during an import would print a traceback.
+    The new process does not receive Ctrl-C of the terminal. The present process receives Ctrl-C,
+    and then ends its child processes in order.
     """
     return subprocess.Popen(words, env=child_environment(), process_group=0)
 
 
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands during a block, then end them by SIGTERM in the same order."""
+    """Run commands during a block. At the end, the processes get SIGTERM in the same order."""
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():
@@ -126,7 +127,7 @@ def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[st
 
 
 def end_process(process: Process) -> bool:
-    """Wait for a process to end; kill it after a while, and return false."""
+    """Wait until a process ends. Return false if the process had to be killed after some time."""
     try:
         process.wait(timeout=_PROCESS_PATIENCE)
     except subprocess.TimeoutExpired:

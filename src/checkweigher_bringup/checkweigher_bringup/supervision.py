@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that are started again when they end, and killed when they hang."""
+"""Supervised processes, which are restarted after they end, and killed if they hang."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -11,28 +11,35 @@ import time
 
 from checkweigher_bringup.spinning import Process, end_process, start_process
 
-CANNOT_START = 2  # exit status of a node whose parameters cannot be used
-# Delays in s before a restart: the first one, and the longest if the process keeps dying.
+# The delay in s before a restart doubles while the process keeps ending at once.
 DELAY, LONGEST_DELAY = 1.0, 10.0
-STABLE = 5.0  # s; a process that ran longer did not die at once
-SILENCE = 5.0  # s without diagnostics after which a process is killed
-START = 30.0  # the same after a start
+CANNOT_START = 2  # exit status of a node whose parameters cannot be used
+STABLE = 5.0  # time in s after which a process is considered to work
+SILENCE = 5.0  # time in s without diagnostics after which a process is killed
+START = 30.0  # maximum time in s from the start of a process to its first diagnostics
 
 
 class SupervisedProcess:
     """A process that is kept running. Times are in s of a monotonic clock.
 
-    It is not started again if it ends with `CANNOT_START` before it has worked. A process without
-    `reports` sends no diagnostics, so a hang is not detected. Such a process has worked if it ran
-    for at least `STABLE` s.
+    The process is not restarted if it ends with the status `CANNOT_START` before it has worked. A
+    process that `reports` has worked when its first diagnostics arrive. Any other process has
+    worked after `STABLE` s, and is not killed if it hangs. A process that is not `kept` is started
+    once, and a hang is left to systemd.
     """
 
     def __init__(
-        self, name: str, command: Callable[[], Sequence[str]], *, reports: bool = True
+        self,
+        name: str,
+        command: Callable[[], Sequence[str]],
+        *,
+        reports: bool = True,
+        kept: bool = True,
     ) -> None:
         self._name = name
         self._command = command
         self._reports = reports
+        self._kept = kept
         self.renew()
 
     def renew(self) -> None:
@@ -44,16 +51,16 @@ class SupervisedProcess:
         self._started = self._ended = self._awaited = -math.inf
 
     def heard(self, now: float) -> None:
-        """Record that diagnostics of the process came."""
+        """Record that diagnostics of the process arrived."""
         if self._child is not None:
             self._has_worked, self._awaited = True, now + SILENCE
 
     def look(self, now: float) -> bool:
-        """Start or kill the process if it is due; return whether the line can continue."""
+        """Start or kill the process if necessary, and return whether the line can continue."""
         if self._child is not None and (status := self._child.poll()) is not None:
             self._record_end(now, status)
         if self._child is not None:
-            if self._reports and now > self._awaited and not self._hung:
+            if self._reports and self._kept and now > self._awaited and not self._hung:
                 self._hung = True
                 self._child.kill()
         elif not self._given_up and now >= self._ended + self._delay:
@@ -66,26 +73,27 @@ class SupervisedProcess:
     def _record_end(self, now: float, status: int) -> None:
         at_once = now - self._started < STABLE
         self._delay = min(2 * self._delay, LONGEST_DELAY) if at_once and self._reason else DELAY
-        # A process that has worked had valid parameters, so it is started again.
         self._has_worked |= not (self._reports or at_once)
-        self._given_up = status == CANNOT_START and not self._has_worked
+        self._given_up = not self._kept or (status == CANNOT_START and not self._has_worked)
         self._reason = f'hung: no diagnostics for {SILENCE:g} s' if self._hung else _reason(status)
         self._child, self._ended = None, now
+        if not self._kept:
+            say(f'{self._name}: {self._reason}')
 
     def terminate(self) -> None:
-        """Ask the process to end."""
+        """Send SIGTERM to the process."""
         if self._child is not None:
             self._child.terminate()
 
     def wait(self) -> None:
-        """Wait until the process has ended, and kill it if it does not."""
+        """Wait until the process has ended, and kill it if it does not end in time."""
         if self._child is not None and not end_process(self._child):
             say(f'{self._name}: did not end; killed')
 
 
 def say(text: str) -> None:
     """Print a line with the time on stderr."""
-    with suppress(OSError):  # the terminal may be gone while the line runs on
+    with suppress(OSError):  # The line continues if the terminal is closed.
         print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)
 
 

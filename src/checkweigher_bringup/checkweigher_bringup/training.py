@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Training on passes of known mass in bags."""
+"""Training of the estimators on passes of known mass in bags."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ from checkweigher_validation.tuning.tuner import tune
 
 @dataclass(frozen=True, slots=True)
 class BagPasses:
-    """The passes of known mass in a bag, its load cell, and notes for the user."""
+    """The passes of known mass in a bag, the load cell, and notes for the user."""
 
     passes: tuple[KnownPass, ...]
     cell: LoadCell
@@ -44,7 +44,7 @@ class BagPasses:
 
 @dataclass(frozen=True, slots=True)
 class ReadPasses:
-    """Passes of known mass in several bags, a line on each bag, and number of skipped bags."""
+    """Passes of known mass in several bags, a text on each bag, and the number of skipped bags."""
 
     passes: list[KnownPass]
     lines: list[str]
@@ -57,12 +57,11 @@ def read_passes(
     segmenter: SegmenterParameters,
     n_jobs: int | None = None,
 ) -> ReadPasses:
-    """Return the passes of known mass in bags; for `n_jobs` see `run_jobs`.
+    """Return the passes of known mass in bags. `n_jobs` is described at `run_jobs`.
 
-    Bags that cannot be read are reported on stderr and skipped.
-
-    Raises `UserError` if a bag has no such pass, or the bags differ in sample rate; `BagError` if
-    no bag can be read.
+    Bags that cannot be read are reported on stderr and skipped. Raises `UserError` if a bag has no
+    pass of known mass or another sample rate than the first bag, and `BagError` if no bag can be
+    read.
     """
     calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
     found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
@@ -79,7 +78,7 @@ def read_passes(
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
-    """Print the notes on a bag; UserError if it has no passes or another sample rate in Hz."""
+    """Print the notes on a bag, or raise `UserError` if its passes cannot be used."""
     for note in found.notes:
         warn(note)
     if found.cell.sample_rate != rate:
@@ -96,9 +95,9 @@ def _check(bag: str, found: BagPasses, rate: float) -> None:
 def passes_of_bag(
     bag: str, lane: str | None, segmenter: SegmenterParameters, progress: bool
 ) -> BagPasses | BagError:
-    """Return the passes of known mass in a bag, or the error if it cannot be read.
+    """Return the passes of known mass in a bag, or the error if the bag cannot be read.
 
-    Only the samples of the passes are kept.
+    Samples outside the passes are dropped, because a bag may be larger than the memory.
     """
 
     def work(stretches: Iterable[Recording]) -> BagPasses:
@@ -114,7 +113,7 @@ def passes_of_bag(
                     notes.append(stretch.warning)
                 yield stretch
 
-        # The references are read after the signal, when they are complete.
+        # `chain` reads the references last, when all segments of the bag have added theirs.
         events = chain(join_stretches(taken()), references)
         found = known_passes(first.load_cell, events, segmenter)
         return BagPasses(tuple(found), first.load_cell, tuple(notes))
@@ -136,12 +135,13 @@ def train(
     lane: str | None = None,
     n_jobs: int | None = None,
 ) -> int:
-    """Tune estimators on the passes of known mass in bags, and write the parameter file.
+    """Tune estimators on the passes of known mass in bags, and write a parameter file.
 
-    The file also has the parameters of `base`, and selects the first estimator. Without names, all
-    estimators are tuned and compared on held-out passes, and the file has only the best one.
-    `budget` is the largest number of evaluations of each estimator at each speed; for `n_jobs` see
-    `run_jobs`. Returns the number of skipped bags.
+    The file has the tuned parameters, all other parameters of `base`, and selects the first
+    estimator. If `estimators` is None, all estimators are tuned and compared on held-out passes,
+    and the file has only the best one. `budget` is the maximum number of evaluations of each
+    estimator at each speed. `n_jobs` is described at `run_jobs`. Returns the number of bags that
+    were skipped.
     """
     read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
     groups = group_by_speed(read.passes)

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Start the checkweigher line: driver, segmenter, denoise, identifier, reject and product.
+"""Launch file of the line: driver, segmenter, denoise, identifier, reject and product.
 
 The arguments set values that differ from run to run. All other values, and those of omitted
-arguments, come from the parameter file. With lanes:=FILE host:=NAME the file describes lanes on
-several hosts, and the nodes of one host start: see docs/hosts.md.
+arguments, come from the parameter file. With lanes:=FILE host:=NAME, the nodes of one host start.
+The file describes lanes on several hosts, see docs/hosts.md.
 """
 
 from functools import partial
@@ -21,20 +21,23 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from checkweigher_bringup.commissioning.machine_folder import DEFAULTS as OF_FOLDER
 from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.hosts.description import read_line
 from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_bringup.supervision import CANNOT_START
+from checkweigher_core.parent_process import child_variable
 from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE
+from checkweigher_gateways.settings import read_gateways
 
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
 
-_files = []  # removed when launch ends
+_files = []  # temporary files, which launch removes when it ends.
 
-# Default values; the others are empty.
+# Defaults of the arguments. The default of any other argument is ''.
 DEFAULTS = {
     'params_file': PathJoinSubstitution(
         [FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']
@@ -60,12 +63,13 @@ ARGUMENTS = {
     'is none, and with it the nodes dynamic_setting and verifier run beside the line',
     'page': 'whether the page of the line is served, on http://127.0.0.1:8080/',
     'batch_reports': 'whether each batch that ends gets a report beside its record',
+    'gateways': 'settings of the gateways into the plant (YAML); those of its sections run',
     'lanes': 'description of lanes on several hosts (YAML), in place of the arguments above but '
-    'respawn and page',
+    'respawn, page and gateways',
     'host': 'name of this host in the file lanes',
     'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
 }
-WITH_LANES = ('respawn', 'page', 'lanes', 'host', 'log_level')
+WITH_LANES = ('respawn', 'page', 'gateways', 'lanes', 'host', 'log_level')
 
 
 def generate_launch_description():
@@ -78,12 +82,12 @@ def generate_launch_description():
 
 
 def make_line(context):
-    """Return the line, in one process or in one for each node, or the nodes of one host."""
+    """Return the actions that start the line, or the nodes of one host."""
     lanes, host = (LaunchConfiguration(name).perform(context) for name in ('lanes', 'host'))
     if lanes or host:
         return make_host(context, lanes, host)
     params_file = LaunchConfiguration('params_file').perform(context)
-    # Launch would only warn, and run the line without the limits of the product.
+    # For a missing file, launch would only print a warning and start the line with the defaults.
     if not Path(params_file).is_file():
         raise RuntimeError(f'params_file: there is no file {params_file}')
     one_process = LaunchConfiguration('one_process')
@@ -95,8 +99,8 @@ def make_line(context):
     own['reject'] |= reject_parameters(context)
 
     def node(executable, condition, *parameters, package='checkweigher_bringup', **options):
-        # Plain nodes, because driver and reject start themselves. The autostart of LifecycleNode
-        # in launch_ros acts only once, so a respawned node would wait.
+        # The action is not a LifecycleNode, because `driver` and `reject` activate themselves. A
+        # LifecycleNode with autostart is activated only once, and not after a respawn.
         return Node(
             package=package,
             executable=executable,
@@ -121,16 +125,17 @@ def make_line(context):
             for name in OF_MACHINE
         ),
         make_page(kept),
+        *make_gateways(context, kept),
         node('batch_reporter', IfCondition(LaunchConfiguration('batch_reports'))),
     ]
 
 
 def remap_arguments(context):
-    """Return the ROS arguments for the rules of `remap`, which all name a node."""
+    """Return the ROS arguments for the rules of the argument `remap`."""
     rules = LaunchConfiguration('remap').perform(context).split()
     for rule in rules:
         node, _, names = rule.partition(':')
-        # ROS would ignore such a rule, and the line would run without the inserted node.
+        # ROS would ignore an unknown node, and the line would run without the node of the user.
         if node not in NODES or not all(names.partition(':=')):
             known = ', '.join(NODES)
             raise RuntimeError(f'remap: {rule!r} is not NODE:TOPIC:=OTHER, with one of {known}')
@@ -138,7 +143,7 @@ def remap_arguments(context):
 
 
 def make_host(context, lanes, host):
-    """Return the nodes of one host, a process for each lane, in the environment of that line."""
+    """Return the actions that start the nodes of one host, with one process for each lane."""
     if not (lanes and host):
         raise RuntimeError('lanes and host belong together: the file, and a host of it')
     for name in (each for each in ARGUMENTS if each not in WITH_LANES):
@@ -161,11 +166,11 @@ def make_host(context, lanes, host):
         )
         for share in line.shares(host)
     ]
-    return [*environment, *nodes, make_page(kept)]
+    return [*environment, *nodes, make_page(kept), *make_gateways(context, kept)]
 
 
 def own_file(share):
-    """Return a file with the parameters of the description; launch removes it at its end."""
+    """Return the path of a temporary file with the parameters of a share."""
     file = NamedTemporaryFile(suffix='.yaml')  # noqa: SIM115
     _files.append(file)
     write_parameter_file(Path(file.name), {'product': share.product})
@@ -173,7 +178,7 @@ def own_file(share):
 
 
 def make_page(kept):
-    """Return the page of all lanes, which runs if the argument `page` is true."""
+    """Return the action that starts the page of all lanes if the argument `page` is true."""
     return Node(
         package='checkweigher_web',
         executable='page',
@@ -183,29 +188,53 @@ def make_page(kept):
     )
 
 
+def make_gateways(context, kept):
+    """Return the gateways of all lanes, one for each section of the file `gateways`."""
+    file = LaunchConfiguration('gateways').perform(context)
+    return [
+        Node(
+            package='checkweigher_gateways',
+            executable='gateway',
+            arguments=[kind, '--settings', file],
+            ros_arguments=enclave_arguments('', f'gateway_{kind}'),
+            **kept,
+        )
+        for kind in (read_gateways(Path(file)).kinds if file else ())
+    ]
+
+
 def kept_running(context):
-    """Return the options of a process: it is started again unless `respawn` is false."""
+    """Return the options by which launch restarts a process, unless `respawn` is false.
+
+    On SIGTERM, launch ends without ending its processes, which would hold the places of the line.
+    With the added variable, each process ends with its parent.
+    """
     respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
     respawn = perform_typed_substitution(context, respawn, bool)
-    return {'output': 'screen', 'respawn': respawn, 'respawn_delay': RESPAWN_DELAY}
+    return {
+        'output': 'screen',
+        'respawn': respawn,
+        'respawn_delay': RESPAWN_DELAY,
+        'additional_env': child_variable(),
+    }
 
 
 def files_and_parameters(context, params_file):
-    """Return the parameter files, with those of the folder, and its parameters by node."""
+    """Return the parameter files, and the parameters of each node for the folder."""
     own = {name: {} for name in (*NODES, *OF_MACHINE)}
     path = LaunchConfiguration('folder').perform(context)
     if not path:
         return [str(params_file)], own
     folder = MachineFolder.made(Path(path))
-    files = [folder.defaults()['driver'], *map(str, folder.files(params_file))]
+    files = [OF_FOLDER['driver'], *map(str, folder.files(params_file))]
     return files, own | folder.parameters(params_file, restarts=False)
 
 
 def on_exit(event, context, *, respawn):
-    """End the launch if a process cannot start; without `respawn`, if any process ends.
+    """End the launch if a process cannot start, or if any process ends and `respawn` is false.
 
-    A line that lacks a node gives no verdicts, so the supervisor of launch must notice. The delay
-    before a restart leaves time for that.
+    A line without one of its nodes gives no verdicts. The delay before a respawn is long enough to
+    end the launch first.
     """
     if event.returncode == CANNOT_START:
         return [Shutdown(reason=f'{event.process_name} cannot start; its message is above')]
@@ -213,7 +242,7 @@ def on_exit(event, context, *, respawn):
 
 
 def driver_parameters(context):
-    """Return the parameters of the driver that the arguments set."""
+    """Return the parameters of the driver that are set by arguments."""
     source, bag, rate = (
         LaunchConfiguration(name).perform(context) for name in ('source', 'bag', 'rate')
     )
@@ -231,6 +260,6 @@ def driver_parameters(context):
 
 
 def reject_parameters(context):
-    """Return the parameters of reject: no deadlines if the stamps do not follow the clock."""
+    """Return the parameters of `reject`. It has no deadlines if the rate is not real time."""
     rate = LaunchConfiguration('rate').perform(context)
     return {'deadlines': False} if rate and float(rate) != 1 else {}

@@ -3,6 +3,7 @@
 """Bad input: one line that says what and where, exit status 2, nothing half-written."""
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 import shutil
 
@@ -84,6 +85,24 @@ def test_parameters(command: str, text: str, names: str, tmp_path: Path):
 )
 def test_options(arguments: tuple[object, ...]):
     assert refused(*arguments).startswith('checkweigher')
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (('--port', 70000), 'is not in 0..65535'),
+        (('--keep', '/nowhere/at/all'), 'there is no folder /nowhere/at/all; make it first'),
+        (('--keep', '/tmp'), 'needs a user: checkweigher user add NAME --role R'),
+        (('--trust', __file__), f'{__file__}: is not an Ed25519 public key'),
+        (('--trust', '/none'), '/none: cannot be read: No such file'),
+        (('--trust', __file__, '--bag', BAG), '--trust: of a running line only'),
+        (('--bag', BAG, '--report', '/none'), 'there is no such file'),
+        (('--report', __file__), '--report: goes with --bag only'),
+    ],
+)
+def test_pages(monkeypatch: pytest.MonkeyPatch, options: tuple[object, ...], said: str):
+    monkeypatch.setenv('XDG_CONFIG_HOME', os.devnull)
+    assert said in refused('page', '--port', 0, *options)
 
 
 SIMULATION = ('simulate', '--speed', 60, '--mass', 100, '--count', 2)

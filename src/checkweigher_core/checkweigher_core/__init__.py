@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts that all packages share: records, parameters, settings and state files, the ROS layer."""
+"""Code that all packages share: records, parameters, settings and state files, the ROS layer."""

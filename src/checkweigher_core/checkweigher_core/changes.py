@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of changes in the audit log of a lane, and the conversion of their values for JSON."""
+"""Kinds of changes in the audit log of a lane, and the conversion of values to JSON types."""
 
 from collections.abc import Mapping
 import math
@@ -11,12 +11,13 @@ SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
 RECORD, REPORT = 'record', 'report'  # of a batch
 TUNED = 'tuned'
-ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or ended in order
-TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
+ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
+TEST, TEST_BEGUN = 'test', 'test_begun'  # performance test
+BACKUP = 'backup'  # the folder of the machine was restored from a backup
 
 
 def plain(value: object) -> Any:
-    """Convert a value for JSON: sequences to lists, NaN and infinities to strings."""
+    """Convert a value to JSON types. Iterables become lists; NaN and infinities become strings."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, Mapping):

@@ -1,15 +1,16 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of files that the user names."""
+"""Reading of input files that the user names."""
 
 import errno
 from pathlib import Path
 
 
 def read_input(path: Path) -> bytes:
-    """Return the content of a file, or of a link to one; OSError if it cannot be read.
+    """Return the content of a file.
 
-    A pipe or a device is refused, because it may have no end.
+    Raises OSError if the file cannot be read. A pipe or a device is refused, because it may have no
+    end.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, 'not a regular file; copy it into one', str(path))

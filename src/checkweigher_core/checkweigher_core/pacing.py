@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Due times of the events of a recording or a simulation, and flow control between nodes."""
+"""Pacing of a recording or a simulation: due times of its events, and flow control."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -12,14 +12,14 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 @dataclass
 class Pacer:
-    """Conversion of stamps to due times on another clock.
+    """Times at which the events of a recording or a simulation are to be sent.
 
-    A block is due when its last sample has been taken. At rate 0 all events are due at once.
+    A block is due when its last sample was measured. If `rate` is 0, all events are due at `start`.
     """
 
-    rate: float  # s of signal per second
+    rate: float  # seconds of signal per second
     sample_rate: float  # Hz
-    start: float  # s, due time of the first event
+    start: float  # time in s at which the first event is due
     _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
@@ -36,24 +36,24 @@ class Pacer:
 
 @dataclass(eq=False)
 class FlowControl:
-    """Limits of the lag of the line behind the driver, which waits while a limit is exceeded.
+    """Flow control of the driver, which has to wait while the line lags behind by too much.
 
-    The lag is computed from the counts that the segmenter reports, so that it does not depend on
-    the depth of the queues. It counts samples and edges separately, because DDS may delay the
-    topic of either. Threads that use it must share a lock.
+    The lag is computed from the counts that the segmenter reports, so it does not depend on the
+    depth of the DDS queues. Samples and edges are counted separately, because DDS may delay one
+    topic more than the other. Threads that share an object must hold a lock.
     """
 
-    max_duration: float = 1.0  # s of signal; below the delay of edges that the segmenter accepts
-    max_blocks: int = 500  # below the depth of the queue
-    max_edges: int = 500  # below the depth of the queue
-    max_items: int = 100  # between segmenter and verdict
+    max_duration: float = 1.0  # s of signal; shorter than the edge delay that the segmenter accepts
+    max_blocks: int = 500  # less than the depth of the DDS queue of samples
+    max_edges: int = 500  # less than the depth of the DDS queue of edges
+    max_items: int = 100  # items that the segmenter has sent on and that have no verdict yet
 
     def __post_init__(self) -> None:
         self.samples_sent = 0
         self.items_judged = 0
-        self._edges: deque[int] = deque()  # stamps of edges not taken yet
+        self._edges: deque[int] = deque()  # stamps of the edges that were not processed yet
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        self._samples_missed = 0  # sent before this segmenter started
+        self._samples_missed = 0  # samples that were sent before the segmenter was started
 
     def sent(self, event: Event) -> None:
         """Count an event that is about to be sent."""
@@ -63,9 +63,9 @@ class FlowControl:
             self._edges.append(event.stamp)
 
     def taken(self, samples: int, edges: int, items: int) -> None:
-        """Process the total counts of the segmenter."""
+        """Update the numbers of samples, edges and items that the segmenter has processed."""
         if samples < self._samples_taken or edges < self._edges_taken:
-            # The segmenter was restarted and does not get earlier events.
+            # A restarted segmenter does not receive events that were sent before its start.
             self._samples_missed = self.samples_sent - samples
             self.items_judged = items
             self._edges.clear()
@@ -87,10 +87,10 @@ class FlowControl:
         return not self.awaits_edges(event, sample_rate)
 
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
-        """Return whether an event must wait until the segmenter has taken earlier edges.
+        """Return whether an event must wait until the segmenter has processed earlier edges.
 
-        A block must wait if its samples are so much later than an edge that the segmenter would
-        ignore the edge. An edge must wait while the queue may be full.
+        A block must wait if it is so much later than an edge that the segmenter would then discard
+        the edge. An edge must wait while the DDS queue of edges may be full.
         """
         if isinstance(event, SampleBlock):
             end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
@@ -98,7 +98,7 @@ class FlowControl:
         return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Count the edges as lost if all samples have been taken; return their number."""
+        """Give up waiting for edges if all samples were processed; return the number of edges."""
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:
             self._edges.clear()

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the stages with unit, range and meaning, for nodes, files and docs.
+"""Parameters of the processing stages, each with its unit, range and description.
 
-The parameters of a stage are a frozen dataclass whose fields are declared by `parameter`. The node
-declares the same fields to ROS, a command reads them from the same YAML, and `make docs` writes the
-tables of docs/parameters.md and config/line.yaml from them.
+The parameters of a stage are the fields of a frozen dataclass, declared by `parameter`. A node
+declares these fields to ROS, a command reads them from a ROS parameter file, and `make docs` writes
+docs/parameters.md and config/line.yaml from them.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -15,17 +15,17 @@ from typing import Any, ClassVar, Self, cast
 
 from checkweigher_core.printable import one_line
 
-_MAX_VALUES = 100_000  # of a list
-_MAX_COST = 0.05  # s for each item
-_ALL = '**'  # addresses all nodes
+_MAX_VALUES = 100_000  # values in a list
+_MAX_COST = 0.05  # computing time for each item in s
+_ALL = '**'  # section of a parameter file that addresses all nodes
 
 
 class ParameterError(ValueError):
-    """Invalid parameter; the message has its name, its value and the allowed values."""
+    """Error of an invalid parameter. The message has its name, its value and the valid values."""
 
 
 class SettingsError(ParameterError):
-    """Invalid settings; the message is one line with file, line, field, fault and advice."""
+    """Error of an invalid file. The message is one line with file, line, field, fault, advice."""
 
     def __init__(self, text: str, *path: object) -> None:
         super().__init__(f'{one_line(".".join(map(str, path)))}: {text}' if path else text)
@@ -34,7 +34,7 @@ class SettingsError(ParameterError):
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """Meaning of a parameter, and its allowed values."""
+    """Description of a parameter, with its unit and its valid values."""
 
     text: str
     unit: str
@@ -54,10 +54,10 @@ def parameter(
 ) -> Any:
     """Declare a field of a `Parameters` class.
 
-    The type of `default` (bool, int, float, str or tuple of float) is the parameter's type. `text`
-    and `unit` (SI, empty for a pure number) are for the ROS descriptor and the docs. The range is
+    The type of `default` (bool, int, float, str or tuple of float) is the type of the parameter.
+    ROS and the docs show `text` and `unit` (SI, empty for a dimensionless number). The range is
     inclusive, and applies to each element of a tuple. Without `choices`, any string is valid. A
-    field of `Settings` may have other types; without a default, its value must be given.
+    field of `settings_files.Settings` may have other types, and must be given if it has no default.
     """
     return field(
         default=default,
@@ -72,9 +72,10 @@ def describe(entry: 'Field[Any]') -> Description:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Base of all parameter sets, which checks types and ranges.
+    """Base class of all parameter sets, which checks types and ranges.
 
-    A field may be another set; its parameters have names with a dot, such as ``tvlpf.gain``.
+    A field may be a parameter set itself. The names of its parameters then begin with the name of
+    the field and a dot, as in ``tvlpf.gain``.
 
     Raises
     ------
@@ -82,7 +83,7 @@ class Parameters:
         If a field has the wrong type, is NaN or is out of range.
     """
 
-    # Name of the node that declares the set, as in parameter files.
+    # Name of the node that declares the parameters.
     node: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
@@ -93,7 +94,7 @@ class Parameters:
 
     @classmethod
     def entries(cls) -> 'dict[str, Field[Any]]':
-        """Return all parameters by name; names in inner sets have a dot."""
+        """Return the dataclass field of each parameter by the name of the parameter."""
         return flatten(
             {
                 e.name: e.default.entries() if isinstance(e.default, Parameters) else e
@@ -103,7 +104,7 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
-        """Return a set with these values; absent names keep their defaults."""
+        """Return a parameter set with the given values, and defaults for all others."""
         known = cls.entries()
         for name in values:
             if name not in known:
@@ -118,19 +119,19 @@ class Parameters:
         return cls(**own)
 
     def as_mapping(self) -> dict[str, object]:
-        """Return names and values of all parameters, the reverse of `from_mapping`."""
+        """Return the values of all parameters by name, the inverse of `from_mapping`."""
         return flatten(asdict(self))
 
 
 def _names_like(name: str, known: list[str]) -> list[str]:
-    """Return the names of the inner set of `name`, or all names with inner sets abbreviated."""
+    """Return the names to propose for an unknown name, if possible those with the same prefix."""
     prefix, dot, _ = name.rpartition('.')
     inner = [other for other in known if dot and other.startswith(prefix + dot)]
     return inner or sorted({f'{n.partition(".")[0]}.*' if '.' in n else n for n in known})
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
-    """Return `value` in the type of the field, or raise `ParameterError`."""
+    """Return `value` in the type of a field. Raises `ParameterError` if it is invalid."""
     try:
         return convert(type(entry.default), describe(entry), value)
     except ValueError as error:
@@ -138,7 +139,7 @@ def check(name: str, entry: 'Field[Any]', value: object) -> object:
 
 
 def convert(kind: type, description: Description, value: object) -> object:
-    """Return a value as `kind`; ValueError says which values are allowed."""
+    """Return a value converted to `kind`. Raises ValueError with the valid values."""
     if issubclass(kind, (bool, str)):
         return _word(kind, description, value)
     if not issubclass(kind, tuple):
@@ -168,7 +169,7 @@ def _number(kind: type, description: Description, value: object) -> float:
     try:
         number = value if whole else float(value)
     except OverflowError:
-        number = math.nan  # a whole number that no float can hold
+        number = math.nan  # the integer exceeds the range of float
     if not description.minimum <= number <= description.maximum:  # also refuses NaN
         span = f'{description.minimum:g}..{description.maximum:g} {description.unit}'.rstrip()
         raise ValueError(f'{value} is not in {span}')
@@ -176,10 +177,10 @@ def _number(kind: type, description: Description, value: object) -> float:
 
 
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
-    """Raise ParameterError if the processing of a window would take too long.
+    """Raise ParameterError if the computation for one item would take too long.
 
-    `cost` returns an estimate of the time in s from the parameters `names`. The message names the
-    parameter whose default would save most time.
+    `cost` estimates its duration in s from the parameters `names`. The message names the parameter
+    whose default value would shorten the computation most.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:
@@ -194,7 +195,7 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
 
 
 def _is_common(name: str) -> bool:
-    """Return whether any ROS node may have a parameter of this name."""
+    """Return whether a name is one of the parameters that rclpy gives to nodes."""
     return name == 'use_sim_time' or name.startswith('qos_overrides.')
 
 
@@ -204,12 +205,12 @@ def by_node(
     other_nodes: tuple[str, ...] = (),
     lane: str | None = None,
 ) -> dict[str, dict[str, object]]:
-    """Return names and values for each node from the sections of a ROS parameter file.
+    """Return the parameter values of each node from the sections of a ROS parameter file.
 
-    A section ``/**`` addresses all nodes that have a parameter of the name. A section such as
-    ``/**/segmenter`` or ``/lane1/segmenter`` addresses one node, and wins over it. `sets` has the
-    classes of parameters by node; sections of `other_nodes` are ignored. `lane` is the namespace of
-    the nodes, needed if the file addresses several lanes.
+    A section ``/**`` addresses all nodes. A section such as ``/**/segmenter`` or
+    ``/lane1/segmenter`` addresses one node, and overrides the section ``/**``. `sets` has the
+    parameter class of each node. Sections of `other_nodes` are ignored. `lane` is the namespace of
+    the nodes; it is required if the file addresses several lanes.
 
     Raises
     ------
@@ -219,17 +220,17 @@ def by_node(
     """
     found = check_sections(sections)
     given: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes, _ALL)}
-    passed_over = _of_other_lanes(map(str, found), lane)
+    ignored = _of_other_lanes(map(str, found), lane)
     known = {node: parameters.entries() for node, parameters in sets.items()}
     for address, values in found.items():
         node = str(address).rsplit('/', 1)[-1]
         if node not in given:
             raise SettingsError(f'addresses none of {", ".join([*sets, *other_nodes])}', address)
-        if str(address) in passed_over:
+        if str(address) in ignored:
             continue
         named = {name: value for name, value in flatten(values).items() if not _is_common(name)}
         if node == _ALL:
-            _check_names(named, sets, address)
+            _check_names(named, known, address)
         given[node] |= named
     return {
         node: {name: value for name, value in given[_ALL].items() if name in names} | given[node]
@@ -238,11 +239,11 @@ def by_node(
 
 
 def _check_names(
-    names: Iterable[str], sets: Mapping[str, type[Parameters]], address: object
+    names: Iterable[str], known: Mapping[str, Collection[str]], address: object
 ) -> None:
     for name in names:
-        if not any(name in parameters.entries() for parameters in sets.values()):
-            why = f'none of {", ".join(sets)} has a parameter {name}'
+        if not any(name in parameters for parameters in known.values()):
+            why = f'none of {", ".join(known)} has a parameter {name}'
             raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
 
 
@@ -260,7 +261,7 @@ def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
 
 
 def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsError:
-    """Return an error of a parameter with its place in the sections of a file."""
+    """Return an error with the place of its parameter in the sections of a file."""
     made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
     node, _, own = name.partition('.')
     for address, section in sections.items():
@@ -273,7 +274,7 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
 
 
 def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
-    """Return the addresses in the namespaces of other lanes."""
+    """Return the addresses of nodes in the namespaces of other lanes."""
     spaces = ((each, each.rpartition('/')[0].strip('/')) for each in addresses)
     named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
@@ -283,7 +284,7 @@ def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
 
 
 def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Join nested names by dots, as ROS does."""
+    """Return nested values by their full names, which ROS joins by dots."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         own = f'{prefix}{name}'

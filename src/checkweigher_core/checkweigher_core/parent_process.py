@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that end with their parent process, even if the parent is killed."""
+"""Child processes that end with their parent process, even if the parent is killed."""
 
 import os
 from pathlib import Path
@@ -12,13 +12,18 @@ _VARIABLE = 'CHECKWEIGHER_PARENT'
 
 def child_environment() -> dict[str, str]:
     """Return the environment for a child process that calls `end_with_parent`."""
-    return {**os.environ, _VARIABLE: str(os.getpid())}
+    return {**os.environ, **child_variable()}
+
+
+def child_variable() -> dict[str, str]:
+    """Return what the environment of a child process needs to end with this process."""
+    return {_VARIABLE: str(os.getpid())}
 
 
 def parent_identity() -> str:
-    """Return an identity of the parent process, unique since the computer started.
+    """Return a unique identity of the parent process.
 
-    It includes the start time, if known, because process numbers are reused.
+    The identity includes boot ID and start time, because process IDs are reused.
     """
     parent = os.getppid()
     try:
@@ -26,22 +31,22 @@ def parent_identity() -> str:
         boot = Path('/proc/sys/kernel/random/boot_id').read_text(encoding='utf-8').strip()
     except OSError:
         return str(parent)
-    return f'{boot} {parent} {after_name.split()[19]}'  # starttime of proc(5), in ticks
+    return f'{boot} {parent} {after_name.split()[19]}'  # starttime in proc(5)
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """Make the kernel send SIGTERM to this process when its parent has ended.
+    """Let the kernel send SIGTERM to this process when its parent ends.
 
-    `parent` is the process number of the parent. Without it, only a process with a
-    `child_environment` is ended, because a process that a user starts may outlive the shell. The
-    thread that started this process counts as the parent.
+    `parent` is the process ID of the parent. By default it is read from `child_environment`. A
+    process without either is not ended, because a command that a user starts may outlive the shell.
+    The signal is also sent if only the thread ends that started this process.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent
     if not parent:
         return
-    import ctypes  # only if needed
+    import ctypes
 
     ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, int(signal.SIGTERM), 0, 0, 0)
-    if os.getppid() != parent:  # the parent had ended before
+    if os.getppid() != parent:  # the parent had ended before prctl was called
         os.kill(os.getpid(), signal.SIGTERM)

@@ -6,9 +6,9 @@ _LONGEST = 500  # characters
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:
-    """Return a text as one printable line, without its middle if it is too long.
+    """Return a text as one printable line. The middle of a long text is left out.
 
-    Control characters, which a terminal would obey, become escapes.
+    Control characters become escape sequences, because a terminal would execute them.
     """
     line = str(text)
     if len(line) > longest:
@@ -20,7 +20,7 @@ def one_line(text: object, longest: int = _LONGEST) -> str:
 
 
 def counted(count: int, name: str) -> str:
-    """Return a number with a noun, which has an s unless the number is 1.
+    """Return a number with a noun in the singular or plural.
 
     >>> counted(1, 'gap'), counted(0, 'gap')
     ('1 gap', '0 gaps')

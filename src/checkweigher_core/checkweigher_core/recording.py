@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recording: the samples, edges and known masses of a line, ordered by their stamps."""
+"""Recordings of a line: samples, photo-eye edges and reference masses, ordered by stamp."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -18,11 +18,10 @@ _AT_A_TIME = 1 << 14  # blocks
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the sorting key of an event: its stamp, then edge before reference before samples.
+    """Return the key by which events are sorted: by stamp, then edges, references, blocks.
 
-    A block has the stamp of its first sample; edges that fall into it therefore follow it. No two
-    different events of a machine have the same key, so that a sorted stream does not depend on the
-    order in which its events were received.
+    A block has the stamp of its first sample, so the edges during a block follow it. Different
+    events of a machine have different keys, so their order does not depend on the order of arrival.
     """
     if isinstance(event, EyeEdge):
         return event.stamp, 0, event.eye, event.blocked
@@ -33,21 +32,17 @@ def canonical_order(event: Event) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Blocks, edges and references of a line, each sorted by stamp.
-
-    Iterating yields every event in canonical order.
-    """
+    """Blocks, edges and references of a line, each sorted by stamp."""
 
     load_cell: LoadCell
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
-    # One line for the user, for instance that the recording broke off or has no check sums.
-    warning: str = ''
+    warning: str = ''  # warning for the user in one line, such as that the recording is incomplete
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
-        """Return a recording of events in any order."""
+        """Return a recording from events in any order."""
         ordered = sorted(events, key=canonical_order)
         return cls(
             load_cell,
@@ -57,23 +52,23 @@ class Recording:
         )
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield the events in canonical order."""
+        """Yield all events, sorted by `canonical_order`."""
         streams: tuple[Iterable[Event], ...] = (self.edges, self.references, self.blocks)
         return heapq.merge(*streams, key=canonical_order)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockColumns(Sequence[SampleBlock]):
-    """A sequence of sample blocks, stored as columns.
+    """Sequence of sample blocks, stored in arrays.
 
-    A bag has more than a hundred thousand blocks per hour, and a block takes more memory than its
-    samples. The blocks are therefore made on demand.
+    An hour has more than a hundred thousand blocks, and a `SampleBlock` takes more memory than its
+    samples. `SampleBlock` objects are therefore made on request.
     """
 
-    stamps: NDArray[np.int64]  # (n,), ns
-    first_indices: NDArray[np.uint64]  # (n,), of the first sample of each block
-    lengths: NDArray[np.int64]  # (n,), samples in each block
-    counts: NDArray[np.int32]  # (sum of lengths,), the samples of all blocks
+    stamps: NDArray[np.int64]  # stamp of each block in ns, shape (n,)
+    first_indices: NDArray[np.uint64]  # index of the first sample of each block, shape (n,)
+    lengths: NDArray[np.int64]  # number of samples in each block, shape (n,)
+    counts: NDArray[np.int32]  # samples of all blocks, shape (sum of lengths,)
 
     @property
     def begins(self) -> NDArray[np.int64]:
@@ -82,7 +77,7 @@ class BlockColumns(Sequence[SampleBlock]):
 
     @classmethod
     def of(cls, blocks: Sequence[SampleBlock]) -> 'BlockColumns':
-        """Return blocks, in their order, as columns."""
+        """Return the given blocks in the same order."""
         if isinstance(blocks, cls):
             return blocks
         counts = [block.counts for block in blocks]
@@ -95,7 +90,7 @@ class BlockColumns(Sequence[SampleBlock]):
 
     @classmethod
     def concatenate(cls, parts: Sequence['BlockColumns']) -> 'BlockColumns':
-        """Return the blocks of all parts in their order; at least one part is required."""
+        """Return the blocks of one or more sequences, one after the other."""
         columns = ([getattr(part, each.name) for part in parts] for each in fields(cls))
         return cls(*map(np.concatenate, columns))
 
@@ -107,7 +102,7 @@ class BlockColumns(Sequence[SampleBlock]):
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # in parts, as `places` needs more memory
+        for first in range(0, len(order), _AT_A_TIME):  # the array `places` must not be too large
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -115,12 +110,12 @@ class BlockColumns(Sequence[SampleBlock]):
         return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
 
     def split(self, place: int) -> tuple['BlockColumns', 'BlockColumns']:
-        """Return the blocks before a place, and the others; neither part holds memory of both."""
+        """Return the blocks before a position and the others, in separate memory."""
         order = np.arange(len(self))
         return self.take(order[:place]), self.take(order[place:])
 
     def in_canonical_order(self) -> 'BlockColumns':
-        """Return the blocks sorted by stamp and first index, in a stable order."""
+        """Return the blocks sorted by stamp and first index."""
         return self.take(np.lexsort((self.first_indices, self.stamps)))
 
     def __len__(self) -> int:
@@ -131,13 +126,13 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # in parts, as lists need more memory
+        for number in range(0, len(self), _AT_A_TIME):  # the lists must not be too large
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])
 
     def __getitem__(self, number: Any) -> Any:
-        """Return a block, or several as a tuple."""
+        """Return one block, or a tuple of blocks for a slice."""
         if isinstance(number, slice):
             return tuple(self.take(np.arange(len(self))[number]))
         return next(iter(self.take(np.arange(len(self))[[number]])))

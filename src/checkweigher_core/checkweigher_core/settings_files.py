@@ -1,10 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings and state files as dataclasses, with a reader of YAML and JSON and a writer of JSON.
+"""Settings and state files as dataclasses, read from YAML or JSON and written as JSON.
 
-Each kind of file is a subclass of `Settings`. A field may have the type of a parameter, or be a
-text, a list or table of these, further `Settings`, `Parameters`, an enumeration (by name) or an
-array.
+Each kind of file is a subclass of `Settings`. A field may be a bool, number, text, enumeration (by
+name), array, `Parameters` or `Settings`, or a list or mapping of these.
 """
 
 from collections.abc import Iterable, Mapping
@@ -35,10 +34,10 @@ _Kind = TypeVar('_Kind', bound='Settings')
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Base of a file, or of a table in a file; `__post_init__` may raise `SettingsError`.
+    """Base class of a file or of a mapping in a file.
 
-    `parameter` declares the fields; `name` is the key of a table in the table around it. `format`
-    is the number of the format, 1 if a file has none.
+    `parameter` declares the fields. A field `name` has the key of this mapping in the enclosing
+    mapping. `format` is the version of the file format; a file without a version has version 1.
     """
 
     format: ClassVar[int] = 1
@@ -46,24 +45,24 @@ class Settings:
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return a table in the present format; subclasses convert older formats here."""
+        """Return the content of a file, which a subclass converts from older formats."""
         return content
 
 
 def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
-    """Return the settings of a file or a text; `SettingsError` if they cannot be used."""
+    """Return the settings in a file or a text. Raises `SettingsError` if they are invalid."""
     with opened(source) as content:
         return settings_of(kind, content)
 
 
 def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
-    """Write settings to a file, or replace it as a whole; an OSError leaves the old file."""
+    """Write or replace a file. Raises OSError if that fails; an old file then stays."""
     text = json.dumps({'format': settings.format, **plain(settings)})
     replace_file(Path(os.path.realpath(path)), [f'{text}\n'.encode()], mode)
 
 
 def plain(value: Any) -> Any:
-    """Convert settings, or a value in them, for JSON; unknown values are included."""
+    """Convert settings, or a value in them, to JSON types. Unknown values are included."""
     if isinstance(value, Settings):
         entries = _fields(cast(Any, type(value))).items()
         own = {key: getattr(value, each.name) for key, (each, _) in entries if key != 'name'}
@@ -81,7 +80,7 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
-    """Return fields and types by key; `class_` has the key class, and ``T | None`` the type T."""
+    """Return field and type of each key; the key of `class_` is class, ``T | None`` has type T."""
     types = {
         name: get_args(hint)[0] if isinstance(hint, UnionType) else hint
         for name, hint in get_type_hints(kind).items()
@@ -90,11 +89,11 @@ def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
 
 
 def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False) -> _Kind:
-    """Return the settings of a table of plain values; `SettingsError` if they cannot be used.
+    """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
-    `path` is the place of the table in its file. An absent or empty value means the default of its
-    field. Unknown keys of a `newer` format are kept. Otherwise they are refused, because they are
-    probably typing errors.
+    `path` has the keys that lead to the mapping in its file. An absent or empty value means the
+    default of its field. An unknown key is probably a typing error, and is refused. If the file has
+    a `newer` format, unknown keys are kept.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):
@@ -120,7 +119,7 @@ def _names(known: Iterable[str]) -> str:
 def _unknown(
     known: Iterable[str], content: Mapping[str, Any], path: tuple[Any, ...], newer: bool
 ) -> dict[str, Any]:
-    """Return the unknown values of a newer format; `SettingsError` if another format has any."""
+    """Return the unknown values of a newer format. Raises `SettingsError` for another format."""
     unknown = {key: each for key, each in content.items() if key == 'name' or key not in known}
     if newer:
         return unknown
@@ -132,7 +131,7 @@ def _unknown(
 
 
 def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a value differs from its default; `SettingsError` if it must be given."""
+    """Return whether a value differs from its default. Raises `SettingsError` if it is required."""
     if entry.default is MISSING and value in (None, '', [], {}):
         raise SettingsError('is missing; add it', *path)
     return value not in (None, '') and repr(value) != repr(plain(entry.default))
@@ -162,7 +161,7 @@ def _value(hint: Any, entry: Any, value: Any, path: tuple[Any, ...], newer: bool
 
 
 def _placed(error: ValueError, path: tuple[Any, ...]) -> SettingsError:
-    """Return an error of a value, or of an inner set of parameters, with its place."""
+    """Return an error with the place of its value in the file."""
     if isinstance(error, SettingsError):
         return error
     if isinstance(error, ParameterError):
@@ -172,9 +171,9 @@ def _placed(error: ValueError, path: tuple[Any, ...]) -> SettingsError:
 
 
 def _leaf(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any, newer: bool) -> Any:
-    """Convert a plain value without further settings to the type of its field."""
+    """Convert a value that contains no `Settings` to the type of its field."""
     allowed = describe(entry)
-    if issubclass(kind, Parameters):  # unknown ones of a newer format are dropped
+    if issubclass(kind, Parameters):  # unknown parameters of a newer format are ignored
         table = _checked(value, dict, 'a table of "name: value" lines').items()
         return kind.from_mapping({str(k): v for k, v in table if not newer or k in kind.entries()})
     if issubclass(kind, tuple | np.ndarray):
@@ -193,7 +192,7 @@ def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
 
 
 def _checked(value: Any, kind: type[Any], what: str, count: int | None = None) -> Any:
-    """Return a value; ValueError unless it has the type and the number of entries."""
+    """Return a value. Raises ValueError if its type or its number of entries is wrong."""
     if not isinstance(value, kind) or (count is not None and len(value) != count):
         raise ValueError(f'{reprlib.repr(value)} is not {what}')
     return value

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that outlive the process of a node, and their safe replacement."""
+"""State files, which outlive the process of a node, and their safe replacement."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ import tempfile
 
 
 def state_file(name: str) -> Path:
-    """Return a path in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher.
+    """Return the path of a file in $XDG_STATE_HOME/checkweigher or ~/.local/state/checkweigher.
 
     Raises
     ------
@@ -24,10 +24,10 @@ def state_file(name: str) -> Path:
 
 
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
-    """Write a file, or replace it as a whole; an OSError leaves the old file.
+    """Write or replace a file. Raises OSError if that fails; an old file then stays.
 
-    The new file is on the disk before it replaces the old one, so a power cut leaves one of the
-    two. When this returns, a power cut leaves the new one.
+    A power cut leaves either the complete old file or the complete new file. After the function has
+    returned, a power cut leaves the new file.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
@@ -44,13 +44,13 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Write the entries of a folder to the disk, so that they survive a power cut."""
+    """Flush the entries of a folder to the disk, so that they survive a power cut."""
     with _opened(path) as folder:
         os.fsync(folder)
 
 
 def make_folder(path: Path, mode: int = 0o777) -> None:
-    """Make a folder and its parents, which survive a power cut; OSError if that fails."""
+    """Make a folder and its parents, and flush them to the disk. Raises OSError if that fails."""
     if not path.is_dir():
         make_folder(path.parent)
         path.mkdir(mode, exist_ok=True)
@@ -59,7 +59,7 @@ def make_folder(path: Path, mode: int = 0o777) -> None:
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Lock the folder of a file against changes by other processes, from reading to writing."""
+    """Lock the folder of a file while the file is read and written, against other processes."""
     with _opened(path.parent) as folder:
         fcntl.flock(folder, fcntl.LOCK_EX)
         yield

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writing of output files, complete or not at all."""
+"""Writing of output files. A file is written completely or not at all."""
 
 from collections.abc import Iterable
 import errno
@@ -13,20 +13,18 @@ from checkweigher_core.state_files import replace_file
 
 
 class OutputError(ValueError):
-    """An output that cannot be written. The message names the output and the fault."""
+    """Error of an output that cannot be written. The message has its path and the reason."""
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o644) -> None:
     """Write or replace a file. Text is written in UTF-8 with unchanged line ends.
 
-    A text may be given in parts, such as the lines of another file. If the path is a link, its
-    target is replaced. A stream (see `is_stream`) is written to, not replaced. `mode` has the
-    permissions of the file.
-
-    Raises `OutputError` if the file cannot be written; an old file then stays.
+    If the path is a link, its target is replaced. A stream (see `is_stream`) is written to, not
+    replaced. `mode` has the permissions of the file. Raises `OutputError` if the file cannot be
+    written; an old file then stays.
     """
     given = [content] if isinstance(content, str | bytes) else content
-    # The name of a file may not be Unicode.
+    # The content may have file names that UTF-8 cannot encode.
     parts = (p if isinstance(p, bytes) else p.encode(errors='backslashreplace') for p in given)
     try:
         if is_stream(path):
@@ -41,9 +39,9 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 
 
 def is_stream(path: Path) -> bool:
-    """Return whether a path or the target of a link is a device, a pipe or the standard output.
+    """Return whether a path leads to a device, a pipe or the standard output.
 
-    Such a file must not be replaced, because a device would be lost.
+    A device, a pipe or the standard output must not be replaced by a regular file.
     """
     try:
         there = os.stat(path)
@@ -59,7 +57,7 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
         sys.stdout.flush()
         number = os.dup(1)
     else:
-        # Without the flag, opening a pipe without a reader would hang.
+        # With O_NONBLOCK, opening a pipe that nobody reads fails. Otherwise it would hang.
         number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         os.set_blocking(number, True)
     with open(number, 'wb') as file:
@@ -67,7 +65,7 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
 
 
 def make_output_folder(path: Path, *, exist_ok: bool = False) -> None:
-    """Make a folder for outputs; `OutputError` if it cannot be made."""
+    """Make a folder for outputs. Raises `OutputError` if that fails."""
     try:
         path.mkdir(exist_ok=exist_ok)
     except OSError as error:
@@ -75,14 +73,14 @@ def make_output_folder(path: Path, *, exist_ok: bool = False) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Raise `OutputError` unless a new file or folder can be made; call this before the work."""
+    """Raise `OutputError` if a file or folder exists already, or cannot be made."""
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)
 
 
 def check_folder_of(path: Path) -> None:
-    """Raise `OutputError` unless a file or folder can be made or replaced at a path."""
+    """Raise `OutputError` if a file or folder can be neither made nor replaced at a path."""
     folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
     if not folder.is_dir():
         raise OutputError(f'{path}: there is no folder {folder}; make it first')
@@ -91,7 +89,7 @@ def check_folder_of(path: Path) -> None:
 
 
 def output_error(path: Path, error: OSError) -> OutputError:
-    """Return an `OutputError` for an error of the file system."""
+    """Return the `OutputError` for an OSError."""
     if error.errno == errno.ENXIO:
         return OutputError(f'{path}: cannot be written: nobody reads this pipe')
     return OutputError(f'{path}: cannot be written: {error.strerror or error}')

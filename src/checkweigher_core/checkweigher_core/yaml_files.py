@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of plain values, YAML or JSON; errors name the file and the line."""
+"""Reading of YAML and JSON files, with errors that name the file and the line."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,7 +16,7 @@ from checkweigher_core.parameters import SettingsError
 
 @contextmanager
 def opened(source: Path | str) -> Iterator[Any]:
-    """Yield the values of a file or a text; a `SettingsError` inside gets file and line."""
+    """Yield the content of a file or a text. Errors in the context get its name and the line."""
     place, text = f'{source}: ' if isinstance(source, Path) else '', ''
     try:
         text = source.read_text(encoding='utf-8') if isinstance(source, Path) else source
@@ -39,33 +39,35 @@ def opened(source: Path | str) -> Iterator[Any]:
 
 def _parsed(text: str) -> Any:
     if text.startswith('{'):
-        with suppress(json.JSONDecodeError):  # YAML in flow style begins like JSON
+        with suppress(json.JSONDecodeError):  # YAML in flow style begins with a brace, too
             return json.loads(text, object_pairs_hook=_table)
     return yaml.load(text, _Loader)
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
-    if len(table) < len(pairs):  # a repeated key, which the YAML loader refuses with its line
+    if len(table) < len(pairs):
+        # The YAML loader reports a repeated key with its line.
         raise json.JSONDecodeError('', '', 0)
     return table
 
 
 class _Loader(yaml.SafeLoader):
-    """Loader of tables without repeated keys, and of the numbers of YAML 1.2.
+    """YAML loader that refuses repeated keys, and reads numbers as in YAML 1.2.
 
-    PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, these and dates are texts.
+    PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, such values and dates are
+    texts.
     """
 
     def fetch_tag(self) -> None:
-        """Refuse a tag such as !!int, which could change how a value is read."""
+        """Refuse a tag such as !!int, which would change the type of a value."""
         raise yaml.MarkedYAMLError(
             problem='tags such as !!int are not read; write the value alone',
             problem_mark=self.get_mark(),
         )
 
     def table(self, node: Any) -> dict[Any, Any]:
-        """Return a table; refuse a repeated key, for which PyYAML would use the last value."""
+        """Return a mapping. Refuse a repeated key, of which PyYAML would use the last value."""
         known: set[str] = set()
         for key, _ in node.value:
             if str(key.value) in known:
@@ -90,10 +92,10 @@ _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(_REAL), [*'-
 
 
 def _line(text: str, path: tuple[Any, ...]) -> int:
-    """Return the line of a field, or of the table or list in which it should be."""
+    """Return the line number of a field, or of the mapping or list in which it should be."""
     line, node = 1, None
     if '\n' in text.strip():
-        with suppress(yaml.YAMLError, RecursionError):  # not all JSON is YAML
+        with suppress(yaml.YAMLError, RecursionError):  # some JSON texts are not valid YAML
             node = yaml.compose(text, _Loader)
     for step in path:
         if isinstance(node, yaml.MappingNode):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Registries of the devices of a machine, and the parameters that choose among them."""
+"""Registries of the devices of a machine, and the parameters that select the devices."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import MachineSource
 
-# Name and class. A class is imported on request, so that a machine needs only the libraries of its
-# own devices. To add a source, write a module with a `Source` class, and add one line here.
+# Names of the sources, with their classes. A class is imported on request, so that a machine needs
+# only the libraries of its own devices.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -40,13 +40,13 @@ INPUTS = {
     'gpio': 'checkweigher_driver.line_io.gpio:GpioInputs',
 }
 
-# Function that returns the values of a parameter set.
+# Function that returns a parameter set with the values given to the node.
 ReadParameters = Callable[[type[Parameters]], Any]
 
 
 @dataclass(frozen=True)
 class DriverParameters(Parameters):
-    """Sources of samples and edges, and devices of the outputs and inputs."""
+    """Selection of the devices, and pacing of a recorded or simulated source."""
 
     node: ClassVar[str] = 'driver'
 
@@ -83,6 +83,10 @@ class DriverParameters(Parameters):
         minimum=0,
         maximum=1,
     )
+    publish_clock: bool = parameter(
+        False,
+        'publish the time of the samples on /clock, for nodes with use_sim_time beside a bag',
+    )
     outputs: str = parameter(
         NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
     )
@@ -97,12 +101,12 @@ class DriverParameters(Parameters):
 
 
 def source_class(name: str) -> type[Source]:
-    """Return the class of a source of `SOURCES`; `ParameterError` if there is no such source."""
+    """Return a class of `SOURCES` by its name. Raises `ParameterError` for an unknown name."""
     return cast(type[Source], _find('source', name, SOURCES))
 
 
 def eyes_class(name: str) -> type[EdgeSource]:
-    """Return the class of photo-eyes of `EYES`; `ParameterError` if there are no such eyes."""
+    """Return a class of `EYES` by its name. Raises `ParameterError` for an unknown name."""
     return cast(type[EdgeSource], _find('eyes', name, EYES))
 
 
@@ -115,11 +119,11 @@ def _find(parameter_name: str, name: str, registry: dict[str, str]) -> Any:
 
 
 def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Source]:
-    """Return a function that opens a source, with the photo-eyes that are read beside it.
+    """Return a function that opens a source of samples together with its photo-eyes.
 
-    The function raises ValueError if a device cannot be opened; the message is one line for a
-    technician. Raises ParameterError if source and eyes cannot be combined, or a parameter is
-    invalid.
+    The returned function raises ValueError if a device cannot be opened; the message is one line
+    for a technician. Raises ParameterError if the source has photo-eyes of its own, or if a
+    parameter is invalid.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)
@@ -144,7 +148,7 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
 
 
 def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
-    """Return the outputs of a machine, not yet open; `ParameterError` if that fails."""
+    """Return the outputs of a machine. Raises `ParameterError` if a parameter is invalid."""
     if name == NONE:
         return MachineOutputs(None, OutputParameters())
     kind = _find('outputs', name, OUTPUTS)
@@ -152,7 +156,7 @@ def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
 
 
 def make_inputs(name: str, read: ReadParameters) -> MachineInputs:
-    """Return the inputs of a machine, not yet open; `ParameterError` if that fails."""
+    """Return the inputs of a machine. Raises `ParameterError` if a parameter is invalid."""
     if name == NONE:
         return MachineInputs(None)
     kind = _find('inputs', name, INPUTS)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver node, which sends the events of a source of samples and photo-eye edges."""
+"""Driver node, which publishes samples and photo-eye edges and switches the rejector."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -34,18 +34,17 @@ from checkweigher_driver.calibration.services import CalibrationServices
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
-from checkweigher_driver.line_io.machine_inputs import Said
+from checkweigher_driver.line_io.machine_inputs import InputEvent
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 
-_LOOK_PERIOD = 0.2  # s, longest delay before machine trouble is reported
+_LOOK_PERIOD = 0.2  # period in s of the check for faults of the machine
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
-    """Node that publishes a source: load_cell/info, load_cell/samples and photo_eyes.
+    """Node that publishes a source of samples and photo-eye edges.
 
-    A separate thread reads the source by blocking reads. Each activation begins a new `stream`,
-    which is sent in step with the downstream nodes.
+    A separate thread reads the source. Each activation begins a new `stream` of samples.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
@@ -68,7 +67,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             raise
         if self._inputs.exist:
             self._conditions = self.output(ports.MACHINE_CONDITIONS)
-            # A plain publisher. With an `Output` in its process, reject would not hear others.
+            # An `Output` cannot be used, because the node reject would then get no messages of
+            # other publishers if it is in the same process.
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
@@ -76,7 +76,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream = SourceStream(
             self, self.parameters, self._watch, self._note, lambda: self._outputs.ready
         )
-        self.subscribe(ports.SEGMENTER_STATUS, self.stream.hear_segmenter)
+        self.subscribe(ports.SEGMENTER_STATUS, self.stream.on_segmenter_status)
         self.subscribe(ports.ITEMS, self._outputs.take, needed=False)
         self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
         self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
@@ -86,28 +86,25 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._calibration = CalibrationServices(
             self, calibration, self.parameters.source, self._restart_stream
         )
-        self._look_timer = self.create_timer(
-            _LOOK_PERIOD, self._look_after_machine, autostart=False
-        )
+        self._look_timer = self.create_timer(_LOOK_PERIOD, self._check_machine, autostart=False)
         self.begin()
 
     def configure(self) -> None:
         """Open the source."""
         try:
-            self._calibration.read()  # before anything is opened
+            self._calibration.read()  # an invalid file is reported before a device is opened
             self._source = self._make_source()
         except ParameterError:
             raise
         except ValueError as error:
-            # The source cannot be opened, for instance because the bag is damaged.
             raise ParameterError(f'driver.source: {error}') from None
         if self._operation is not None:
             self._source.operate(self._operation)
-        self._outputs.open(lambda: bool(self._machine_trouble()))  # safe until activated
-        self._inputs.open(locked(self._hear_inputs))
+        self._outputs.open(lambda: bool(self._machine_trouble()))
+        self._inputs.open(locked(self._publish_input))
 
     def _declare_operation(self) -> Parameters | None:
-        """Declare the operator's settings of a simulated machine; return None for a real one."""
+        """Declare and return the operator's settings of a simulated machine, None for others."""
         kind = devices.source_class(self.parameters.source).operation
         if kind is None:
             return None
@@ -116,7 +113,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return found
 
     def _operate(self, changes: Sequence[Any]) -> None:
-        """Apply the operator's settings, which rclpy has checked by their descriptors."""
+        """Apply changed settings of the operator. rclpy has checked their ranges."""
         assert self._operation is not None
         prefix = f'{self._operation.node}.'
         values = {
@@ -130,7 +127,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def activate(self) -> None:
         """Begin a new stream."""
-        if self._source is None:  # deactivation closed it, because its reads block
+        if self._source is None:  # deactivation closes a source whose reads block
             self.configure()
         assert self._source is not None
         load_cell = self._source.load_cell = self._calibration.apply(self._source.load_cell)
@@ -143,7 +140,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.begin(self._source)
 
     def deactivate(self) -> None:
-        """End the stream: items on the belt become faults, and the outputs are safe."""
+        """End the stream, and make the outputs safe. Items on the belt become faults."""
         self._outputs.safe()
         self._calibration.end()
         self._look_timer.cancel()
@@ -152,7 +149,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._watch.stop()
 
     def clean_up(self) -> None:
-        """Close source and outputs."""
+        """Close the source, the outputs and the inputs."""
         self._close_source()
         self._outputs.close()
         self._inputs.close()
@@ -167,7 +164,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return [self.stream.status]
 
     def destroy_node(self) -> None:
-        """Stop reading the source, then destroy the node."""
+        """Stop reading the source, and destroy the node."""
         if hasattr(self, 'stream'):
             self._stop_reading()
             self.clean_up()
@@ -179,8 +176,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self.stream.end(self._close_source if blocks else None)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        self._outputs.take(verdict)  # first, because the rejector waits
-        self.stream.hear_verdict()
+        self._outputs.take(verdict)  # called first, because the rejector has to act in time
+        self.stream.on_verdict()
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
         self._outputs.take(request)
@@ -193,21 +190,21 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if isinstance(event, EyeEdge):
             self._outputs.take(event)
 
-    def _hear_inputs(self, said: Said) -> None:
-        if isinstance(said, ExternalReject):
-            self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, said))
+    def _publish_input(self, event: InputEvent) -> None:
+        if isinstance(event, ExternalReject):
+            self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, event))
         else:
-            self._conditions.send(said)
+            self._conditions.send(event)
 
     def _machine_trouble(self) -> str:
-        """Return why the line cannot weigh, empty if it can. Any thread may call it."""
+        """Return why the line cannot weigh, or an empty string. Any thread may call this."""
         source = self._source
         if source is None:
             return ''
         return self.stream.failure or source.trouble or self._inputs.trouble
 
-    def _look_after_machine(self) -> None:
-        self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
+    def _check_machine(self) -> None:
+        self.stream.report_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
         response.success = True
@@ -215,13 +212,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return response
 
     def _restart_stream(self) -> str:
-        """Begin a new stream with the changed load cell; return why that failed, if it did."""
+        """Begin a new stream with a new calibration; return the reason of a failure, if any."""
         self.trigger_deactivate()
         self.trigger_activate()
         return '' if self.state == 'active' else self._failure
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the aspects of source, samples, clocks, eyes, outputs and inputs."""
+        """Return the findings on source, samples, clocks, photo-eyes, outputs and inputs."""
         source, trouble, figures = self._source, '', {}
         if source is not None and self.state == 'active':
             trouble, figures = source.trouble, source.figures()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Health of a source: its state, samples, clock and photo-eyes."""
+"""Health of a source, with its samples, clock and photo-eyes."""
 
 from collections.abc import Mapping
 
@@ -11,10 +11,9 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 
 class DriverWatch:
-    """State of the source `name` and of its stream, for the diagnostics.
+    """Monitor of the source `name` and of its stream.
 
-    Times are in s on a clock that never steps back. The thread that reads the source has the lock
-    of the process while it calls a method.
+    Times are in s on a monotonic clock. Callers hold the lock of the process.
     """
 
     def __init__(self, name: str) -> None:
@@ -25,20 +24,20 @@ class DriverWatch:
         self._change('inactive')
 
     def begin(self, load_cell: LoadCell, now: float) -> None:
-        """Begin a new stream of `load_cell` at `now`."""
+        """Begin a new stream of `load_cell` at time `now`."""
         self._began = now
         self._samples = SampleWatch(load_cell)
         self._eyes = EyeWatch()
         self._change('running')
 
     def stop(self) -> None:
-        """Set the state of the driver to inactive."""
+        """End the stream, because the driver was deactivated."""
         self._samples = None
         self._change('inactive')
 
     def add(self, now: float, event: Event) -> None:
-        """Process an event that is sent."""
-        assert self._samples is not None  # from `begin` to `stop`, as events are sent
+        """Add an event that is sent at time `now`."""
+        assert self._samples is not None
         self._waits_for = ''
         if isinstance(event, SampleBlock):
             self._samples.add(now, event)
@@ -47,11 +46,11 @@ class DriverWatch:
             self._eyes.add(now, event)
 
     def waits_for(self, what: str) -> None:
-        """Set the condition for which the source has long been held back."""
+        """Report that the source is held back until a condition holds."""
         self._waits_for = what
 
     def end(self, failure: str | None = None) -> None:
-        """Process the end of the source, with a failure or without."""
+        """Report the end of the source, with the text of a failure if it has failed."""
         self._change('finished' if failure is None else 'failed', failure or '')
 
     def _change(self, state: str, failure: str = '') -> None:
@@ -60,9 +59,10 @@ class DriverWatch:
     def findings(
         self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]
     ) -> list[Finding]:
-        """Return all aspects, with the trouble and the figures of the source itself.
+        """Return the findings at time `now`.
 
-        `offset_of_clocks` is the time of day minus `now`, s.
+        `offset_of_clocks` is the time of day minus `now` in s. `trouble` is the present fault of
+        the source, and `figures` are its own values for the diagnostics.
         """
         source = self._source(trouble, figures)
         if self._samples is None:
@@ -71,7 +71,7 @@ class DriverWatch:
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self._waits_for:  # no samples are due then
+        if self._state != 'running' or self._waits_for:  # the absence of samples is no fault then
             samples, eyes = (
                 conclude(finding.aspect, 'none now, see Source', (), finding.values)
                 for finding in (samples, eyes)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The stream of a source: announced, sent in step with the downstream nodes, and ended."""
+"""Publication of the stream of a source, with flow control by the other nodes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -8,6 +8,9 @@ import math
 import threading
 import time
 from typing import Any
+
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 
 from checkweigher_core.pacing import FlowControl, Pacer
 from checkweigher_core.recording import Event
@@ -21,24 +24,24 @@ from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
 from checkweigher_recording.block_cutting import cut_for_pace
 
-_PATIENCE = 5.0  # s without the downstream nodes
-_END_PATIENCE = 2.0  # s, for the last read of a source
-_PERIOD = 0.02  # s between checks of a condition, as not all changes are notified
+_PATIENCE = 5.0  # longest wait in s for the other nodes
+_END_PATIENCE = 2.0  # longest wait in s for the last read of a source
+_PERIOD = 0.02  # time in s between checks of a condition, because not all changes are notified
 _REMINDER = 5.0  # s
-# Times in s from the beginning of a stream at which its status is sent again. A reader that DDS
-# shows may not know the writer yet, and would learn of the stream from the next heartbeat, after
-# 3 s. Until then it would assign the first items to another stream.
+
+# Times in s after the beginning of a stream at which its status is sent again. A subscriber that is
+# visible in the ROS graph may not be connected yet, and would get the first status only from the
+# next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
 
 
 class SourceStream:
-    """Sender of the events of a source, one stream after the other, each in its own thread.
+    """Publisher of the events of a source. Each stream has its own thread.
 
-    The thread holds the lock of the process while it sends, never while it waits or reads. With all
-    nodes in one process, it holds the lock until they have processed the event. `note` is called
-    with each event before it is sent; `machine_ready` returns whether the outputs of the machine
-    can be switched. `failure` is the error that ended the source of the latest stream, empty
-    without one. The caller sets `reject_ready` while the reject node reports that it is active.
+    The thread holds the lock of the process while it sends an event, but not while it waits for
+    events. `note` is called with each event before it is sent. `machine_ready` returns whether the
+    outputs of the machine can be switched. `failure` is the message of the error that ended the
+    latest stream, if any. The caller sets `reject_ready` while the reject node is active.
     """
 
     def __init__(
@@ -54,6 +57,9 @@ class SourceStream:
         self._eyes = node.output(ports.PHOTO_EYES)
         self._references = node.output(ports.REFERENCE_MASS)
         self.status = node.output(ports.DRIVER_STATUS)
+        self._clock = (
+            node.create_publisher(Clock, '/clock', 1) if parameters.publish_clock else None
+        )
         self.reject_ready = False
         self._node = node
         self._parameters = parameters
@@ -70,20 +76,20 @@ class SourceStream:
         self._progress = StreamStatus(0, number, StreamState.RUNNING, 0, 0)
         self._answered = False
         self.failure = self._trouble = ''
-        self._flows = False  # whether samples flow, so that trouble of the machine matters
-        self._repeats: list[float] = []  # times at which the status is sent again, s
+        self._flows = False  # whether events are being sent
+        self._repeats: list[float] = []  # times in s at which the status is sent again
 
     def begin(self, source: Source) -> None:
         """Begin a new stream."""
         with LOCK:
-            self._announce(time.time_ns())  # a number that no other driver has used
+            self._announce(time.time_ns())  # the time serves as a unique number of the stream
             self._running = True
         threading.Thread(target=self._run, args=(source,), name='source', daemon=True).start()
 
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` closes the source, if only that ends a blocking read.
+        `close` closes a source whose blocking read ends only then.
         """
         was_running = self._running
         with self._changed:
@@ -97,23 +103,23 @@ class SourceStream:
         return was_running
 
     def report(self, state: StreamState, text: str = '') -> None:
-        """Send the progress of the stream; trouble of a running stream only if samples flow."""
+        """Publish the progress of the stream. A fault is published only while events are sent."""
         with LOCK:
             if text and state == StreamState.RUNNING and not self._flows:
                 return
             self._flows &= state == StreamState.RUNNING
             self.status.send(replace(self._progress, state=state, text=text))
 
-    def tell_trouble(self, trouble: str) -> None:
-        """Report the trouble of the machine, empty for none, if it has changed."""
+    def report_trouble(self, trouble: str) -> None:
+        """Publish the present fault of the machine, empty without a fault, if it has changed."""
         if trouble != self._trouble and self._flows:
             self._trouble = trouble
             self.report(StreamState.RUNNING, trouble)
             if trouble:
                 self._node.warn(trouble)
 
-    def hear_segmenter(self, status: StreamStatus) -> None:
-        """Process the progress of the segmenter."""
+    def on_segmenter_status(self, status: StreamStatus) -> None:
+        """Process the progress that the segmenter reports."""
         with self._changed:
             if status.stream != self._progress.stream:
                 return
@@ -124,14 +130,14 @@ class SourceStream:
             flow.taken(status.samples, status.edges, status.items)
             self._changed.notify_all()
 
-    def hear_verdict(self) -> None:
+    def on_verdict(self) -> None:
         """Count a verdict."""
         with self._changed:
             self._flow.judged()
             self._changed.notify_all()
 
     def _run(self, source: Source) -> None:
-        """Send until the source ends, and report how it ended."""
+        """Send events until the source ends, and report its end or failure."""
         failure: str | None = None
         try:
             self._send_all(source)
@@ -139,7 +145,7 @@ class SourceStream:
             failure = str(error)
         with self._changed:
             if not self._stopping:
-                # Report the failure to the line, so that items on the belt become faults.
+                # With this report, items on the belt become faults.
                 self._watch.end(failure)
                 if failure is None:
                     self.report(StreamState.FINISHED)
@@ -168,20 +174,21 @@ class SourceStream:
                 self._send(event)
 
     def _events(self, source: Source, rate: float) -> Iterator[Event]:
-        """Yield the events of a source as they come or, if it is paced, when they are due."""
+        """Yield the events of a source. An event of a paced source is yielded when it is due."""
         if not source.paced:
             yield from source
             return
         pace, pacer = self._parameters.rate, None
         for event in cut_for_pace(source, rate, pace, self._parameters.block_time):
-            pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation is slow to begin
+            # The first event of a simulation takes some time.
+            pacer = pacer or Pacer(pace, rate, time.monotonic())
             with self._changed:
                 left = max(pacer.due(event) - time.monotonic(), 0.0)
                 self._changed.wait_for(lambda: self._stopping, left)
             yield event
 
     def _send(self, event: Event) -> None:
-        """Send an event, after the status if that is due again."""
+        """Send an event, and before it the status if that is due again."""
         if self._repeats and time.monotonic() > self._repeats[0]:
             del self._repeats[0]
             self.report(StreamState.RUNNING, self._trouble)
@@ -193,6 +200,8 @@ class SourceStream:
             self._progress = replace(before, stamp=event.stamp, samples=samples)
             self._samples.send(event)
             self._node.count('blocks')
+            if self._clock is not None:
+                self._clock.publish(Clock(clock=Time(nanoseconds=event.stamp).to_msg()))
         elif isinstance(event, EyeEdge):
             self._progress = replace(before, edges=before.edges + 1)
             self._eyes.send(event)
@@ -201,11 +210,12 @@ class SourceStream:
             self._references.send(event)
 
     def _line_has_come_so_far(self, event: Event, rate: float) -> bool:
-        """Wait until the line is ready for an event; return whether to go on."""
+        """Wait until the line can process an event; return False if the stream ends."""
         flow = self._flow
 
         def ask(waited: float) -> None:
-            # The segmenter reports edges with the samples. Without samples, it must be asked.
+            # The segmenter reports its progress with the samples. Without samples, it does so if it
+            # gets the status of the driver.
             if flow.awaits_edges(event, rate):
                 self.report(StreamState.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := flow.give_up_edges()):
@@ -216,11 +226,11 @@ class SourceStream:
         )
 
     def _line_is_there(self, *, lossless: bool) -> bool:
-        """Wait for the downstream nodes; return whether to go on.
+        """Wait for the nodes that receive the stream; return False if the stream ends.
 
-        If nothing may be lost, a recording waits without a limit for a segmenter and for the
-        `listeners`. All other waits are limited, because a device does not wait, and a graph that
-        only cuts windows has no reject node.
+        A lossless stream waits without a time limit for the segmenter and the `listeners`. All
+        other waits have a time limit, because a device does not wait, and a graph may have no
+        reject node.
         """
         wanted = self._parameters.listeners
         what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'
@@ -232,19 +242,19 @@ class SourceStream:
         return ready
 
     def _missing(self) -> list[str]:
-        """Return the parts of the line that are not there yet."""
+        """Return the parts of the line that are not ready yet."""
         outputs = self._load_cell, self._samples, self._eyes, self._references, self.status
         there = {
             'a segmenter': self.has_listeners,
             'an active reject node': self._has_reject,
             'outputs that can be switched': self._machine_ready,
-            # So that a recorder gets everything.
+            # Otherwise a recorder would lose the beginning of the stream.
             'some of the subscribers that DDS shows': lambda: has_matched_all(self._node, *outputs),
         }
         return [what for what, is_there in there.items() if not is_there()]
 
     def _has_reject(self) -> bool:
-        """Return whether a reject node reports that it is active, and takes the edges."""
+        """Return whether a reject node is active and receives the edges."""
         requests = self._node.resolve_topic_name(ports.STOP_REQUEST.name)
         return (
             self.reject_ready
@@ -253,7 +263,7 @@ class SourceStream:
         )
 
     def has_listeners(self, others: int = 0) -> bool:
-        """Return whether the segmenter and other readers of the samples are connected."""
+        """Return whether the segmenter and a number of other subscribers are connected."""
         return (
             self._answered
             and self._samples.count() > others
@@ -268,10 +278,10 @@ class SourceStream:
         patience: float = math.inf,
         ask: Callable[[float], None] | None = None,
     ) -> bool:
-        """Wait until a condition holds or `patience` s are over; return whether to go on.
+        """Wait until a condition holds, for at most `patience` s; return False if the stream ends.
 
-        Before each wait `ask` is called with the time waited so far, in s. If `what` is not empty,
-        a warning names it every 5 s.
+        Before each check but the first, `ask` is called with the time in s since the beginning. If
+        `what` is not empty, a warning with this name of the condition is logged every 5 s.
         """
         began = reminded = time.monotonic()
         with self._changed:

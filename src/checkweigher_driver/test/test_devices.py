@@ -17,6 +17,7 @@ from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.simulator import LiveSimulationParameters
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.simulation import simulator
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 
@@ -64,6 +65,19 @@ def test_each_stream_of_a_simulator_begins_now_and_none_before_the_end_of_anothe
     assert began <= first[0] <= time.time_ns()
     assert second[0] > first[-1]
     assert np.diff(first).tolist() == np.diff(second).tolist()
+
+
+def test_a_simulated_stream_begins_when_its_first_samples_are_ready(monkeypatch):
+    ready = []
+
+    def run(*arguments, of=simulator._Machine.run):
+        found = of(*arguments)
+        ready.append(time.time_ns())
+        return found
+
+    monkeypatch.setattr(simulator._Machine, 'run', run)
+    events = iter(source_class('simulator')(LiveSimulationParameters(count=1)))
+    assert next(events).stamp >= ready[0]
 
 
 def test_the_bag_delivers_what_was_recorded(tmp_path):

@@ -101,11 +101,20 @@ def head_path(path: Path) -> Path:
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
     """Read and verify a log. Raises `AuditError` if the log cannot be read."""
+    data, head = read_consistent(path)
+    return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
+
+
+def read_consistent(path: Path) -> tuple[bytes, bytes]:
+    """Return a log and its head, which is empty if it is missing, both of the same moment.
+
+    Raises `AuditError` if the log cannot be read.
+    """
     while True:  # repeated if an entry was added between the two reads
         head = _read_head(path)
         data = _read_file(path)
         if _read_head(path) == head:
-            return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
+            return data, head
 
 
 def _read_file(path: Path) -> bytes:

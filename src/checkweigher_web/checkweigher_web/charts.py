@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of figures that several views use, as options of ECharts."""
+"""Parts of the figures, as options of the JavaScript library ECharts."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 
 Options = dict[str, Any]
 
-# Lines also differ in width and dash, because not everybody sees the colours.
+# Lines also differ in width and dash, because some users cannot distinguish the colours.
 RAW, DENOISED, LEVEL, REFERENCE, ALARM = '#8a94a6', '#1b5fc1', '#0b6e3b', '#7a3e9d', '#b3261e'
 _MAX_POINTS = 1200
-_ABOVE = 4  # layer of symbols; ECharts puts lines in layer 3
 # Width of a figure on a phone, and sizes of its labels, in px.
 _NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
+_ABOVE = 4  # layer of the symbols, which is above layer 3 with the lines
 
 
 def nothing(text: str) -> Options:
-    """Return an empty figure with the reason why it is empty."""
+    """Return an empty figure with a text that explains why it is empty."""
     style = {'fontSize': 14, 'fontWeight': 'normal', 'color': '#4d5969'}
     return {'title': {'text': text, 'left': 'center', 'top': 'middle', 'textStyle': style}}
 
 
 def figure(series: list[Options], x_name: str, y_name: str) -> Options:
-    """Return a figure without animation, whose axes end where the data end."""
+    """Return a figure with these series, whose axes cover the range of the data."""
     axis = {'type': 'value', 'axisLine': {'onZero': False}}
     return {
         'animation': False,
@@ -46,7 +46,7 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
 def line(
     name: str, x: NDArray[Any], y: NDArray[Any], color: str, *, width: int, dash: str = 'solid'
 ) -> Options:
-    """Return a line through the points (n,), or through every k-th one if they are many."""
+    """Return a line through the points (n,), or through every k-th point if n is large."""
     step = max(1, -(-len(x) // _MAX_POINTS))
     return {
         'type': 'line',
@@ -59,7 +59,7 @@ def line(
 
 
 def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int) -> Options:
-    """Return red symbols at the points (n,), above all lines."""
+    """Return red symbols at the points (n,), which are drawn above all lines."""
     return {
         'type': 'scatter',
         'name': name,
@@ -73,7 +73,7 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
 
 
 def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
-    """Return areas in red, each given by its name, begin and end on the x axis."""
+    """Return red areas. Each span has the name, the start and the end of an area on the x axis."""
     return {
         'silent': True,
         'itemStyle': {'color': ALARM, 'opacity': 0.15},
@@ -83,7 +83,7 @@ def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
 
 
 def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
-    """Return dotted lines across a figure at places on an axis, each with its name."""
+    """Return labelled dotted lines across a figure. `places` has their positions on the axis."""
     return {
         'symbol': 'none',
         'silent': True,
@@ -95,15 +95,15 @@ def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
 
 
 def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
-    """Mark places on the x axis of a figure, with labels that do not overlap.
+    """Mark positions on the x axis of a figure with labels that do not overlap.
 
-    The server does not know the width of the figure in the browser, so labels that would overlap
-    on a phone are stacked.
+    The server does not know the width of the figure in the browser. Labels that would overlap on a
+    phone are therefore stacked.
     """
     axis = figure['xAxis']
     scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)
     marks = mark_lines(dict(sorted(places.items(), key=lambda each: each[1])))
-    ends = list[float]()  # right end of the last label of each level, in px
+    ends = list[float]()  # right end of the last label in each level of the stack, in px
     for mark in marks['data']:
         half = _CHARACTER * (len(mark['name']) + 1) / 2
         at = scale * (mark['xAxis'] - axis['min'])

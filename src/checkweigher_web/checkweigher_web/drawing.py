@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Drawings of a lane, made once for all viewers."""
+"""Figures and tables of a lane, which are made once for all viewers."""
 
 from collections.abc import Callable, Hashable
 import time
@@ -13,44 +13,44 @@ T = TypeVar('T')
 
 
 class Made:
-    """Cache of objects that are made when the first viewer needs them.
+    """Cache of objects that all viewers share, so that twenty viewers cost little more than one.
 
-    Twenty viewers then cost little more than one. Only the thread of the page may use it.
+    Only the thread of the page may use the cache.
     """
 
     def __init__(self) -> None:
         self._made: dict[Hashable, tuple[object, Any]] = {}
 
     def once(self, name: Hashable, state: object, make: Callable[[], T]) -> T:
-        """Return the object made under a name in this state; make it if the state is new."""
+        """Return the object with a name, and make it again if `state` has changed."""
         known = self._made.get(name)
         if known is None or known[0] != state:
             known = self._made[name] = state, make()
         return known[1]
 
     def each_second(self, name: Hashable, make: Callable[[], T]) -> T:
-        """Return the object made under a name; make it again each second."""
+        """Return the object with a name, and make it again in each second."""
         return self.once(name, int(time.monotonic()), make)
 
 
 class Drawing(Made):
-    """Figures and tables of a lane."""
+    """Cache of the figures and tables of a lane."""
 
     def __init__(self, lane: Lane | Playback) -> None:
         super().__init__()
         self.lane = lane
 
     def items(self, *, only_faults: bool = False) -> list[ShownItem]:
-        """Return the items, or only the faults, without signals, the latest first."""
+        """Return the items or only the faults, without their signals, the latest first."""
         make = self.lane.faults if only_faults else self.lane.items
         return self.once(('items', only_faults), self.lane.version, make)
 
     def latest(self) -> ShownItem | None:
-        """Return the latest item."""
+        """Return the latest item, or None if there is no item."""
         return next(iter(self.items()), None)
 
     def of_items(self) -> object:
-        """Return the state of figures over many items: latest item, product and batch."""
+        """Return the latest item, the product and the batch, on which figures of items depend."""
         return self.once('state', self.lane.version, self._of_items)
 
     def _of_items(self) -> object:
@@ -59,5 +59,5 @@ class Drawing(Made):
 
 
 def row_key(key: Key) -> str:
-    """Return the key of an item as text, because a number of JavaScript cannot hold a stamp."""
+    """Return the key of an item as text, because JavaScript would round a stamp in ns."""
     return f'{key[0]}/{key[1]}'

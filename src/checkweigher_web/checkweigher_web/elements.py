@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Elements of the page: panels, figures, tables."""
+"""Elements of the page: panels, figures and tables."""
 
 from collections.abc import Callable, Iterable, Sequence
 import json
@@ -11,12 +11,12 @@ from nicegui.element import Element
 
 from checkweigher_web.charts import nothing
 
-STYLE = Path(__file__).with_name('page.css')  # style of all pages; views add their own
-Cell = str | tuple[str, str]  # a text, or a text and the address that it links to
+STYLE = Path(__file__).with_name('page.css')  # style sheet of all pages
+Cell = str | tuple[str, str]  # text of a cell, or the text and the address of its link
 
 
 def panel(title: str, name: str = '') -> Element:
-    """Return a part of the page with a heading; `name` is its CSS class."""
+    """Return a part of the page with a heading and the CSS class `name`."""
     panel = ui.element('section').classes(f'panel {name}').props(f'aria-label="{title}"')
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
@@ -24,21 +24,22 @@ def panel(title: str, name: str = '') -> Element:
 
 
 class _FromText(ui.element):
-    """Element that shows one JSON text, its property named by `_of`.
+    """Element that shows the JSON text in its property `_of`.
 
-    One text is cheap. NiceGUI would inspect each single option or cell for each viewer.
+    NiceGUI compares the properties of an element for each viewer. One text is cheaper to compare
+    than a large number of cells or options.
     """
 
     _of = 'rows'
 
     def show_text(self, text: str) -> None:
-        """Show a text; it is not sent if it is shown already."""
+        """Send a text to the browser, unless the browser already shows it."""
         if self.props.get(self._of) != text:
             self.props[self._of] = text
 
 
-class Figure(_FromText, ui.echart, component='figure.js'):  # echart loads ECharts
-    """A figure of ECharts, from its options as JSON."""
+class Figure(_FromText, ui.echart, component='figure.js'):
+    """Figure that ECharts draws from options in JSON. The base class loads ECharts."""
 
     _of = 'text'
 
@@ -52,7 +53,7 @@ class Figure(_FromText, ui.echart, component='figure.js'):  # echart loads EChar
 
 
 class ItemList(_FromText, component='items.js'):
-    """The list of items; `choose` is called with the key of a row."""
+    """List of items. If the viewer chooses a row, `choose` is called with the key of the row."""
 
     def __init__(self, heads: Iterable[str], choose: Callable[[str], None]) -> None:
         super().__init__()
@@ -60,13 +61,13 @@ class ItemList(_FromText, component='items.js'):
         self.on('choose', lambda event: choose(str(event.args)))
 
     def choose(self, key: str) -> None:
-        """Mark a row; '' for none."""
+        """Mark the row with a key, or no row for the key ''."""
         if self.props.get('chosen', '') != key:
             self.props['chosen'] = key
 
 
 class Lines(_FromText, component='lines.js'):
-    """A list of lines of text."""
+    """List of lines of text."""
 
     _of = 'lines'
 
@@ -76,18 +77,15 @@ class Lines(_FromText, component='lines.js'):
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """Label with the age of the page. The browser greys the page while it receives no beat."""
+    """Label with the age of the page, which the browser greys while it receives no beats."""
 
     def beat(self, age: float) -> None:
-        """Send the age of the state that the browser shows, in s."""
+        """Send a beat with the age in s of the state that the browser shows."""
         self.props.update(age=age, beat=self.props.get('beat', 0) + 1)
 
 
 class Table(_FromText, component='rows.js'):
-    """Table, hidden while it has no rows.
-
-    Each cell has the head of its column as an attribute, which a narrow page shows beside it.
-    """
+    """Table that is hidden while it has no rows."""
 
     def __init__(self, heads: Iterable[str]) -> None:
         super().__init__()
@@ -95,7 +93,7 @@ class Table(_FromText, component='rows.js'):
         self.show(())
 
     def show(self, rows: Iterable[Sequence[Cell]]) -> None:
-        """Replace the rows, each with a cell for each column."""
+        """Replace the rows, which have a cell for each column."""
         given = list(rows)
         self.set_visibility(bool(given))
         self.show_text(json.dumps(given))

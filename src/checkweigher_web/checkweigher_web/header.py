@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The head of each page: lane, user, login and logout."""
+"""The header of each page, with the lane, the user, login and logout."""
 
 from collections.abc import Callable
 
@@ -23,10 +23,11 @@ def header(
     others: Callable[[], bool] = lambda: False,
     silence: Callable[[], float] = lambda: 0.0,
 ) -> None:
-    """Show the head of the page of a lane, with a link to all lanes while there are `others`.
+    """Show the header of the page of a lane.
 
-    The browser greys the page while the server does not answer, or while the lane is silent.
-    `silence` returns for how long it has been, in s.
+    `others` returns whether there are other lanes, which the header links to. `silence` returns the
+    time in s since the last diagnostics of the lane. The browser greys the page while the lane is
+    silent or the server does not answer.
     """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
@@ -48,6 +49,6 @@ def header(
 
 
 def hint_to_users(access: Access) -> None:
-    """Explain how to add a user if there is none."""
+    """Show how to add a user if the page has no users."""
     if not access.users.now():
         ui.label(_HOW_TO_ACT).classes('hint')

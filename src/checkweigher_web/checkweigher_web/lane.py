@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest items of a lane with their signals, and the latest messages of its nodes."""
+"""The latest records of a lane: items with their signals, and messages of the nodes."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -34,20 +34,20 @@ from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal, Stretch
 
+# Key of an item: t1 and t3 in ns. The number of an item is not unique, because a lane may count
+# from 1 again after a restart.
+Key = tuple[int | None, int | None]
 MAX_ITEMS = 500
 _MAX_WINDOWS = 50
 _MAX_EDGES = 400
-SHOWN = 20.0  # s of samples that the views need
-_MOMENT = NANOSECONDS // 2  # time over which a load is averaged, in ns
-_AROUND = 3 * NANOSECONDS // 10  # ns before the first and after the last edge of an item
-
-# t1 and t3 of an item. Its number is no key, because numbers may start at 1 after a restart.
-Key = tuple[int | None, int | None]
+SHOWN = 20.0  # duration in s of the samples that the views need
+_MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
+_AROUND = 3 * NANOSECONDS // 10  # time in ns before the first and after the last edge of an item
 
 
 @dataclass(frozen=True, slots=True)
 class ShownItem:
-    """One item; values that have not come are None or NaN."""
+    """An item as the page shows it. Values that have not arrived are None or NaN."""
 
     verdict: Verdict
     estimate: MassEstimate | None = None
@@ -55,16 +55,16 @@ class ShownItem:
     stretch: Stretch | None = None
     t4: int | None = None
     reference: float = math.nan  # kg
-    usual_speed: float = math.nan  # m/s; last known belt speed before this item
+    usual_speed: float = math.nan  # latest known belt speed before this item in m/s
 
     @property
     def key(self) -> Key:
-        """Key of the item, which is unique."""
+        """Unique key of the item."""
         return _key(self.verdict)
 
     @property
     def times(self) -> dict[str, int]:
-        """t1 to t4 in ns, as far as they are known."""
+        """Known times among t1 to t4, in ns."""
         t1, t3 = self.key
         t2 = None if self.estimate is None else self.estimate.t2
         times = {'t1': t1, 't2': t2, 't3': t3, 't4': self.t4}
@@ -74,7 +74,7 @@ class ShownItem:
 class Lane:
     """The latest records of a lane, with the samples of the last `held` s.
 
-    Records come in the thread of ROS and are read in the thread of the page. `version` grows with
+    The thread of ROS adds records, and the thread of the page reads them. `version` increases with
     each record that a page shows.
     """
 
@@ -99,7 +99,7 @@ class Lane:
         }
 
     def take(self, record: Any) -> None:
-        """Add a record of the lane; None withdraws its stop request."""
+        """Add a record of the lane. The record None withdraws the stop request."""
         with self._lock:
             if isinstance(record, SampleBlock):
                 self._take_block(record)
@@ -117,7 +117,7 @@ class Lane:
                     self.alarms = record.alarms
                 case StopRequest() | None:
                     self.stop = record
-                case LoadCell():  # the first message of a source
+                case LoadCell():  # A source publishes this record before its samples.
                     self.load_cell = record
                     self._begin_stream()
             self.version += 1
@@ -131,18 +131,18 @@ class Lane:
             blocks.popleft()
 
     def _begin_stream(self) -> None:
-        """Drop the records of the source, whose stamps may start again."""
+        """Drop samples, edges and reference masses, as a new stream may have earlier stamps."""
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
 
     def forget_signals(self) -> None:
-        """Drop samples and windows; the page receives no more until a viewer connects."""
+        """Drop samples and windows, because the page does not receive them without a viewer."""
         with self._lock:
             self._blocks.clear()
             self._latest[WeighWindow].clear()
 
     def items(self) -> list[ShownItem]:
-        """Return the items without their signals, the latest first."""
+        """Return the items without their signals, the latest item first."""
         verdicts, estimates, edges, references = self._of(Verdict, MassEstimate, EyeEdge, Reference)
         by_key = {_key(estimate): estimate for estimate in estimates}
         results = [(verdict, by_key.get(_key(verdict))) for verdict in verdicts]
@@ -150,7 +150,7 @@ class Lane:
         return list(joined(results, joiner))[::-1]
 
     def faults(self) -> list[ShownItem]:
-        """Return the faults, the latest first."""
+        """Return the items with the decision FAULT, the latest item first."""
         return [item for item in self.items() if item.verdict.decision == Decision.FAULT]
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
@@ -158,12 +158,10 @@ class Lane:
             return [tuple(self._latest[kind]) for kind in kinds]
 
     def _signal(self) -> RawSignal | None:
-        """Return the samples and edges that are held; None without samples."""
+        """Return the samples and edges, or None without samples."""
         with self._lock:
             cell, blocks, edges = self.load_cell, list(self._blocks), list(self._latest[EyeEdge])
-        if cell is None or not blocks:
-            return None
-        return RawSignal(cell, blocks, edges)
+        return RawSignal(cell, blocks, edges) if cell is not None and blocks else None
 
     def with_signals(self, item: ShownItem) -> ShownItem:
         """Return an item with its window, or a fault with the samples around it."""
@@ -172,7 +170,7 @@ class Lane:
         return with_window(item, window, self._signal())
 
     def empty_belt(self) -> NDArray[np.float64]:
-        """Return the longest part of the signal without an item: (n,) in kg."""
+        """Return the longest part of the signal without an item, shape (n,), in kg."""
         signal = self._signal()
         if signal is None:
             return np.zeros(0)
@@ -180,7 +178,7 @@ class Lane:
         return signal.empty_belt(end - round(SHOWN * NANOSECONDS), end)
 
     def load(self) -> float:
-        """Return the present load on the belt in kg; NaN without samples."""
+        """Return the present load on the belt in kg, or NaN without samples."""
         signal = self._signal()
         if signal is None:
             return math.nan
@@ -189,13 +187,13 @@ class Lane:
         return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
-        """Return the held samples and edges, from the first time with both; or None."""
+        """Return the samples and edges of the time for which both are held, or None."""
         (references,) = self._of(Reference)
         signal = self._signal()
         if signal is None:
             return None
         begin, edges = signal.blocks[0].stamp, signal.edges
-        if len(edges) == _MAX_EDGES:  # earlier ones were dropped
+        if len(edges) == _MAX_EDGES:  # Earlier edges were dropped.
             begin = max(begin, edges[0].stamp)
         if signal.blocks[-1].stamp < begin:
             return None
@@ -206,7 +204,7 @@ class Lane:
 def joined(
     results: Iterable[tuple[Verdict, MassEstimate | None]], joiner: ResultJoiner
 ) -> Iterator[ShownItem]:
-    """Yield an item for each verdict and its estimate, in the order of the line."""
+    """Yield the item of each verdict and estimate. The results are in the order of the line."""
     speed = math.nan
     for verdict, estimate in results:
         nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
@@ -216,12 +214,8 @@ def joined(
             speed = estimate.belt_speed
 
 
-def with_window(
-    item: ShownItem,
-    window: WeighWindow | None,
-    signal: RawSignal | None,
-) -> ShownItem:
-    """Return an item with its window; add samples if it is a fault or has no window."""
+def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal | None) -> ShownItem:
+    """Return an item with its window. An item without a window, or a fault, has raw samples."""
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
     if signal is None or not item.times or (weighed and window is not None and len(window.counts)):
@@ -230,9 +224,9 @@ def with_window(
 
 
 def _span_of(item: ShownItem, load_cell: LoadCell) -> tuple[int, int]:
-    """Return begin and end of the signal around an item, in ns.
+    """Return the start and end of the signal around an item in ns.
 
-    If an eye missed the item, the usual speed gives the time at that eye.
+    If an eye missed the item, the time at that eye is computed from the usual belt speed.
     """
     times, speed = item.times.values(), item.usual_speed
     begin, end = min(times), max(times)

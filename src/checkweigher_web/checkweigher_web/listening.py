@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that subscribe to lanes for the page, and to signals while a viewer is connected."""
+"""Nodes by which the page receives the records of lanes. Signals come only for viewers."""
 
 from collections.abc import Callable
 import threading
@@ -23,20 +23,20 @@ class _Listener(PortNode):
 
 
 class Watch:
-    """The running lanes, found by their topics of verdicts.
+    """The running lanes, which are found by their topics of verdicts.
 
-    A thread looks for lanes, and subscribes to the signals of a lane while it has `viewers`. The
-    executor of the nodes cannot do that, because it cannot change its own nodes. A lane holds the
-    samples of the last `held` s.
+    A thread looks for lanes, and subscribes to the signals of a lane while `viewers` returns a
+    number above 0 for it. The executor of the nodes cannot do that, because it cannot change its
+    own nodes. A lane holds the samples of the last `held` s.
 
     Attributes
     ----------
     lanes : dict of str to Lane
-        Lanes by namespace, which may be ''. A lane that has ended stays.
+        Lanes by namespace, which may be ''. Lanes that have ended are kept.
     board : StatusBoard
         Diagnostics of all lanes.
     only : str or None
-        Namespace of the only lane to watch; None for all.
+        Namespace of the only lane that is watched, or None if all lanes are watched.
     """
 
     def __init__(self, spinner: Spinner, namespace: str | None = None, held: float = SHOWN) -> None:
@@ -57,7 +57,7 @@ class Watch:
         self._thread.start()
 
     def close(self) -> None:
-        """End the search for lanes."""
+        """End the thread that looks for lanes."""
         self._ended.set()
         self._thread.join()
 

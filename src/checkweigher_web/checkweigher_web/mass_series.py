@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The masses of one product in one batch, for histogram and control chart."""
+"""The masses of one product in one batch, for the histogram and the control charts."""
 
 from dataclasses import dataclass, replace
 import math
@@ -13,10 +13,10 @@ MAX_MASSES = 500
 
 @dataclass(frozen=True, slots=True)
 class MassSeries:
-    """The latest masses of the accepted items since product or batch last changed.
+    """The latest masses of the accepted items since the product or the batch last changed.
 
-    The first item begins the first subgroup of the control chart. A series longer than `MAX_MASSES`
-    drops whole subgroups, so each item stays in its subgroup.
+    The first item of the series begins a subgroup of the control chart. A series that exceeds
+    `MAX_MASSES` drops its first subgroup, so that each item stays in its subgroup.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class MassSeries:
     masses : tuple of float
         Masses in kg, in the order of the items.
     forgotten : int
-        Number of dropped subgroups.
+        Number of subgroups that were dropped.
     """
 
     product: str = ''

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of all lanes: a row for each, the worst first, with a link to its page."""
+"""The page of all lanes, with a row for each lane and a link to the page of the lane."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ _HEADS = (
 
 @dataclass(frozen=True, slots=True)
 class LaneView:
-    """A row of the page of all lanes: namespace and state of the lane, and cells by `_HEADS`."""
+    """Row of the page of all lanes: namespace and state of a lane, and cells for `_HEADS`."""
 
     name: str
     level: Level
@@ -42,18 +42,18 @@ class LaneView:
 
 
 class Overview(Made):
-    """The rows of all lanes, made once a second for all viewers."""
+    """The rows of all lanes, which are made once a second for all viewers."""
 
     def __init__(self, watch: Watch) -> None:
         super().__init__()
         self._watch = watch
 
     def views(self) -> list[LaneView]:
-        """Return a row for each lane with verdicts or diagnostics, the worst first."""
+        """Return a row for each lane that has verdicts or diagnostics, the worst lane first."""
         return self.each_second('views', self._views)
 
     def only(self) -> str | None:
-        """Return the name of the only lane; None if there are others, or none."""
+        """Return the name of the lane if there is exactly one, otherwise None."""
         names = [view.name for view in self.views()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
@@ -88,12 +88,12 @@ def show_overview(lanes: Overview) -> None:
 
     def update() -> None:
         if lanes.only() is not None:
-            ui.navigate.reload()  # this page then shows the only lane
+            ui.navigate.reload()  # The address then shows the page of the only lane.
         shown = lanes.views()
         headline.set_text(_headline(shown))
         table.show(view.cells for view in shown)
 
-    ui.timer(_PERIOD, update)  # first at once
+    ui.timer(_PERIOD, update)
 
 
 def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
@@ -101,12 +101,7 @@ def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
     ui.add_css(STYLE)
     with ui.element('main').classes('lanes'), panel('Lane'):
         ui.label(f'no lane {name!r} runs here; this page shows it as soon as it does')
-
-    def look() -> None:
-        if runs():
-            ui.navigate.reload()
-
-    ui.timer(_PERIOD, look)
+    ui.timer(_PERIOD, lambda: ui.navigate.reload() if runs() else None)
 
 
 def _headline(shown: Sequence[LaneView]) -> str:

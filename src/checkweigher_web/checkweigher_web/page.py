@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a lane: its views, kept up to date."""
+"""The page of a lane, which shows its views and keeps them up to date."""
 
 from functools import partial
 
@@ -13,12 +13,8 @@ from checkweigher_web.views.view import FAST, SLOW, Look, View
 
 
 def show_lane(look: Look) -> None:
-    """Show the views of a lane to one viewer, and keep them up to date.
-
-    Mass, verdict, signal and list come first, then the figures over many items.
-    """
+    """Show the views of a lane to one viewer, and keep them up to date."""
     ui.add_css(STYLE)
-    ui.add_css(''.join(kind.style for kind in VIEWS.values()))
     ui.colors(primary=DENOISED)
     live = look.board is not None
     with ui.element('main').classes('board'):

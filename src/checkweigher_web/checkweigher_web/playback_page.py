@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a recorded shift: the views of a lane, with a slider over its items."""
+"""The page of a recorded shift, with the views of a lane and a slider to choose an item."""
 
 from functools import partial
 
@@ -15,13 +15,13 @@ from checkweigher_web.shift import Playback, Shift
 from checkweigher_web.views.view import Look
 from checkweigher_web.words import when
 
-_PERIOD = 0.5  # s between two updates of the progress
+_PERIOD = 0.5  # period of the updates of the progress in s
 
 
 class PlaybackPage:
-    """The views of a shift for one browser, with a slider over its items.
+    """The views of a shift for one browser, with a slider to choose an item.
 
-    `report` is the address of an accuracy report, empty without one.
+    `report` is the address of an accuracy report, or '' if there is none.
     """
 
     def __init__(self, shift: Shift, name: str, report: str = '') -> None:
@@ -33,7 +33,7 @@ class PlaybackPage:
                 self._progress = ui.label('').props('role=status')
                 if report:
                     ui.link('accuracy report', report)
-            # The slider of the browser works with the keyboard and with screen readers.
+            # The slider of the browser can be used with the keyboard and with screen readers.
             self._slider = (
                 ui.element('input')
                 .classes('slider')
@@ -59,7 +59,6 @@ class PlaybackPage:
         shift, count = self._shift, len(self._shift.items)
         whole = shift.is_whole
         self._slider.props['max'] = max(count, 1)
-        self._slider.update()
         length = (shift.end - shift.begin) / NANOSECONDS
         faults = counted(len(shift.faults), 'fault')
         text = f'{counted(count, "item")}, {faults} in {length / 60:.1f} min'
@@ -82,7 +81,6 @@ class PlaybackPage:
 
     def _show_place(self) -> None:
         self._slider.props['value'] = self._playback.place + 1
-        self._slider.update()
         place, items = self._playback.place, self._shift.items
         if place < len(items):
             self._where.set_text(f'item {place + 1} of {len(items)}, {when(items[place].verdict)}')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Raw samples and edges that a page holds for a lane or a recorded shift."""
+"""Raw samples and edges of a lane or a recorded shift."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Sampl
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Raw samples, `time` (n,) in ns and `counts` (n,), with the edges among them."""
+    """Segment of the raw signal: `time` (n,) in ns, `counts` (n,), and the edges in this time."""
 
     time: NDArray[np.int64]
     counts: NDArray[np.int32]
@@ -23,14 +23,14 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class RawSignal:
-    """The held samples of a load cell in order of time, and the edges as they came."""
+    """Samples of a load cell in order of time, and edges in order of arrival."""
 
     load_cell: LoadCell
     blocks: Sequence[SampleBlock]
     edges: Sequence[EyeEdge]
 
     def between(self, begin: int, end: int) -> tuple[SampleBlock, ...]:
-        """Return the blocks that cover the samples from `begin` to `end` in ns."""
+        """Return the blocks with the samples from `begin` to `end` in ns."""
         stamps = BlockColumns.of(self.blocks).stamps
         first = max(int(np.searchsorted(stamps, begin, 'right')) - 1, 0)
         return tuple(self.blocks[first : int(np.searchsorted(stamps, end, 'right'))])
@@ -51,7 +51,10 @@ class RawSignal:
         return Stretch(time[inside], counts[inside], among)
 
     def empty_belt(self, since: int, until: int) -> NDArray[np.float64]:
-        """Return the longest part without an item between two stamps: (n,) in kg, of mean 0."""
+        """Return the longest part without an item, shape (n,), in kg, after removing its mean.
+
+        The part lies between the stamps `since` and `until` in ns.
+        """
         blocks = self.between(since, until)
         edges = sorted((e for e in self.edges if e.stamp <= until), key=lambda edge: edge.stamp)
         gap = longest_gap(edges, blocks[0].stamp, blocks[-1].stamp) if blocks else (since, until)
@@ -63,13 +66,13 @@ class RawSignal:
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the longest time without an item on the belt, in ns."""
+    """Return the start and end in ns of the longest time without an item on the belt."""
     longest, since = (begin, begin), begin
     for edge in edges:
         if edge.eye == Eye.INFEED and edge.blocked:
             if edge.stamp - since > longest[1] - longest[0]:
                 longest = since, edge.stamp
-            since = end  # no gap until the item has left
+            since = end  # The next gap begins when the item leaves the belt.
         elif edge.eye == Eye.OUTFEED and not edge.blocked:
             since = max(edge.stamp, begin)
     return (since, end) if end - since > longest[1] - longest[0] else longest

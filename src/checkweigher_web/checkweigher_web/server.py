@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page: one process, by default on the loopback address."""
+"""Web server of the page, by default on the loopback address."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -47,12 +47,12 @@ from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.reports import add_reports
 from checkweigher_web.work.services import Workshop
 
-HUNG = 30.0  # s for which the event loop may hang before the process ends
+HUNG = 30.0  # time in s after which the process ends if the event loop hangs
 _LOOK_PERIOD = 1.0  # s
-_AWAY = 15.0  # s for which a browser may be offline and keep its page, with an open dialog
-_LARGEST_MESSAGE = 1 << 20  # bytes of a message from a browser
+_AWAY = 15.0  # time in s for which the server keeps the page of a browser that is offline
+_LARGEST_MESSAGE = 1 << 20  # maximum size of a message from a browser in bytes
 _REPORT = '/report'
-# Policy for a file of unknown origin, which may not run scripts or load anything.
+# Content policy for a file of unknown origin. The file must not run scripts or load other files.
 REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; "
     "base-uri 'none'; form-action 'none'; sandbox"
@@ -70,13 +70,13 @@ def serve(
     Parameters
     ----------
     site : Site
-        Address and users; port 0 stands for a free one.
+        Address and users. For port 0, the system chooses a free port.
     namespace : str, optional
-        The only lane to show; None for all lanes.
+        Namespace of the only lane to show, by default all lanes.
     keep : Path, optional
         Folder for the items that users keep.
     trust : Ed25519PublicKey, optional
-        Key for the seals of audit logs.
+        Key that verifies the seals of audit logs.
 
     Raises
     ------
@@ -104,13 +104,13 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
     Parameters
     ----------
     site : Site
-        Address and users; port 0 stands for a free one.
+        Address and users. For port 0, the system chooses a free port.
     shift : Shift
-        The shift, which is weighed while the page is served.
+        Shift, which is weighed while the page is served.
     name : str
         Name of the shift on the page.
     report : Path, optional
-        HTML file of `evaluate` that the page links to.
+        HTML report of the command `evaluate`, to which the page has a link.
 
     Raises
     ------
@@ -119,9 +119,8 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
     """
     with _listen(site.checked()) as (listener, access, app):
         if report is not None:
-            answer = HTMLResponse(
-                report.read_bytes(), 200, {'Content-Security-Policy': REPORT_POLICY}
-            )
+            headers = {'Content-Security-Policy': REPORT_POLICY}
+            answer = HTMLResponse(report.read_bytes(), headers=headers)
             app.add_api_route(_REPORT, lambda: answer, methods=['GET'])
 
         @ui.page('/', title='Checkweigher')
@@ -135,7 +134,7 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
 
 @contextmanager
 def _listen(site: Site) -> Iterator[tuple[socket.socket, Access, FastAPI]]:
-    """Listen at a site; yield its socket, its access, and the application with login."""
+    """Listen at the address of a site, and yield the socket, the access and the application."""
     with _listener(site) as listener:
         access = Access(replace(site, port=listener.getsockname()[1]))
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
@@ -210,11 +209,11 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     )
     bind_events(access)
     log_in_lines()
-    # Ends the process if the event loop does not call this again in time.
+    # The process ends unless the event loop calls this function again in time.
     alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
-    # Printed once the server handles the signals.
+    # The address is printed last, because a caller may then send signals to the server.
     nicegui.on_startup(lambda: print(f'page: {site.address}', file=sys.stderr, flush=True))
     config = uvicorn.Config(
         Guard(app, access),
@@ -226,8 +225,8 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         ssl_certfile=site.certificate,
         ssl_keyfile=site.key,
         ws_max_size=_LARGEST_MESSAGE,
-        ws_per_message_deflate=False,  # compression would be most of the work
-        proxy_headers=bool(site.origin),  # only a reverse proxy may state the address of a browser
+        ws_per_message_deflate=False,  # Compression would take most of the processor time.
+        proxy_headers=bool(site.origin),  # Only a reverse proxy may set the address of a browser.
     )
     uvicorn.Server(config).run(sockets=[listener])
 
@@ -236,8 +235,8 @@ def main() -> None:
     """Serve the page of all lanes."""
     try:
         serve(Site())
-    except KeyboardInterrupt:
-        pass  # uvicorn passes Ctrl-C on after its end
+    except KeyboardInterrupt:  # uvicorn raises the signal again after a regular end.
+        pass
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)
         raise SystemExit(2) from None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded shift, with its items in memory and its samples in files."""
+"""A recorded shift, with the items in memory and the samples in files."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
@@ -34,26 +34,25 @@ from checkweigher_web.lane import MAX_ITEMS, ShownItem, joined, with_window
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
-_BELT = 20 * NANOSECONDS  # ns before an item in which the empty belt is sought
-_AROUND = NANOSECONDS  # ns around a window, because its samples may lag behind its stamp
+_BELT = 20 * NANOSECONDS  # time in ns before an item in which the empty belt is searched
+_AROUND = NANOSECONDS  # margin in ns around a window, whose stamp is not exact
 
-
-_Cut = tuple[WeighWindow, int]  # a window without its samples, and their number
+_Cut = tuple[WeighWindow, int]  # window without its samples, and the number of the samples
 
 
 class Shift:
-    """The items of a recording, weighed once in a thread, in the order of verdicts.
+    """The items of a recording in the order of their verdicts. A thread weighs the recording once.
 
     Attributes
     ----------
     items : list of ShownItem
-        Items so far, without signals.
+        Items that were weighed so far, without their signals.
     faults : list of int
-        Indices of the faults.
+        Indices of the faults in `items`.
     signal : RawSignal
-        Samples on disk, and the edges.
+        Samples, which are on disk, and edges.
     begin, end, weighed : int
-        First and last stamp, and the stamp of the last weighed event, in ns.
+        Stamps in ns of the first sample, of the last block, and of the latest weighed event.
     """
 
     def __init__(self, recording: Recording, parameters: LineParameters) -> None:
@@ -70,12 +69,12 @@ class Shift:
         self.end = int(blocks.stamps[-1])
 
     def index(self) -> None:
-        """Weigh the recording; views show the items so far."""
+        """Weigh the recording. The views already show the items that are weighed."""
         joiner = ResultJoiner(self.recording.edges, self.recording.references)
         for item in joined(self._results(), joiner):
             if item.verdict.decision == Decision.FAULT:
                 self.faults.append(len(self.items))
-            self.items.append(item)  # last, because views read without a lock
+            self.items.append(item)  # The views read without a lock, so this comes last.
         self.is_whole = True
 
     def _results(self) -> Iterator[tuple[Verdict, MassEstimate]]:
@@ -93,7 +92,7 @@ class Shift:
 
     @property
     def progress(self) -> float:
-        """Weighed fraction of the recording."""
+        """Fraction of the recording that is weighed."""
         return 1.0 if self.is_whole else (self.weighed - self.begin) / (self.end - self.begin + 1)
 
     def _followed(self) -> Iterator[SampleBlock | EyeEdge]:
@@ -108,7 +107,7 @@ class Shift:
         return with_window(item, window, self.signal)
 
     def _read(self, window: WeighWindow, count: int) -> WeighWindow | None:
-        """Return a window with its samples, denoised; None if samples are missing."""
+        """Return a window with its samples after denoising, or None if samples are missing."""
         length = round(NANOSECONDS * count / self.recording.load_cell.sample_rate)
         blocks = self.signal.between(window.stamp - _AROUND, window.stamp + length + _AROUND)
         if not blocks:
@@ -122,10 +121,7 @@ class Shift:
 
 
 class Playback:
-    """A shift up to one of its items, which a page shows in place of a lane.
-
-    Each viewer has a playback of its own.
-    """
+    """A shift up to one of its items, which is shown like a lane. Each viewer has a playback."""
 
     stop = filler = None
     alarms: tuple[Alarm, ...] = ()
@@ -143,23 +139,23 @@ class Playback:
         return self._moves, min(len(self.shift.items), self.place + 1)
 
     def go(self, place: int) -> None:
-        """Show the item at an index, or the nearest one."""
+        """Set the index of the item. The index is limited to the range of the weighed items."""
         self.place = min(max(place, 0), max(len(self.shift.items) - 1, 0))
         self._moves += 1
 
     def next_fault(self, *, forward: bool) -> int | None:
-        """Return the index of the next or previous fault, or None."""
+        """Return the index of the next or the previous fault, or None if there is none."""
         faults = self.shift.faults
         at = bisect_right(faults, self.place) if forward else bisect_left(faults, self.place) - 1
         return faults[at] if 0 <= at < len(faults) else None
 
     def items(self) -> list[ShownItem]:
-        """Return the items up to this one without their signals, the latest first."""
+        """Return the items up to the present one without their signals, the latest item first."""
         end = self.place + 1
         return self.shift.items[max(0, end - MAX_ITEMS) : end][::-1]
 
     def faults(self) -> list[ShownItem]:
-        """Return the faults up to this item, the latest first."""
+        """Return the faults up to the present item, the latest fault first."""
         found = self.shift.faults[: bisect_right(self.shift.faults, self.place)]
         return [self.shift.items[place] for place in found[-MAX_ITEMS:]][::-1]
 
@@ -169,7 +165,7 @@ class Playback:
 
     @property
     def statistics(self) -> Statistics:
-        """Counts of the shift up to this item."""
+        """Production counts of the shift up to the present item."""
         counts = ProductionStatistics()
         for verdict in self._verdicts():
             counts.add(verdict)
@@ -177,14 +173,14 @@ class Playback:
 
     @property
     def series(self) -> MassSeries:
-        """Masses of the shift up to this item."""
+        """Masses of the shift up to the present item."""
         return reduce(MassSeries.with_item, self._verdicts(), MassSeries())
 
     def _verdicts(self) -> Iterator[Verdict]:
         return (item.verdict for item in self.shift.items[: self.place + 1])
 
     def empty_belt(self) -> NDArray[np.float64]:
-        """Return the longest part of the signal without an item before this one: (n,) in kg."""
+        """Return the longest part without an item before the present item, shape (n,), in kg."""
         latest = next(iter(self.items()), None)
         stamp = None if latest is None else latest.verdict.t3 or latest.verdict.t1
         if stamp is None:
@@ -193,7 +189,7 @@ class Playback:
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:
-    """Return blocks with their columns in unnamed files, which end with this process."""
+    """Return blocks in unnamed files, which the system removes when this process ends."""
     columns = BlockColumns.of(blocks)
     return BlockColumns(*(_on_disk_column(getattr(columns, f.name)) for f in fields(columns)))
 

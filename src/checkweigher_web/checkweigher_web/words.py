@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verdicts, masses, times and reasons in the words of the page."""
+"""Texts for verdicts, masses, times and reasons."""
 
 from datetime import UTC, datetime
 import math
@@ -8,7 +8,7 @@ import math
 from checkweigher_core.records import GRAMS, NANOSECONDS, Verdict
 from checkweigher_core.records.reasons import hint_of
 
-# A sign beside the colour, because not everybody sees the colours.
+# Decisions also have a sign, because some users cannot distinguish the colours.
 _SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
 
 
@@ -24,27 +24,27 @@ def said(verdict: Verdict) -> str:
 
 
 def why(verdict: Verdict) -> str:
-    """Return the reasons of a verdict, each with what to check."""
+    """Return the reasons of a verdict, each with a hint for the user."""
     return '; '.join(f'{reason}: {hint_of(reason)}' for reason in verdict.reasons)
 
 
 def when(verdict: Verdict) -> str:
-    """Return the local time at which an item was weighed, or a dash if it is not known."""
+    """Return the local time of an item, or a dash if the time is not known."""
     return clock(verdict.t3 or verdict.t1)
 
 
 def clock(stamp: int | None) -> str:
-    """Return the local time of a stamp in ns, or a dash if there is none."""
+    """Return the local time of a stamp in ns, or a dash if the stamp is None."""
     if stamp is None:
         return '–'
     return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
 
 
 def grams(mass: float, unit: str = '', digits: int = 3) -> str:
-    """Return a mass in kg as a number of grams."""
+    """Return the text for a mass in kg as a number of grams."""
     return number(GRAMS * mass, digits, unit)
 
 
 def number(value: float, digits: int, unit: str = '') -> str:
-    """Return a number with its unit, or a dash for NaN."""
+    """Return the text for a number with its unit, or a dash for NaN."""
     return f'{value:.{digits}f}{unit}' if math.isfinite(value) else '–'

@@ -3,8 +3,6 @@
 """The server of the page as a process of its own, over its real port."""
 
 from collections.abc import Callable, Iterator
-import os
-from pathlib import Path
 import re
 import signal
 import socket
@@ -48,27 +46,11 @@ def test_a_lane_that_is_not_there_is_no_error(port: int, path: str):
     assert get(port, path.replace('<', '%3C').replace('>', '%3E')).status == 200
 
 
-def test_what_cannot_be_served_is_one_line(
-    port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv('XDG_CONFIG_HOME', os.devnull)
-    file, bag = tmp_path / 'file', BAGS / 'paper_90'
-    file.write_text('no key')
+def test_a_port_that_is_taken_is_one_line(port: int):
+    done = run_command('page', '--port', port)
     taken = f'checkweigher page: port {port}: address already in use; choose another one with'
-    for options, said in (
-        (('--port', port), taken),
-        (('--port', 70000), 'is not in 0..65535'),
-        (('--keep', '/nowhere/at/all'), 'there is no folder /nowhere/at/all; make it first'),
-        (('--keep', '/tmp'), 'needs a user: checkweigher user add NAME --role R'),
-        (('--trust', file), f'{file}: is not an Ed25519 public key'),
-        (('--trust', tmp_path / 'none'), 'none: cannot be read: No such file'),
-        (('--trust', file, '--bag', tmp_path), '--trust: of a running line only'),
-        (('--bag', bag, '--report', tmp_path / 'none'), 'there is no such file'),
-        (('--report', file), '--report: goes with --bag only'),
-    ):
-        done = run_command('page', '--port', 0, *options)
-        assert (done.returncode, done.stderr.count('\n')) == (2, 1)
-        assert said in done.stderr
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert done.stderr.startswith(taken)
 
 
 @pytest.mark.parametrize('ending', [signal.SIGINT, signal.SIGTERM])
@@ -93,9 +75,7 @@ def test_a_browser_that_leaves_while_it_loads_is_not_worth_a_word():
         assert errors == ''
 
 
-def test_a_page_that_hangs_costs_the_line_nothing(
-    rows: Callable[..., list[dict[str, str]]],
-):
+def test_a_page_that_hangs_costs_the_line_nothing(rows: Callable[..., list[dict[str, str]]]):
     bag = BAGS / 'paper_90'
     with served() as (process, _):
         process.send_signal(signal.SIGSTOP)

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of the checkweigher. Each is a module with a table `OPTIONS` and `run(arguments)`.
+"""The commands of the checkweigher, and the options that several of them have.
 
-Heavy imports are in `run`, so that ``--help`` does not wait for them. Options of several commands
-are defined here.
+Each command is a module with a table `OPTIONS` and a function `run`, which returns the exit status.
+Modules that take long to import are imported in `run`, so that ``--help`` does not wait for them.
 """
 
 import argparse
@@ -11,9 +11,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-# Usage, kind, help and optional default of an option; see `_add`.
-Option = tuple[Any, ...]
-REQUIRED = {'required': True}  # in place of a default
+Option = tuple[Any, ...]  # usage, kind, help and default of an option, see `_add`
+REQUIRED = {'required': True}  # mark of an option that has no default and must be given
 
 PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
 NAMESPACE: Option = ('--namespace NAME', str, 'namespace of the lane', '')
@@ -23,15 +22,13 @@ LANE: Option = ('--lane NAME', str, 'namespace to take, if the bag has several')
 OVERWRITE: Option = ('--overwrite', bool, 'replace FILE if it exists')
 DURATION: Option = ('--duration S', float, 'end after S seconds')
 RECIPES: Option = ('--recipes FILE', Path, 'recipe file')
-# Number and place of the processes that do the work.
+# Number of the worker processes, and the cluster on which they run.
 SCHEDULING: tuple[Option, ...] = (
     ('--jobs N', int, 'processes; default one for a core'),
     ('--scheduler ADDRESS', str, 'local (default), or a Dask cluster: tcp://HOST:8786', 'local'),
 )
-# Parameters of the weighing, the lane, and the CSV file of the results.
 CSV: Option = ('--csv FILE', Path, 'write one row per item to FILE')
 WEIGHING: tuple[Option, ...] = (PARAMS, ESTIMATOR, LANE, CSV, OVERWRITE)
-# Estimators, budget and processes of the tuning, and the lane of the bags.
 TUNING: tuple[Option, ...] = (
     (
         '--estimator NAME',
@@ -46,7 +43,7 @@ TUNING: tuple[Option, ...] = (
 
 
 def bags(text: str) -> Option:
-    """Return the argument for one or more bags, which `text` describes."""
+    """Return the argument for one or more bags. The help text begins with `text`."""
     where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with bags in it'
     return 'bags BAG', [str], f'{text}: {where}'
 
@@ -54,7 +51,8 @@ def bags(text: str) -> Option:
 def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None:
     """Add options to a parser.
 
-    A string among them is the title of the options after it. Options in a tuple exclude each other.
+    A string in `options` is the title of the options after it. Options in a tuple exclude each
+    other.
     """
     group: argparse._ActionsContainer = parser
     for option in options:
@@ -69,11 +67,11 @@ def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None
 
 
 def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *more: Any) -> None:
-    """Add an option or an argument.
+    """Add an option or a positional argument.
 
-    `usage` is its name and, after a space, the name of its value. `kind` is the type of the value,
-    a list with that type for one or more values, a tuple of the choices, or bool for a flag. `more`
-    may have a default, or a dict of further keywords of `add_argument`.
+    `usage` is the name of the option and, after a space, the name of its value. `kind` is the type
+    of the value, a list with the type for one or more values, a tuple of the allowed values, or
+    bool for a flag. `more` may have a default, or a dict of further keywords of `add_argument`.
     """
     name, _, metavar = usage.partition(' ')
     values: dict[str, Any] = {'type': kind, 'metavar': metavar}

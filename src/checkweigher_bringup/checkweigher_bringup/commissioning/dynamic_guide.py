@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic setting with a technician: passes of a known mass at several belt speeds."""
+"""Dynamic setting at the terminal: passes of a known mass at several belt speeds."""
 
 import argparse
 from itertools import count
@@ -18,12 +18,12 @@ from checkweigher_core.whole_file import make_output_folder
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_dsp.pipeline.line import LineParameters
 
-_SECONDS = 60.0  # in a minute
+_MINUTE = 60.0  # s
 _TOLERANCE = 0.05  # relative tolerance of the belt speed
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Record passes at each speed, train, show the accuracy, and replace the file if confirmed."""
+    """Record passes at each speed, train, and replace the parameter file if the user confirms."""
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
@@ -46,13 +46,12 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Reject options that cannot be used, before the first pass."""
     for option in ('reference', 'speeds'):
         if getattr(arguments, option) is None:
             raise UserError(f'--{option}: must be given with --dynamic')
     settings.check_positive(arguments, 'reference', 'passes', 'budget', 'speeds')
     if arguments.source is not None or arguments.open:
-        raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
+        raise UserError('--dynamic: uses a running line, so leave out --source and --open')
     settings.check_namespace(arguments.namespace)
     settings.estimator_names([arguments.estimator or 'all'], ())
     check_output_file(arguments.output, overwrite=True)
@@ -62,7 +61,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record the passes at a speed in m/min; repeat if the belt ran at another speed."""
+    """Record the passes at a speed in m/min. Repeat this if the belt ran at another speed."""
     while True:
         ask(f'Set the belt to {speed:g} m/min, run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))
@@ -73,9 +72,9 @@ def _record_at(
         if len(passes) < arguments.passes:
             raise UserError(
                 f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; start again, '
-                'or tune on the bags that there are'
+                'or tune on the recorded bags'
             )
-        found = _SECONDS * median(each.window.belt_speed for each in passes)
+        found = _MINUTE * median(each.window.belt_speed for each in passes)
         print(f'{bag}: {len(passes)} passes at {found:.2f} m/min')
         if abs(found / speed - 1) <= _TOLERANCE:
             return bag

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dynamic setting by services: passes of known mass at each belt speed, then training.
 
-Training writes a new file beside the parameter file of the line. `accept_tuned` puts the new file
-in its place. The commands `record` and `tune` run in their own processes, because training takes
-minutes on all cores, and the line must not wait for it.
+Training writes a new file beside the parameter file of the line. The service `accept_tuned`
+replaces the parameter file by the new file. The commands `record` and `tune` run in their own
+processes, because training takes minutes on all cores, and the line must not wait for it.
 """
 
 from contextlib import ExitStack
@@ -42,14 +42,14 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s
-_END_PATIENCE = 20.0  # s, for a child to complete its bag
-_LESS_URGENT = 10  # niceness, which gives the line priority
+_END_PATIENCE = 20.0  # time in s in which a child process must complete its bag
+_NICENESS = 10  # niceness of the training, which gives the line priority
 _NOTHING_WAITS = f'nothing that was learned waits; call {ports.TUNE_PASSES} first'
 
 
 @dataclass(frozen=True)
 class DynamicSettingParameters(Parameters):
-    """Folder of bags and learned parameters, and parameters of the training."""
+    """Folder of the bags and of the learned parameters, and parameters of the training."""
 
     node: ClassVar[str] = 'dynamic_setting'
 
@@ -70,7 +70,7 @@ class DynamicSettingParameters(Parameters):
 
 
 class DynamicSettingNode(StageNode[DynamicSettingParameters]):
-    """Node that records passes and trains on them, each in a process of its own."""
+    """Node that records passes and trains estimators in child processes."""
 
     _child: subprocess.Popen[bytes] | None = None
 
@@ -79,7 +79,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
         self._folder = own_folder(self, self.parameters.folder)
         self._file = self._folder / 'machine.yaml'
-        self._learned = self._folder / 'machine.new.yaml'  # until it is accepted
+        self._learned = self._folder / 'machine.new.yaml'  # parameters that are not accepted yet
         self._recording: Path | None = None
         self._cancelled = False
         self._output, self._errors = (self._scratch.enter_context(memory_file()) for _ in range(2))
@@ -95,10 +95,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         ):
             self.create_service(Trigger, name, answering(callback))
         self._timer = self.create_timer(_POLL_PERIOD, self._poll, autostart=False)
-        self._tell(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
+        self._publish_state(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
     def _bags(self) -> dict[int, Path]:
-        """Return the bags of passes by number, in order."""
+        """Return the bags of passes by their numbers, in ascending order."""
         found = {
             int(number.group(1)): path
             for path in self._folder.glob('passes_*')
@@ -107,10 +107,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return dict(sorted(found.items()))
 
     def _recorded(self) -> list[Path]:
-        """Return the bags in order of recording, without the one that is being recorded."""
+        """Return the bags that are complete, in the order of recording."""
         return [path for path in self._bags().values() if path != self._recording]
 
-    def _tell(self, state: int, text: str, **values: Any) -> None:
+    def _publish_state(self, state: int, text: str, **values: Any) -> None:
         self._said = DynamicSetting(
             state=state,
             text=text,
@@ -125,7 +125,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._publisher.publish(self._said)
 
     def _waiting(self) -> str:
-        """Return a text that names the services for the learned parameters."""
+        """Return a text with the services that show, accept or drop the learned parameters."""
         return (
             f'tuned: {self._learned} waits; {ports.SHOW_TUNED} shows how accurate it is, '
             f'{ports.ACCEPT_TUNED} takes it over, {ports.CANCEL_PASSES} drops it'
@@ -134,7 +134,6 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     # Services
 
     def _check_idle(self) -> None:
-        """Raise UserError while passes are recorded or parameters trained."""
         if self._child is not None:
             raise UserError(f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}')
 
@@ -149,7 +148,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         lane = self.get_namespace().strip('/')
         self._begin('record', '--output', bag, '--inputs-only', *known, '--namespace', lane)
         values = {'mass': float(mass), 'wanted': int(passes)}
-        self._tell(DynamicSetting.RECORDING, 'waiting for the first pass', **values)
+        self._publish_state(DynamicSetting.RECORDING, 'waiting for the first pass', **values)
         response.bag = str(bag)
         return ''
 
@@ -163,11 +162,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._learned.unlink(missing_ok=True)
         output = ('--output', self._learned, '--overwrite', '--budget', known.budget)
         self._begin('tune', *bags, *output, *options)
-        self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
+        self._publish_state(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
         return f'begun; {ports.DYNAMIC_SETTING.name} says when it is done'
 
     def _cancel(self, request: Any, response: Any) -> str:
-        """End recording or training, or drop the learned parameters; the passes stay."""
+        """End recording or training, or drop the learned parameters. Recorded passes are kept."""
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
@@ -176,11 +175,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             return 'nothing is under way'
         self._learned.unlink()
         text = f'what was learned is dropped; {self._file} stays as it was'
-        self._tell(DynamicSetting.IDLE, text)
+        self._publish_state(DynamicSetting.IDLE, text)
         return text
 
     def _candidate(self) -> bytes:
-        """Return the learned parameters that wait to be accepted; UserError if there are none."""
+        """Return the file of learned parameters, or raise `UserError` if it does not exist."""
         try:
             return self._learned.read_bytes()
         except FileNotFoundError:
@@ -190,7 +189,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return '\n'.join(accuracy_lines(self._candidate().decode('utf-8', errors='replace')))
 
     async def _accept(self, request: Any, response: Any) -> str:
-        """Log the change, then replace the parameters of the line by the learned ones."""
+        """Replace the parameters of the line by the learned ones, after an audit log entry."""
         self._check_idle()
         learned = self._candidate()
         name = self.get_fully_qualified_name()
@@ -200,35 +199,35 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         try:
             self._check_idle()
             if self._candidate() != learned:
-                raise UserError('what was learned has changed meanwhile')
+                raise UserError('the learned parameters have changed meanwhile')
             version = replace_version(self._file, self._learned)
         except (UserError, OutputError, OSError) as error:
             text = f'not taken over: {error}'
             await self.change_record.write(TUNED, name, text)
             raise UserError(text) from None
         text = f'{self._file}, version {version}; the line takes it at its next start'
-        self._tell(DynamicSetting.IDLE, text)
+        self._publish_state(DynamicSetting.IDLE, text)
         self.get_logger().info(text)
         return text
 
     def _restart(self, request: Any, response: Any) -> str:
-        """Request a restart of the line, with the newest version of the file."""
+        """Request a restart of the line, which then reads the parameter file again."""
         file = self.parameters.restart_file
         if not file:
-            raise UserError('this line is started again where it was started, not from here')
+            raise UserError('this line can only be restarted where it was started')
         try:
             Path(file).touch()
         except OSError as error:
             raise UserError(f'{file}: {error.strerror}') from None
         return 'the line ends, and starts again'
 
-    # The child
+    # The child process
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """End a child and its own children, because training would wait for them.
+        """Send SIGTERM to a child process and to the worker processes for which it waits.
 
-        Not by SIGINT: a child that is just starting ignores it if this process does, as in the
-        background of a shell.
+        The signal is not SIGINT, because a child that is just starting ignores SIGINT if this
+        process ignores it, as it does in the background of a shell.
         """
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
@@ -242,14 +241,14 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 stdout=output,
                 stderr=errors,
                 env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
-                process_group=0,  # Ctrl-C reaches only this node, which then ends the child
+                process_group=0,  # Ctrl-C reaches only this process, which then ends the child.
             )
         self._timer.reset()
         if words[0] == 'tune':
-            os.setpriority(os.PRIO_PROCESS, self._child.pid, _LESS_URGENT)
+            os.setpriority(os.PRIO_PROCESS, self._child.pid, _NICENESS)
 
     def _poll(self) -> None:
-        """Publish new passes, and the end of the child."""
+        """Publish the progress of the child process and its end."""
         if self._child is None:
             return
         status = self._child.poll()
@@ -258,39 +257,34 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._said.text = lines[-1]
             self._said.passes = sum(line.startswith('pass ') for line in lines)
             self._publish()
-        if status is None:
-            return
-        self._child = None
-        self._timer.cancel()
-        self._clean_up(failed=bool(status) or self._cancelled)
-        if status and not self._cancelled:
-            errors = _lines(self._errors)
-            self._tell(DynamicSetting.FAILED, errors[-1] if errors else f'exit status {status}')
-            self.warn(self._said.text)
-        else:
-            self._end()
-            self.get_logger().info(self._said.text)
+        if status is not None:
+            self._child = None
+            self._timer.cancel()
+            self._finish(status)
 
-    def _end(self) -> None:
-        """Publish the result of a child that has finished or was cancelled."""
-        said = self._said
-        values: dict[str, Any] = {}
-        text = 'training cancelled' if self._cancelled else self._waiting()
-        if said.state == DynamicSetting.RECORDING:
+    def _finish(self, status: int) -> None:
+        """Publish the result of the child process, after removing the files of a failed one."""
+        said, values = self._said, dict[str, Any]()
+        if self._recording is not None:
             text = f'{said.passes} of {said.wanted} passes of {GRAMS * said.mass:g} g recorded'
             values = {'passes': said.passes, 'wanted': said.wanted, 'mass': said.mass}
-        self._tell(DynamicSetting.IDLE, text, **values)
-
-    def _clean_up(self, *, failed: bool) -> None:
-        """Remove a bag without passes, or the parameters of a training that `failed`."""
-        if self._said.state == DynamicSetting.TUNING and failed:
-            self._learned.unlink(missing_ok=True)
-        if self._recording is not None and not self._said.passes:
-            shutil.rmtree(self._recording, ignore_errors=True)
-        self._recording = None
+            if not said.passes:
+                shutil.rmtree(self._recording, ignore_errors=True)
+            self._recording = None
+        else:
+            text = 'training cancelled' if self._cancelled else self._waiting()
+            if status or self._cancelled:
+                self._learned.unlink(missing_ok=True)
+        if status and not self._cancelled:
+            errors = _lines(self._errors) or [f'exit status {status}']
+            self._publish_state(DynamicSetting.FAILED, errors[-1])
+            self.warn(errors[-1])
+        else:
+            self._publish_state(DynamicSetting.IDLE, text, **values)
+            self.get_logger().info(text)
 
     def destroy_node(self) -> None:
-        """Stop recording or training, and destroy the node."""
+        """End the child process, and destroy the node."""
         if self._child is not None:
             self._interrupt(self._child)
             try:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Identity of a verified machine: its program, parameters and audit log, and their changes."""
+"""Identity of a verified machine: digests of its program, parameters and audit log."""
 
 from collections.abc import Iterable, Iterator, Sequence
 import hashlib
@@ -15,16 +15,18 @@ from checkweigher_validation.archive.program import program_digest
 
 NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
-_LONGEST = 80  # characters of a value in a sentence
-# Kinds of audit log entries that change the machine; `zero` is not, because a step sets it.
-_CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
+_LONGEST = 80  # maximum number of characters of a value in a sentence
 _PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
+# Kinds of audit log entries that change the machine. The kind `zero` is left out, because steps of
+# the verification set the zero.
+_CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
 
 
 class Identity:
-    """Identity of a machine, from its audit log and its parameters, which are written to a file.
+    """Identity of a machine, from its audit log and its parameters.
 
-    Raises AuditError if the log cannot be read, or its chain is broken.
+    The parameters are written to `file`. `audit` is the audit log, or None. Raises `AuditError` if
+    the log cannot be read or its chain is broken.
     """
 
     def __init__(self, file: Path, audit: Path | None) -> None:
@@ -32,11 +34,11 @@ class Identity:
         self._audit = audit
         digests, entries = _read_audit(audit)
         self._known = dict[str, object](digests)
-        self._entries = len(entries)  # before the first step
+        self._entries = len(entries)  # number of entries before the first step
         self._values: NodeValues = {}
 
     def at_begin(self, values: NodeValues, how: str) -> str:
-        """Return the identity before the first step, as JSON; `how` is the kind of procedure."""
+        """Return the identity before the first step as JSON. `how` is the kind of procedure."""
         write_parameter_file(self._file, values)
         self._values = values
         self._known |= {
@@ -49,13 +51,13 @@ class Identity:
         return json.dumps(self._known)
 
     def at_end(self, values: NodeValues) -> str:
-        """Return the identity after the last step, with the changes since the first."""
+        """Return the identity after the last step as JSON, with the changes during the steps."""
         changes = list(_changes(self._values, values))
-        try:  # the steps are in the log, too: the zero, and each answer on the page
+        try:
             digests, entries = _read_audit(self._audit)
             self._known |= digests
             changes += _changes_in_log(entries[self._entries :])
-        except AuditError as error:  # the procedure gets its report in any case
+        except AuditError as error:  # The report is written even if the log was damaged meanwhile.
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
         return json.dumps(self._known)
@@ -81,7 +83,7 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
 
 
 def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
-    """Yield a sentence for each entry that changed the machine."""
+    """Yield a sentence for each audit log entry that changed the machine."""
     for entry in entries:
         if entry.kind not in _CHANGING:
             continue
@@ -92,9 +94,9 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
 
 
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
-    """Return name, digest and last hash of an audit log, and its entries.
+    """Return the name, digest and last hash of an audit log, and the entries.
 
-    Raises AuditError if its chain is broken.
+    Raises `AuditError` if the chain of the log is broken.
     """
     if path is None:
         return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()

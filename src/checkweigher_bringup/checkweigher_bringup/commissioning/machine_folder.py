@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a machine: its calibration, trained parameters, recipes and audit log."""
+"""Folder with the calibration, trained parameters, recipes and audit log of a machine."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,13 +23,16 @@ products:
     lower_limit: TU1    # of directive 76/211/EEC; or a mass
     upper_limit: 0.165
 """
-ParameterSets = dict[str, dict[str, object]]  # values by node
+# Parameters by node and name.
+ParameterSets = dict[str, dict[str, object]]
+# Defaults, which the parameter files override. A simulated line has no end.
+DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 
 
 def own_folder(node: Node, name: str) -> Path:
     """Return the folder that the parameter `folder` of a node names.
 
-    If the folder cannot be used, the node is destroyed and `ParameterError` raised.
+    If the folder cannot be used, the node is destroyed and `ParameterError` is raised.
     """
     folder = Path(name)
     try:
@@ -45,25 +48,26 @@ def own_folder(node: Node, name: str) -> Path:
 
 @dataclass(frozen=True)
 class MachineFolder:
-    """Folder with the state of a machine; `made` creates it.
+    """Folder with the state of a machine.
 
-    `cell.yaml` has the calibration, `machine.yaml` the trained parameters, `recipes.yaml` the
-    products, `items.numbers` and `verdicts.numbers` the latest item numbers, and `audit.log` the
-    changes. The folders `passes_N` have recorded passes, `kept` has kept items, `batches` records
-    and reports, `plans` plans of verifications, and `verifications` a folder for each of them.
+    The files are the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
+    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, and the audit
+    log `audit.log`. The folders `passes_N` have recorded passes, `kept` has items that users kept,
+    `batches` has records and reports of batches, and `plans` has plans of verifications. The folder
+    `verifications` has a folder for each verification.
     """
 
     path: Path
 
     @classmethod
     def made(cls, path: Path) -> 'MachineFolder':
-        """Make the folder, with example recipes, if it is new; UserError if that fails."""
+        """Create the folder with example recipes if it is new, or raise `UserError`."""
         path = path.absolute()
         try:
             check_not_installed(path)
             for name in ('kept', PLANS):
                 (path / name).mkdir(parents=True, exist_ok=True)
-            cls(path).take_restart()  # left by an earlier run
+            cls(path).take_restart()  # Discard a request that an earlier run has left.
             if not (path / 'recipes.yaml').exists():
                 write_whole(path / 'recipes.yaml', _RECIPES)
         except (CalibrationError, OutputError) as error:
@@ -84,20 +88,17 @@ class MachineFolder:
     def _restart_file(self) -> Path:
         return self.path / 'restart'
 
-    def defaults(self) -> ParameterSets:
-        """Return the defaults, which the files override: a simulated line has no end."""
-        return {'driver': {'simulator.count': 0}}
-
     def files(self, given: Path | None) -> list[Path]:
-        """Return the parameter files in use, including the latest training."""
+        """Return the parameter file of the user, and the file of the trained parameters."""
         trained = self.path / 'machine.yaml'
         known = [] if given is None else [given]
         return [*known, trained] if trained.exists() else known
 
     def parameters(self, given: Path | None, *, restarts: bool) -> ParameterSets:
-        """Return the parameters that make the nodes use the folder.
+        """Return the parameters by which the nodes use the files of the folder.
 
-        With `restarts`, the caller must restart the line when `take_restart` returns true.
+        `given` is the parameter file of the user. With `restarts`, users may request a restart of
+        the line, and the caller must restart it when `take_restart` returns true.
         """
         setting: dict[str, object] = {'folder': str(self.path)}
         log = str(self.path / 'audit.log')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Performance test on a running line, which asks a person to send the test product."""
+"""Performance test on a running line, in which a person sends the test product."""
 
 import math
 import queue
@@ -15,21 +15,21 @@ from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 
-_PATIENCE = 5.0  # s, to find the line, and for an answer
+_PATIENCE = 5.0  # maximum time in s to find the line, and to wait for an answer
 
 
 def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
-    """Begin the test, show each pass, and return whether it has passed.
+    """Begin a performance test, print each pass, and return whether the test has passed.
 
-    A test that is interrupted, or takes longer than `timeout` s, is cancelled. Raises `UserError`
-    if the line does not answer or refuses.
+    The test is cancelled if the user interrupts it or if it takes longer than `timeout` s. Raises
+    `UserError` if the line does not answer or refuses the test.
     """
     with spinning(lane) as spinner:
         node = PortNode('performance')
         states: queue.Queue[PerformanceTest] = queue.Queue()
         node.subscribe(ports.PERFORMANCE_TEST, states.put)
         spinner.add(node)
-        # Otherwise the first passes may be over before this node is connected.
+        # If the test began before the first message, this node might miss the first passes.
         topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
         absent = f'nothing on {topic}: is the line running, with a product selected?'
         before = _next(states, _PATIENCE, absent)
@@ -45,7 +45,7 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
 
 
 def _next(states: queue.Queue[PerformanceTest], patience: float, absent: str) -> PerformanceTest:
-    """Return the next state of the test; UserError with the text `absent` after `patience` s."""
+    """Return the next state of the test, or raise `UserError(absent)` after `patience` s."""
     try:
         return states.get(timeout=max(0.0, patience))
     except queue.Empty:
@@ -53,9 +53,9 @@ def _next(states: queue.Queue[PerformanceTest], patience: float, absent: str) ->
 
 
 def _follow(states: queue.Queue[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:
-    """Show the passes as they come; return whether the test has passed.
+    """Print each pass when it is published, and return whether the test has passed.
 
-    `before` is the state before the test. A fast test may have ended by the next state.
+    `before` is the state before the test. The first new state may already be the end of a test.
     """
     end, shown, begun = time.monotonic() + timeout, 0, False
     while True:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Samples of a load at rest, from a running line or from a source."""
+"""Samples for a calibration, from a running line or directly from a source."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,37 +16,37 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_driver.sources import Source
 
-_PATIENCE = 5.0  # s without a sample
+_PATIENCE = 5.0  # maximum time in s without a sample
 
 _Message = LoadCell | SampleBlock | str
 
 
 class SampleFeed:
-    """Blocks of samples from another thread; `name` is their origin in error messages."""
+    """Queue of sample blocks from another thread. Error messages contain `name`."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.load_cell: LoadCell | None = None
         self._messages: queue.Queue[_Message] = queue.Queue()
-        self.latest: SampleBlock | None = None  # yielded by `blocks`
+        self.latest: SampleBlock | None = None  # latest block that `blocks` has yielded
 
     def put(self, message: _Message) -> None:
-        """Add a block, the load cell, or the reason of the end; may be called from any thread."""
+        """Add a block, the load cell, or a text that explains the end. Any thread may call this."""
         self._messages.put(message)
 
     def wait_for_load_cell(self) -> LoadCell:
-        """Return the load cell; UserError if it does not come."""
+        """Return the load cell, or raise `UserError` if it does not arrive in time."""
         while self.load_cell is None:
             self._take()
         return self.load_cell
 
     def forget(self) -> None:
-        """Discard the samples so far, because they came before the load was on the belt."""
+        """Discard the blocks in the queue, which are older than the load on the belt."""
         while not self._messages.empty():
             self._take()
 
     def blocks(self) -> Iterator[SampleBlock]:
-        """Yield the blocks as they come."""
+        """Yield each block when it arrives."""
         while True:
             if (block := self._take()) is not None:
                 self.latest = block
@@ -69,7 +69,7 @@ class SampleFeed:
 
 @contextmanager
 def line_feed(namespace: str) -> Iterator[SampleFeed]:
-    """Yield the samples of a running line."""
+    """Yield the feed of a running line."""
     with spinning(namespace) as spinner:
         node = PortNode('calibrate')
         feed = SampleFeed(node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
@@ -81,7 +81,7 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 
 @contextmanager
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
-    """Yield the samples of a source, and close it afterwards."""
+    """Yield the feed of a source, and close the source after the block."""
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)
     ending = threading.Event()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Services that answer with a message, and calls of them from outside the node's thread."""
+"""Services that answer with a message, and calls of such services from other threads."""
 
 from collections.abc import Awaitable, Callable
 import threading
@@ -12,8 +12,8 @@ from checkweigher_bringup.errors import UserError
 def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[[Any, Any], Any]:
     """Return the callback of a service that answers with a message.
 
-    `callback`, a function or coroutine function, is called with request and response. It returns
-    the message, or raises a UserError with the reason of its refusal.
+    The function or coroutine function `callback` is called with the request and the response.
+    The function returns the message, or raises `UserError` with the reason of a refusal.
     """
 
     async def answer(request: Any, response: Any) -> Any:
@@ -29,10 +29,10 @@ def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[
 
 
 def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) -> str:
-    """Call a service that changes the line, with an empty request by default; return its message.
+    """Call a service with a request, by default an empty one, and return the message of its answer.
 
-    `patience` is the longest time in s to wait for the service, and then for its answer. Raises
-    `UserError` if one of them does not come, or the service refuses the call.
+    `patience` is the maximum time in s to wait for the service, and then for the answer. Raises
+    `UserError` if there is no service or no answer in time, or if the service refuses the call.
     """
     client = node.create_client(kind, name)
     try:
@@ -48,7 +48,7 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
 
 
 def answer_of(future: Any, name: str, patience: float) -> Any:
-    """Return the answer of `name` when its future has it; `UserError` if it does not come."""
+    """Return the result of a future, or raise `UserError` if it has none after `patience` s."""
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     if not done.wait(patience):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The static calibration with a technician: known masses at rest, one after another."""
+"""Static calibration at the terminal: a technician puts known masses on the belt at rest."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ from checkweigher_driver.devices import source_class
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     """Guide the technician through the masses, and write the calibration file."""
     if arguments.source is None:
-        raise UserError('--source: must name the source whose calibration it is, such as aed')
+        raise UserError('--source: must name the source that is calibrated, such as aed')
     check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
     if not arguments.mass_uncertainty >= 0:
         raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')
@@ -55,7 +55,7 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
 
 
 def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
-    """Return the samples of a running line, or of the source itself with `--open`."""
+    """Return the feed of a running line, or of the source itself with the option `--open`."""
     check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))
@@ -65,9 +65,9 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
 
 
 def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
-    """Ask the technician to do something, wait for Enter, and return the typed text.
+    """Print a request to the technician, wait for Enter, and return the text that was typed.
 
-    `unfinished` completes the error message if the input ends.
+    If the input ends, `UserError` is raised with a message that ends with `unfinished`.
     """
     print(f'{text}, then press Enter ', end='', file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
@@ -81,10 +81,10 @@ def ask(text: str, unfinished: str = 'the calibration was done: nothing was writ
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Ask for the empty belt, each mass in kg, and the empty belt again, and read each load.
+    """Read the empty belt, each mass, and the empty belt again.
 
-    Without masses, the empty belt is read once. `mass_uncertainty` is the standard uncertainty of
-    each mass in kg.
+    Without masses, the empty belt is read once. `masses` and `mass_uncertainty`, the standard
+    uncertainty of each mass, are in kg.
     """
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
     points = []
@@ -100,9 +100,9 @@ def _guided_points(
 def read_at_rest(
     feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness, show: Callable[[str], None]
 ) -> StaticReading:
-    """Return the reading of a load as soon as it has been at rest for long enough.
+    """Return the reading of a load once the load has been at rest for long enough.
 
-    `show` is called with the state of the measurement, and at the end with an empty text.
+    `show` is called with texts on the state of the measurement, and with '' at the end.
     """
     feed.forget()
     reading, blocks = RestReading(load_cell, steadiness), feed.blocks()
@@ -117,7 +117,7 @@ def read_at_rest(
 
 
 def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
-    grams = GRAMS / load_cell.counts_per_kg  # per count
+    grams = GRAMS / load_cell.counts_per_kg  # g per count
     mass = grams * (reading.mean - load_cell.zero_counts)
     return (
         f'{duration:4.1f} s: {mass:10.3f} g as calibrated now, reading {reading.mean:.1f}, drift '
@@ -126,6 +126,6 @@ def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
 
 
 def show(text: str) -> None:
-    """Show a text in the last line of a terminal, replacing the previous text."""
+    """Replace the text in the last line of the terminal."""
     if sys.stderr.isatty():
         print(f'\r\x1b[K{text}', end='', file=sys.stderr, flush=True)

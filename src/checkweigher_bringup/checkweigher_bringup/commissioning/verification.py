@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A verification and its files: plan, identity of the machine, procedure, and report."""
+"""Verification of a machine from a plan, with the bag of its procedure and its report."""
 
 import argparse
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from checkweigher_validation.verification.report import as_json, report_of
 
 
 def verify(arguments: argparse.Namespace) -> str:
-    """Run a procedure and write its report, or write it again; return the verdict."""
+    """Run a procedure and write its report, or write the report of a bag; return the verdict."""
     folder: Path = arguments.output
     if arguments.params is not None and not arguments.bags:
         raise UserError('--params: only with --bags; a running line has its own parameters')
@@ -45,24 +45,25 @@ def verify(arguments: argparse.Namespace) -> str:
 
 
 def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:
-    """Run a procedure and write its report into a new folder; return the verdict.
+    """Run a procedure, write its report into a new folder, and return the verdict.
 
-    `make` runs the procedure, given the identity of the machine and the path of the bag. `audit` is
-    the audit log of the line.
+    The function `make` runs the procedure. The arguments of `make` are the identity of the machine
+    and the path of the bag to write. `audit` is the audit log of the line.
     """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_output_folder(folder)
     try:
         make(identity, bag)
     finally:
-        if not bag.exists():  # nothing was recorded
+        if not bag.exists():
             shutil.rmtree(folder, ignore_errors=True)
     return write_report(bag, folder)
 
 
 def write_report(bag: Path, folder: Path) -> str:
-    """Write the report of a procedure into a folder, made if necessary; return the verdict."""
-    # Imported late, because its libraries double the memory of the node verifier.
+    """Write the report of a procedure into a folder, and return the verdict."""
+    # The libraries of this module double the memory of the node `verifier`, so they are imported
+    # only here.
     from checkweigher_validation.report.verification_page import render_verification
 
     report = report_of(read_procedure(bag))
@@ -73,7 +74,7 @@ def write_report(bag: Path, folder: Path) -> str:
 
 
 def plan_of(path: Path) -> tuple[Plan, str]:
-    """Return the plan in a file, and the text of the file."""
+    """Return the plan in a file, and the text of the file, or raise `UserError`."""
     try:
         text = path.read_text(encoding='utf-8')
         return read_plan(text), text

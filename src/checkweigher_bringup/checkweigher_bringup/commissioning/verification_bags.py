@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A procedure from recorded steps, each in a bag of its own."""
+"""Verification procedure from recorded steps, with one bag for each step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -32,13 +32,12 @@ from checkweigher_validation.verification.plan import Plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
 _Record = tuple[int, Port, Any]  # stamp in ns, port, record
-
 _PORTS = {
     SampleBlock: ports.LOAD_CELL_SAMPLES,
     EyeEdge: ports.PHOTO_EYES,
     Reference: ports.REFERENCE_MASS,
 }
-_SAME_LOAD = 0.01  # largest relative difference of a reference mass from the load of its step
+_SAME_LOAD = 0.01  # maximum relative difference of a reference mass from the load of its step
 
 
 def procedure_of_bags(
@@ -51,16 +50,14 @@ def procedure_of_bags(
 ) -> None:
     """Weigh the bags of the steps, and write the bag of the procedure.
 
-    Each bag has the name of its step. Parameters cannot change during the run, so one identity
-    describes all of it.
-
-    Raises `UserError` if a bag has no step, has another calibration or load, or overlaps in time
-    with another bag.
+    Each bag has the name of its step. All bags are weighed with the same parameters, so the
+    procedure has one identity of the machine. Raises `UserError` if no step has the name of a bag,
+    if the calibration or the load of a bag is wrong, or if bags overlap in time.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
         if bag.name not in steps:
-            raise UserError(f'{bag}: is named as no step of the plan; verify --steps shows them')
+            raise UserError(f'{bag}: is named as no step of the plan; verify --steps lists them')
     found = [(bag, steps[bag.name], read_bag(bag)) for bag in bags]
     found.sort(key=lambda each: each[2].blocks[0].stamp)
     _check_together(found)
@@ -84,10 +81,10 @@ def procedure_of_bags(
 
 
 def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
-    """Raise UserError if bags cannot belong to one procedure."""
+    """Raise `UserError` if bags cannot belong to one procedure."""
     for (before, _, first), (after, _, second) in itertools.pairwise(found):
         if second.blocks[0].stamp < end_of_block(first.blocks[-1], first.load_cell):
-            raise UserError(f'{after}: begins before {before} ends; they are of no one procedure')
+            raise UserError(f'{after}: begins before {before} ends; bags must not overlap')
         if second.load_cell != first.load_cell:
             raise UserError(f'{after}: has another calibration than {before}; record all again')
     for bag, step, recording in found:
@@ -100,30 +97,30 @@ def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
 
 
 def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
-    """Return the end of the last sample of a block, ns."""
+    """Return the end of the last sample of a block in ns."""
     return block.stamp + round(len(block.counts) * NANOSECONDS / load_cell.sample_rate)
 
 
 def _records(
     bag: Path, step: Step, recording: Recording, plan: Plan, parameters: LineParameters, items: int
 ) -> Iterator[_Record]:
-    """Yield all records of a step in order; `items` is the number of items in earlier steps."""
+    """Yield all records of a step in order of time, with item numbers above `items`."""
     begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
         begin, end = _rest(bag, recording, Steadiness(plan.rest.duration_s, plan.rest.tolerance))
     yield begin, ports.VERIFICATION, VerificationStep(begin, step.name, StepState.BEGUN, begin)
     made: list[_Record] = [(each.stamp, _PORTS[type(each)], each) for each in recording]
     line = WeighingLine(recording.load_cell, parameters)
-    # Without the known masses, which the stages do not use.
     for weighing in line.weigh_all(join_recording(recording)):
         made += _results(weighing, items, begin)
-    yield from sorted(made, key=lambda each: each[0])  # stable: estimates stay before verdicts
+    # The sort is stable, so an estimate stays before its verdict.
+    yield from sorted(made, key=lambda each: each[0])
     end_mark = VerificationStep(end, step.name, StepState.DONE, begin)
     yield max(end, made[-1][0]), ports.VERIFICATION, end_mark
 
 
 def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
-    """Yield estimate and verdict, with numbers after those of earlier steps."""
+    """Yield the estimate and the verdict of an item, with item numbers above `items`."""
     estimate, verdict = weighing.estimate, weighing.verdict
     stamp = verdict.t3 or verdict.t1 or begin
     if verdict.estimate_id:
@@ -133,13 +130,13 @@ def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
 
 
 def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
-    """Return begin and end in ns of the first segment in which the load is at rest."""
+    """Return the start and end in ns of the first segment in which the load is at rest."""
     reading = RestReading(recording.load_cell, steadiness)
     for block in recording.blocks:
         if reading.add(block) is not None:
             end = end_of_block(block, recording.load_cell)
             return end - round(steadiness.duration * NANOSECONDS), end
     raise UserError(
-        f'{bag}: the load is nowhere at rest for {steadiness.duration:g} s to within '
+        f'{bag}: the load is never at rest for {steadiness.duration:g} s to within '
         f'{GRAMS * steadiness.tolerance:g} g; see rest: in the plan'
     )

@@ -1,11 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A procedure on a running line, step by step, with an operator.
+"""Verification procedure on a running line, step by step, with an operator.
 
 The operator works at the terminal, or at the page (see `verifier`).
 """
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 import math
 from pathlib import Path
@@ -53,13 +54,14 @@ from checkweigher_validation.verification.procedure import (
 )
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
-_ANSWER_PATIENCE = 20.0  # s, for a service; zeroing waits for the empty belt
-_LAST_PATIENCE = 2.0  # s, for the parameters after the last step; the node may be about to end
-_SILENCE = 10.0  # s without a product before the operator is told
+# Maximum times in s to wait for the answer of a service. Zeroing waits for the empty belt. After
+# the last step, the line may be about to end.
+_ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
+_SILENCE = 10.0  # time in s without a product after which the operator gets a message
 _POLL_PERIOD = 0.1  # s
-_TRAIL = 0.5  # s of samples after the last step, so that the bag has the whole step
+_TRAIL = 0.5  # duration in s of the samples that are recorded after the last step
 _UNFINISHED = 'the verification was done; what was recorded is in the bag'
-# Parameters of every ROS node, which do not affect the weighing.
+# Parameters that each ROS node has, and that do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
@@ -74,20 +76,20 @@ class Operator(Protocol):
         """Set the steps of the procedure."""
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for step `number`, from 0; return the reason to skip it, or '' to do it."""
+        """Ask for a step, and return the reason why the step is skipped, or ''."""
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Show the result of a step; return false to repeat the step."""
+        """Show the result of a step, and return false if the step must be repeated."""
 
     def tell(self, text: str) -> None:
-        """Show an event."""
+        """Show the text of an event."""
 
     def show(self, text: str) -> None:
-        """Show the state of the measurement, which is updated several times a second."""
+        """Show the state of the measurement, which changes several times a second."""
 
 
 class Terminal:
-    """Operator at the terminal; the end of the input raises UserError."""
+    """Operator at the terminal. If the input ends, `UserError` is raised."""
 
     def __init__(self) -> None:
         self._steps: Sequence[Step] = ()
@@ -97,34 +99,34 @@ class Terminal:
         self._steps = steps
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step; return the reason to skip it, if any."""
+        """Ask for a step, and return the reason why the step is skipped, or ''."""
         show('')
         title = f'{number + 1}/{len(self._steps)} {step.name}'
         return ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Print the result; return whether to go on."""
+        """Print the result of a step, and return false if the step must be repeated."""
         self.tell(f'{self._steps[number].name}, {found}')
         return passed or ask('Type r to make it again, or nothing to go on', _UNFINISHED) != 'r'
 
     def tell(self, text: str) -> None:
-        """Print an event."""
+        """Print the text of an event."""
         show('')
         print(text, flush=True)
 
     def show(self, text: str) -> None:
-        """Show the state of the measurement, on a terminal."""
+        """Show the state of the measurement in the last line of the terminal."""
         show(text)
 
 
 def procedure_on_line(
     spinner: Spinner, plan: Plan, text: str, identity: Identity, output: Path, operator: Operator
 ) -> None:
-    """Guide an operator through the steps, and record them into the bag of the procedure.
+    """Guide an operator through the steps of a plan, and record the procedure into a bag.
 
-    The parameters are read before the first step and after the last one. If the operator cancels
-    the procedure, the bag has the steps so far. Raises UserError if the line does not run, or the
-    input ends.
+    The parameters of the line are read before the first step and after the last one. If the
+    operator cancels the procedure, the bag has the steps so far. Raises `UserError` if the line
+    does not run or the input ends.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -140,7 +142,8 @@ def procedure_on_line(
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
                 _Guide(node, plan, cell, operator).run()
-            # A line that is ending does not answer; the report then says so.
+            # A line that is about to end may not answer. The report then says that the changes are
+            # unknown.
             with suppress(UserError, InvalidHandle):
                 if spinner.alive:
                     what = identity.at_end(_parameters(node, _LAST_PATIENCE))
@@ -151,10 +154,10 @@ def procedure_on_line(
 
 
 class VerificationNode(RecorderNode):
-    """Recorder of a lane, with the samples and verdicts for the steps of a verification.
+    """Node that records a lane, and that has the samples and verdicts for the steps.
 
-    The queue `verdicts` may be read from any thread. `latest` is the latest time of samples and
-    verdicts in ns.
+    Any thread may read the queue `verdicts`. `latest` is the time in ns of the latest sample or
+    verdict.
     """
 
     def __init__(self) -> None:
@@ -183,33 +186,27 @@ class VerificationNode(RecorderNode):
         self.feed.put(block)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        # On a busy computer, samples may come after verdicts. A step begins after both.
+        # A busy computer may deliver samples after verdicts. A step begins after both.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
 
 
 @contextmanager
 def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
-    """Write the recorded messages in another thread while the block runs."""
+    """Write the recorded messages in another thread during a block."""
     ending = threading.Event()
-    failures: list[Exception] = []
 
     def write() -> None:
-        try:
-            while not (ending.is_set() and node.messages.empty()):
-                node.write(bag)
-        except Exception as error:
-            failures.append(error)
+        while not (ending.is_set() and node.messages.empty()):
+            node.write(bag)
 
-    thread = threading.Thread(target=write, name='bag')
-    thread.start()
-    try:
-        yield
-    finally:
-        ending.set()
-        thread.join()
-    if failures:
-        raise failures[0]
+    with ThreadPoolExecutor(1) as pool:
+        written = pool.submit(write)
+        try:
+            yield
+        finally:
+            ending.set()
+    written.result()
 
 
 class _Guide:
@@ -222,10 +219,10 @@ class _Guide:
         self._operator = operator
         self._steadiness = Steadiness(plan.rest.duration_s, plan.rest.tolerance)
         self._attempts: list[Attempt] = []
-        self._warm: int | None = None  # ns, begin of the warm-up
+        self._warm: int | None = None  # start of the warm-up in ns
 
     def run(self) -> None:
-        """Do all steps."""
+        """Guide the operator through all steps."""
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):
@@ -237,7 +234,7 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _make(self, number: int, step: Step) -> bool:
-        """Do a step; return false to repeat it."""
+        """Guide the operator through a step, and return false if the step must be repeated."""
         self._wait_for_warm_up(step)
         node = self._node
         if reason := self._operator.asked(number, step):
@@ -251,12 +248,14 @@ class _Guide:
         node.tell(VerificationStep(begin, step.name, StepState.BEGUN, begin))
         try:
             attempt = self._read(step) if step.at_rest else self._count(step, begin)
-        except (CalibrationError, UserError) as error:  # no result, so the step is asked for again
+        except (CalibrationError, UserError) as error:  # The step has no result and is repeated.
             self._operator.tell(f'{step.name}: {error}')
             return False
         node.tell(VerificationStep(attempt.end, step.name, StepState.DONE, attempt.begin))
         self._attempts.append(attempt)
-        found = self._judge()
+        zeros = tuple(node.zeros)
+        procedure = Procedure(self._plan, '', {}, self._cell, tuple(self._attempts), zeros, '')
+        found = outcome_of(procedure).results[-1]
         return self._operator.goes_on(number, _line(found), passed=found.passed)
 
     def _wait_for_warm_up(self, step: Step) -> None:
@@ -268,7 +267,6 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _read(self, step: Step) -> Attempt:
-        """Read the load at rest on the belt."""
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')
@@ -288,38 +286,34 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
+        """Wait for the passes of a step that began at `begin` in ns, and return all passes."""
         assert step.load is not None
         items: list[ItemPass] = []
-        heard = time.monotonic()
-        while _enough(step, items) < step.count:
-            self._operator.show(f'{_enough(step, items)} of {step.count} passes')
+        latest = time.monotonic()
+        while (count := _count_weighed(step, items)) < step.count:
+            self._operator.show(f'{count} of {step.count} passes')
             try:
                 verdict = self._node.verdicts.get(timeout=_POLL_PERIOD)
             except queue.Empty:
-                if time.monotonic() - heard > _SILENCE:
-                    heard = time.monotonic()
+                if time.monotonic() - latest > _SILENCE:
+                    latest = time.monotonic()
                     self._operator.tell(f'no product within {_SILENCE:.0f} s')
                 continue
-            heard = time.monotonic()
-            # With the planned speed; the report uses the speed of the estimate.
+            latest = time.monotonic()
+            # The verdict has no belt speed, so this is the planned speed. The report uses the speed
+            # of the estimate.
             item = item_pass(verdict, step.speed or math.nan)
             if item.stamp < begin:
                 continue
             items.append(item)
             found = f'{GRAMS * item.mass:.3f} g, {GRAMS * (item.mass - step.load.mass):+.3f} g'
             found = found if item.weighed else ', '.join(item.reasons)
-            self._operator.tell(f'pass {_enough(step, items)} of {step.count}: {found}')
+            self._operator.tell(f'pass {_count_weighed(step, items)} of {step.count}: {found}')
         return Attempt(step, begin, items[-1].stamp, tuple(items))
 
-    def _judge(self) -> Result:
-        procedure = Procedure(
-            self._plan, '', {}, self._cell, tuple(self._attempts), tuple(self._node.zeros), ''
-        )
-        return outcome_of(procedure).results[-1]
 
-
-def _enough(step: Step, items: list[ItemPass]) -> int:
-    """Return the number of items that count: weighed ones, or all outside the range."""
+def _count_weighed(step: Step, items: list[ItemPass]) -> int:
+    """Count the weighed items. In a step with a mass outside the range, all items count."""
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
 
@@ -339,7 +333,7 @@ def _line(result: Result) -> str:
 
 
 def _parameters(node: VerificationNode, patience: float) -> NodeValues:
-    """Return the current parameters of the nodes, each within `patience` s."""
+    """Return the parameters of the nodes. Each node has `patience` s for an answer."""
     found: NodeValues = {}
     for name in ports.NODES:
         client = AsyncParameterClient(node, name)

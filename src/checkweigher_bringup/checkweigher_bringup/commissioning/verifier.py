@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verification by services, with the operator at the page.
+"""Node for verifications with the operator at the page.
 
-The procedure is the same as at the terminal. It runs in its own thread, where it waits for the
+The procedure is the same as at the terminal. The procedure runs in a thread that waits for the
 answers of the operator.
 """
 
@@ -36,20 +36,20 @@ from checkweigher_core.whole_file import write_whole
 from checkweigher_validation.verification.plan import VERIFICATIONS, Plan, read_plan
 from checkweigher_validation.verification.steps import Step
 
-_POLL_PERIOD = 0.1  # s
-_END_PATIENCE = 20.0  # s, to complete bag and report when the node ends
-_LINES = 100  # most lines of a step that are published
-_LONGEST = 200  # characters of a reason
 # Answers that are allowed in each state.
 _ANSWERS = {
     ProgressState.ASKING: (StepAnswer.MAKE, StepAnswer.SKIP),
     ProgressState.DECIDING: (StepAnswer.MAKE, StepAnswer.GO_ON),
 }
+_POLL_PERIOD = 0.1  # s
+_END_PATIENCE = 20.0  # maximum time in s to complete the bag and the report when the node ends
+_LINES = 100  # maximum number of lines of a step that are published
+_LONGEST = 200  # maximum number of characters of a reason
 
 
 @dataclass(frozen=True)
 class VerifierParameters(Parameters):
-    """Folder of plans and verifications, and audit log."""
+    """Folder of the plans and verifications, and audit log of the line."""
 
     node: ClassVar[str] = 'verifier'
 
@@ -58,108 +58,110 @@ class VerifierParameters(Parameters):
 
 
 class RemoteOperator:
-    """Operator at another node, which gets the progress by `tell_all` and calls `answer`."""
+    """Operator at the page, who sees the published progress and answers by a service.
+
+    `publish` is called with each change of the progress, the first value of which is `progress`.
+    """
 
     def __init__(
-        self, said: VerificationProgress, tell_all: Callable[[VerificationProgress], None]
+        self, progress: VerificationProgress, publish: Callable[[VerificationProgress], None]
     ) -> None:
-        self._said = said
-        self._tell_all = tell_all
+        self._progress = progress
+        self._publish = publish
         self._answers: queue.Queue[tuple[StepAnswer, str]] = queue.Queue()
-        self._lock = threading.Lock()  # of `_said`
+        self._lock = threading.Lock()  # guards `_progress`
         self._broken_off = threading.Event()
 
-    # The thread of the procedure
+    # Methods for the thread of the procedure
 
     def begin(self, steps: Sequence[Step]) -> None:
-        """Publish the steps."""
-        self._say(steps=tuple(step.name for step in steps), results=('',) * len(steps))
+        """Publish the steps of the procedure."""
+        self._change(steps=tuple(step.name for step in steps), results=('',) * len(steps))
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step and wait for the answer; return the reason to skip it, if any."""
-        known = self._said
+        """Ask for a step, and return the reason why the step is skipped, or ''."""
+        known = self._progress
         # The lines of a failed attempt explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
         answer, reason = self._ask(ProgressState.ASKING, step=number, text=step.to_do, lines=lines)
         if answer is StepAnswer.SKIP:
-            self._say(results=self._results(number, f'skipped: {reason}'))
+            self._set_result(number, f'skipped: {reason}')
             return reason
-        self._say(state=ProgressState.MAKING, text='', lines=())
+        self._change(state=ProgressState.MAKING, text='', lines=())
         return ''
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Publish the result; if the step failed, ask whether to repeat it."""
-        self._say(results=self._results(number, found))
+        """Publish the result of a step. If the step failed, ask whether it must be repeated."""
+        self._set_result(number, found)
         if passed:
             return True
         answer, _ = self._ask(ProgressState.DECIDING, text=found)
         if answer is StepAnswer.MAKE:
-            self._say(results=self._results(number, ''), lines=())
+            self._set_result(number, '', lines=())
         return answer is StepAnswer.GO_ON
 
     def tell(self, text: str) -> None:
-        """Publish an event of this step."""
-        self._go_on()
-        self._say(lines=(*self._said.lines, one_line(text))[-_LINES:])
+        """Publish the text of an event in the present step."""
+        self._check_continues()
+        self._change(lines=(*self._progress.lines, one_line(text))[-_LINES:])
 
     def show(self, text: str) -> None:
         """Publish the state of the measurement."""
-        self._go_on()
-        if text != self._said.text:
-            self._say(text=text)
+        self._check_continues()
+        if text != self._progress.text:
+            self._change(text=text)
 
     def finish(self) -> None:
-        """Publish that the steps are over."""
-        self._say(state=ProgressState.MAKING, text='the report is written')
+        """Publish that all steps are done."""
+        self._change(state=ProgressState.MAKING, text='the report is written')
 
     def end(self, text: str) -> None:
         """Publish the end of the procedure."""
-        self._say(state=ProgressState.IDLE, text=one_line(text))
+        self._change(state=ProgressState.IDLE, text=one_line(text))
 
     def _ask(self, state: ProgressState, **values: Any) -> tuple[StepAnswer, str]:
-        self._say(state=state, question=self._said.question + 1, **values)
+        self._change(state=state, question=self._progress.question + 1, **values)
         while True:
-            self._go_on()
+            self._check_continues()
             with suppress(queue.Empty):
                 return self._answers.get(timeout=_POLL_PERIOD)
 
-    def _go_on(self) -> None:
+    def _check_continues(self) -> None:
         if self._broken_off.is_set():
             raise BrokenOffError
 
-    def _results(self, number: int, text: str) -> tuple[str, ...]:
-        known = list(self._said.results)
-        known[number] = one_line(text)
-        return tuple(known)
+    def _set_result(self, number: int, text: str, **values: Any) -> None:
+        known = self._progress.results
+        self._change(results=(*known[:number], one_line(text), *known[number + 1 :]), **values)
 
-    def _say(self, **values: Any) -> None:
+    def _change(self, **values: Any) -> None:
         with self._lock:
-            self._said = replace(self._said, **values)
-            self._tell_all(self._said)
+            self._progress = replace(self._progress, **values)
+            self._publish(self._progress)
 
-    # Other threads
+    # Methods for other threads
 
     @property
     def ended(self) -> bool:
         """True if the procedure has ended."""
-        return self._said.state is ProgressState.IDLE
+        return self._progress.state is ProgressState.IDLE
 
     def answer(self, question: int, answer: StepAnswer, reason: str) -> None:
-        """Accept an answer; UserError if it does not fit the question."""
+        """Accept the answer to a question, or raise `UserError` if it does not fit."""
         with self._lock:
-            said = self._said
-            if question != said.question or said.state not in _ANSWERS:
-                raise UserError('this is not asked any more: look at what is')
-            if answer not in _ANSWERS[said.state]:
-                raise UserError('a step that has failed is made again, or left as it is')
+            now = self._progress
+            if question != now.question or now.state not in _ANSWERS:
+                raise UserError('this question is not asked any more: answer the present one')
+            if answer not in _ANSWERS[now.state]:
+                raise UserError('a failed step can only be repeated, or left as it is')
             if answer is StepAnswer.SKIP and not reason:
-                raise UserError('say why the step is skipped: the report says so')
-            # Refuse further answers to this question.
-            self._said = replace(said, state=ProgressState.MAKING)
+                raise UserError('say why the step is skipped; the report contains the reason')
+            # Further answers to this question are refused.
+            self._progress = replace(now, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
 
     def break_off(self) -> None:
-        """End the procedure; the steps made so far count."""
+        """End the procedure. The report has the steps so far."""
         self._broken_off.set()
 
 
@@ -173,7 +175,8 @@ class VerifierNode(StageNode[VerifierParameters]):
         self._folder = own_folder(self, self.parameters.folder)
         self._operator: RemoteOperator | None = None
         port = ports.VERIFICATION_PROGRESS
-        # Not an output, which takes the process lock: its holder may be waiting for the thread.
+        # An `Output` would need the lock of the process. A thread that holds the lock may be
+        # waiting for the thread of the procedure.
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
         for kind, name, callback in (
             (BeginVerification, ports.BEGIN_VERIFICATION, self._begin),
@@ -183,19 +186,19 @@ class VerifierNode(StageNode[VerifierParameters]):
             self.create_service(kind, name, answering(callback))
 
     def start(self) -> None:
-        """Publish the folder of plans and verifications."""
+        """Publish the folder of the plans and verifications."""
         super().start()
-        self._tell(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
+        self._publish(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
 
-    def _tell(self, said: VerificationProgress) -> None:
-        said = replace(said, stamp=self.get_clock().now().nanoseconds)
-        self._publisher.publish(to_message(ports.VERIFICATION_PROGRESS, said))
+    def _publish(self, progress: VerificationProgress) -> None:
+        progress = replace(progress, stamp=self.get_clock().now().nanoseconds)
+        self._publisher.publish(to_message(ports.VERIFICATION_PROGRESS, progress))
 
     # Services
 
     @property
     def _busy(self) -> RemoteOperator | None:
-        """Operator of the current verification, if there is one."""
+        """Operator of the current verification, or None."""
         return None if self._operator is None or self._operator.ended else self._operator
 
     def _begin(self, request: Any, response: Any) -> str:
@@ -206,11 +209,11 @@ class VerifierNode(StageNode[VerifierParameters]):
         except ParameterError as error:
             raise UserError(f'the plan: {error}') from None
         name = f'{datetime.now(UTC):%Y%m%dT%H%M%SZ}'
-        said = VerificationProgress(
+        progress = VerificationProgress(
             0, ProgressState.MAKING, folder=str(self._folder), name=name, text='it begins'
         )
-        self._operator = RemoteOperator(said, self._tell)
-        self._tell(said)
+        self._operator = RemoteOperator(progress, self._publish)
+        self._publish(progress)
         procedure = (plan, request.plan, name, self._operator)
         self._thread = threading.Thread(target=self._make, args=procedure, daemon=True)
         self._thread.start()
@@ -220,7 +223,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         if (operator := self._busy) is None:
             raise UserError(f'no verification goes on; call {ports.BEGIN_VERIFICATION}')
         if request.answer not in tuple(StepAnswer):
-            raise UserError(f'{request.answer}: is no answer')
+            raise UserError(f'{request.answer}: is not an answer')
         reason = one_line(request.reason.strip(), _LONGEST)
         operator.answer(request.question, StepAnswer(request.answer), reason)
         return ''
@@ -249,7 +252,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             verdict = report_on(make, folder, audit)
             operator.end(f'{name}: {verdict}')
             self.get_logger().info(f'verification {name}: {verdict}')
-        except Exception as error:  # of the line, the disk or the log; the node goes on
+        except Exception as error:  # A failure of the line or of the disk does not end the node.
             operator.end(f'{name}: not made: {error}')
             self.warn(f'verification {name}: {type(error).__name__}: {error}')
 
@@ -259,7 +262,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             self._operator.break_off()
 
     def destroy_node(self) -> None:
-        """Wait for the bag and the report, then destroy the node."""
+        """Wait until the bag and the report are complete, and destroy the node."""
         if self._thread is not None:
             self._thread.join(_END_PATIENCE)
         super().destroy_node()

@@ -1,17 +1,17 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Description of a line over several hosts: which host runs which nodes of each lane.
+"""Description of a line on several hosts: the nodes of each lane that each host runs.
 
 .. code-block:: yaml
 
     hosts:
-      hall: 10.0.0.11        # address
+      hall: 10.0.0.11        # address of the host
       server: 10.0.0.12
     discovery: hosts         # or subnet, or the name of the host with the discovery server
     lanes:
-      lane1:                 # its namespace
-        host: hall           # of all nodes
-        params: [common.yaml, lane1.yaml]   # beside this file
+      lane1:                 # namespace of the lane
+        host: hall           # host of all nodes
+        params: [common.yaml, lane1.yaml]   # paths from the folder of this file
         recipes: recipes.yaml
         product: crisps_150g
       lane2:
@@ -32,10 +32,11 @@ from checkweigher_core.ros.ports import NODES
 from checkweigher_core.settings_files import Settings, settings_of
 from checkweigher_core.yaml_files import opened
 
-# Nodes on one host: its clock stamps the items, and their verdicts do not need the network.
+# Nodes that must run on the same host. The clock of this host stamps the items, and their verdicts
+# reach the outputs without the network.
 AT_MACHINE = ('driver', 'segmenter', 'reject')
-HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery without a server
-SERVER_PORT = 11811  # default of the discovery server of Fast DDS
+HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery without a discovery server
+SERVER_PORT = 11811  # default port of the discovery server of Fast DDS
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}')
 
 
@@ -43,10 +44,10 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}')
 class Share:
     """The nodes of a lane that a host runs in one process."""
 
-    lane: str  # its namespace
+    lane: str  # namespace of the lane
     nodes: tuple[str, ...]
     params: tuple[Path, ...]
-    product: Mapping[str, str]  # parameters of the node product, which override the files
+    product: Mapping[str, str]  # parameters of the node `product`, which override the files
 
     @property
     def name(self) -> str:
@@ -56,14 +57,14 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class LineDescription:
-    """Addresses of the hosts by name, and for each lane the shares of the hosts."""
+    """Addresses of the hosts by their names, and the shares of the hosts in each lane."""
 
     hosts: Mapping[str, str]
     lanes: tuple[Mapping[str, Share], ...]
     discovery: str = HOSTS
 
     def shares(self, host: str) -> tuple[Share, ...]:
-        """Return the shares of a host; `SettingsError` if there is no such host."""
+        """Return the shares of a host, or raise `SettingsError` if the host is unknown."""
         if host not in self.hosts:
             raise SettingsError(
                 f'host {host}: not in the line description; it has {", ".join(self.hosts)}'
@@ -71,21 +72,21 @@ class LineDescription:
         return tuple(lane[host] for lane in self.lanes if host in lane)
 
     def environment(self) -> dict[str, str]:
-        """Return the environment in which the nodes of all hosts find each other, and no others."""
+        """Return environment variables by which the nodes discover only those of these hosts."""
         if self.discovery == SUBNET:
             return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
         if self.discovery == HOSTS:
             several = len(self.hosts) > 1
             peers = {'ROS_STATIC_PEERS': ';'.join(self.hosts.values())} if several else {}
             return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **peers}
-        # Without SUBNET, the participants bind only to the loopback device.
+        # Without SUBNET, the nodes would use only the loopback interface.
         server = f'{self.hosts[self.discovery]}:{SERVER_PORT}'
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DISCOVERY_SERVER': server}
 
 
 @dataclass(frozen=True)
 class _LaneEntry(Settings):
-    """A lane in the file: the host of all nodes, or the nodes of each host."""
+    """Lane in the file, which names the host of all nodes or the nodes of each host."""
 
     name: str = parameter(text='namespace')
     host: str = parameter('', 'host of all nodes')
@@ -96,7 +97,7 @@ class _LaneEntry(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the table, with `params` as a list if it is a single file."""
+        """Return the content of the entry, in which a single file in `params` becomes a list."""
         params = content.get('params') if isinstance(content, dict) else None
         return {**content, 'params': [params]} if isinstance(params, str) else content
 
@@ -105,12 +106,15 @@ class _LaneEntry(Settings):
         if bool(self.host) == (self.nodes is not None):
             raise SettingsError('needs host (of all nodes) or nodes (by host), one of them')
         if self.product and not self.recipes:
-            raise SettingsError('needs recipes that have it', 'product')
+            raise SettingsError('needs recipes that contain it', 'product')
         if self.nodes is not None:
             _check_nodes(self.nodes)
 
     def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
-        """Return the share of each host; `folder` has the files of the lane."""
+        """Return the share of each host by the name of the host.
+
+        `hosts` has the addresses by name. Paths in the entry are relative to `folder`.
+        """
         nodes = self.nodes or {self.host: tuple(NODES)}
         for host in nodes:
             if host not in hosts:
@@ -128,7 +132,7 @@ class _LaneEntry(Settings):
 
 
 def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None:
-    """Raise SettingsError if a host has no nodes, or one that is unknown or placed twice."""
+    """Raise `SettingsError` if a host has no node, an unknown node, or a node of another host."""
     if not names:
         raise SettingsError('names no node', 'nodes', host)
     for name in names:
@@ -139,7 +143,7 @@ def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None
 
 
 def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
-    """Raise SettingsError unless each node has one host, and those at the machine share it."""
+    """Raise `SettingsError` unless each node has one host and `AT_MACHINE` have the same host."""
     placed = [name for names in nodes.values() for name in names]
     for host, names in nodes.items():
         _check_share(host, names, placed)
@@ -152,7 +156,7 @@ def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
 
 @dataclass(frozen=True)
 class LineFile(Settings):
-    """The file that describes a line."""
+    """Content of the file that describes a line."""
 
     hosts: Mapping[str, str] = parameter(text='addresses by the names of the hosts')
     lanes: Mapping[str, _LaneEntry] = parameter(text='lanes by their namespaces')
@@ -173,7 +177,7 @@ class LineFile(Settings):
 
 
 def read_line(path: Path) -> LineDescription:
-    """Return the description of a line; `SettingsError` if the file cannot be used."""
+    """Return the description of a line, or raise `SettingsError` if the file cannot be used."""
     with opened(path) as content:
         file = settings_of(LineFile, content)
         hosts = {name: str(ipaddress.ip_address(each)) for name, each in file.hosts.items()}
@@ -183,7 +187,7 @@ def read_line(path: Path) -> LineDescription:
 
 def _check_name(name: str, *place: object) -> None:
     if not _NAME.fullmatch(name):
-        raise SettingsError(f'{name!r} is no name: a letter, then letters, digits and _', *place)
+        raise SettingsError(f'{name!r} is no name (a letter, then letters, digits and _)', *place)
 
 
 def _file(path: Path, *place: object) -> Path:

@@ -81,7 +81,7 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
     folder = tmp_path / 'setting'
     folder.mkdir()
     with spinning('setting') as spinner:
-        parameters = {'folder': str(folder), 'budget': 16, 'estimator': estimator}
+        parameters = {'folder': str(folder), 'budget': 8, 'estimator': estimator}
         spinner.add(DynamicSettingNode(parameters))
         technician = Technician(spinner)
         assert 'no passes' in technician.call(Trigger, ports.TUNE_PASSES).message

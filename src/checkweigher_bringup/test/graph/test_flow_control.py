@@ -51,8 +51,7 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
     for node in (*make_stages(), witness, SlowEdges()):
         spinner.add(node)
     file = parameter_file(
-        tmp_path / 'driver.yaml',
-        {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}},
+        tmp_path / 'driver.yaml', {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}}
     )
     driver = node_command(ports.NODES['driver'], LANE, file)
     driver += ['-r', 'photo_eyes:=camera/photo_eyes']

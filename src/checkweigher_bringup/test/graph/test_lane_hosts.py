@@ -113,7 +113,7 @@ HOSTS = 4
 # Of 1.5 s between outfeed eye and rejector, half a second is for a busy machine.
 VALUES: Values = {
     'driver': {
-        'simulator.count': 0, 'simulator.masses': [0.1, 0.15, 0.2], 'simulator.lead_in': 15.0,
+        'simulator.count': 0, 'simulator.masses': [0.1, 0.15, 0.2], 'simulator.lead_in': 5.0,
         'simulator.spacing': 2.0, 'lossless': False,
     },
     'reject': {'rejector_distance': 1.5, 'verdict_margin': 0.5},

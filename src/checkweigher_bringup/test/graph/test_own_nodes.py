@@ -1,36 +1,40 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes that docs/own_driver.md and docs/own_stage.md print weigh as they are printed."""
+"""The programs of docs/own_driver.md, own_stage.md and own_plc.md do as they are printed."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
 import re
+import signal
 import subprocess
 import sys
 import time
 
 from checkweigher_msgs.msg import Verdict
 from graph import heard
+from modbus_machine import REJECTOR, RELEASE, Plc
 import pytest
 from rclpy.node import Node
-from running import PATIENCE, ROOT
+from running import PATIENCE, ROOT, wait_for
 
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.ros import ports
 
 LANE = 'own_nodes'
 NAMESPACE = f'/{LANE}'
-Start = Callable[..., None]
+Process = subprocess.Popen[bytes]
+Start = Callable[..., Process]
 
 
 @pytest.fixture
 def start() -> Iterator[Start]:
     """Start Python with arguments, in the namespace of these tests."""
-    started: list[subprocess.Popen[bytes]] = []
+    started: list[Process] = []
 
-    def begin(*arguments: str) -> None:
+    def begin(*arguments: str) -> Process:
         names = ['--ros-args', '-r', f'__ns:={NAMESPACE}']
         started.append(subprocess.Popen([sys.executable, *arguments, *names]))
+        return started[-1]
 
     yield begin
     # rclpy wakes its executor before it shuts the context down. A node without timers may sleep on
@@ -52,21 +56,52 @@ def printed(page: str, folder: Path) -> str:
     return str(path)
 
 
+def start_stages(start: Start, *arguments: str) -> list[Process]:
+    """Start the stages; the rejector is far away, so that a busy computer is in time as well."""
+    far = ['--ros-args', '-p', 'rejector_distance:=8.0', '--ros-args', *arguments]
+    names = 'segmenter', 'denoise', 'identifier', 'reject'
+    return [start('-m', f'checkweigher_dsp.nodes.{name}', *far) for name in names]
+
+
 @pytest.mark.parametrize('corrected', [False, True])
-def test_the_printed_nodes_weigh(tmp_path: Path, spinner: Spinner, start: Start, corrected: bool):
+def test_the_printed_nodes_weigh_from_the_first_product_on(
+    tmp_path: Path, spinner: Spinner, start: Start, corrected: bool
+):
     node = Node('listener')
-    verdicts = heard(node, ports.VERDICT)
+    verdicts = heard(node, ports.VERDICT, latched=True)
     spinner.add(node)
+    # The driver first, because the order must not matter.
+    start(printed('own_driver', tmp_path))
     if corrected:
         start(printed('own_stage', tmp_path))
     # As line.launch.py hands it to each node.
-    remap = ['--ros-args', '--remap', 'identifier:denoised_window:=corrected_window']
-    for stage in ('segmenter', 'denoise', 'identifier', 'reject'):
-        start('-m', f'checkweigher_dsp.nodes.{stage}', *(remap if corrected else ()))
-    start(printed('own_driver', tmp_path))
-    weighed: list[Verdict] = []
-    while len(weighed) < 3:  # one after the other: the first ones come before all stages are there
-        verdict = verdicts.get(timeout=PATIENCE)[1]
-        weighed = [*weighed, verdict] if verdict.decision == Verdict.ACCEPT else []
+    remap = ['--remap', 'identifier:denoised_window:=corrected_window']
+    start_stages(start, *(remap if corrected else ()))
+    found: list[Verdict] = [verdicts.get(timeout=PATIENCE)[1] for _ in range(3)]
+    assert [verdict.item_id for verdict in found] == [1, 2, 3]
+    assert [verdict.decision for verdict in found] == 3 * [Verdict.ACCEPT]
     expected = 0.2002 if corrected else 0.2
-    assert [verdict.mass for verdict in weighed] == pytest.approx(3 * [expected], abs=1e-5)
+    assert [verdict.mass for verdict in found] == pytest.approx(3 * [expected], abs=1e-5)
+
+
+def test_the_printed_bridge_runs_the_belt_while_it_may_run(tmp_path: Path, start: Start):
+    plc = Plc(tmp_path)
+    plc.start('--watchdog', '2')
+    bridge = start(printed('own_plc', tmp_path), '--ros-args', '-p', f'port:={plc.port}')
+    try:
+        wait_for(lambda: plc.state(REJECTOR) is True)
+        assert plc.state(RELEASE) is False, 'there is no line yet'
+        start(printed('own_driver', tmp_path))
+        *_, reject = start_stages(start)
+        wait_for(lambda: plc.state(RELEASE) is True)
+        wait_for(lambda: plc.state(REJECTOR) is False)  # an accepted product passes
+        wait_for(lambda: plc.state(REJECTOR) is True)  # the gap behind it
+        reject.kill()
+        wait_for(lambda: plc.state(RELEASE) is False)
+        start('-m', 'checkweigher_dsp.nodes.reject')
+        wait_for(lambda: plc.state(RELEASE) is True)
+        bridge.send_signal(signal.SIGSTOP)
+        wait_for(lambda: plc.state(RELEASE) is False)
+    finally:
+        bridge.kill()
+        plc.kill()

@@ -183,9 +183,10 @@ def test_a_reject_process_that_is_killed_goes_on_with_limits_and_counts(
             assert (verdict.decision, verdict.batch_items) == (verdict.UNDER, number)
             wait_for(lambda number=number: line.statistics[-1].items == number)
             reject.kill()
-        wait_for(lambda: 'reject' not in line.operator.get_node_names())
-        line.publishers.clear()
-        line.products.clear()
+        if number == 1:  # until DDS has given it up
+            wait_for(lambda: 'reject' not in line.operator.get_node_names())
+            line.publishers.clear()
+            line.products.clear()
 
 
 def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(line: Line):

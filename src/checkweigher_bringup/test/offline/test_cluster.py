@@ -60,7 +60,7 @@ def test_a_worker_without_access_to_a_bag_says_so(running: Cluster, tmp_path: Pa
 
 def test_tuning_on_a_cluster_gives_the_same_file(running: Cluster, tmp_path: Path):
     words = ('tune', BAGS / 'paper_60', BAGS / 'paper_90', '--estimator', 'mean', 'tvlpf',
-             '--budget', '20', '--output')  # fmt: skip
+             '--budget', '4', '--output')  # fmt: skip
     assert run_command(*words, tmp_path / 'here.yaml').returncode == 0
 
     done = run_command(*words, tmp_path / 'there.yaml', '--scheduler', running.address)
@@ -75,7 +75,7 @@ def test_tuning_on_a_cluster_gives_the_same_file(running: Cluster, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ('count', 'products'), [(8, 150), pytest.param(60, 600, marks=pytest.mark.soak)]
+    ('count', 'products'), [(8, 50), pytest.param(60, 600, marks=pytest.mark.soak)]
 )
 def test_a_cluster_that_loses_a_worker_gives_the_same_bits(
     tmp_path: Path, count: int, products: int

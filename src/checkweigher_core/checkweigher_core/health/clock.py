@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clocks: comparison of the stamps of samples and edges with their arrival."""
+"""Comparison of the stamps of samples and edges with their times of arrival."""
 
 from collections import deque
 import math
@@ -8,27 +8,27 @@ import math
 from checkweigher_core.health.findings import MINUTE, Finding, RecentValues, conclude, warn_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
-_MAX_BLOCKS = 20_000  # from which rate and pace are computed
-RATE_SPAN = 10.0  # s over which rates are computed
-SHORTEST_SPAN = 2.0  # s; over a shorter span, a rate is unknown
-_REPLAY = 0.1  # relative difference of pace; a larger one means a replay
-_CLOCK_BIN = 5.0  # s; the shortest delay in each shows the clock, longer ones are due to load
-_CLOCK_SPAN = 300.0  # s
-_DRIFT_LIMIT = 500e-6  # relative; a crystal is off by less than 100e-6
-_DRIFT_BINS = 6  # fewest bins from which a drift is computed
-_PACE_BINS = 3
-_JITTER_LIMIT = 0.5  # s; the margin of the verdicts shows whether less matters
-_START = 5.0  # s after the first block; the start of other nodes then causes delays
+_MAX_BLOCKS = 20_000  # largest number of blocks from which rate and pace are computed
+RATE_SPAN = 10.0  # time in s over which rates are computed
+SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
+_REPLAY = 0.1  # relative difference of the pace from 1 above which a recording is replayed
+_CLOCK_BIN = 5.0  # time in s in which at least one message is not delayed by the machine
+_CLOCK_SPAN = 300.0  # time in s over which the drift is computed
+_DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
+_DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
+_PACE_BINS = 3  # smallest number of bins from which the pace is computed
+_JITTER_LIMIT = 0.5  # s
+_START = 5.0  # time in s after the first block in which delays are ignored, because nodes start
 _EYE_OFFSET_LIMIT = 0.1  # s
 _FEWEST_EDGES = 4
-_CLOCK_STEP = 0.5  # s, largest difference between stamp and index of one clock
+_CLOCK_STEP = 0.5  # difference in s between stamp and index above which the clock was set
 
 
 class ClockWatch:
-    """Comparison of the stamps of samples and edges with their arrival.
+    """Comparison of the stamps of samples and edges with their times of arrival.
 
-    The delay of a block is its arrival minus the time of its last sample. The shortest delay in a
-    few seconds belongs to a message that did not wait, so it changes only with the clocks.
+    The delay of a block is the time from its last sample to its arrival. The shortest delay in a
+    few seconds is that of a message that did not wait, so it changes only if a clock drifts.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -36,17 +36,17 @@ class ClockWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the clock of the previous stream."""
+        """Discard all values, because a new stream begins."""
         self._origin: int | None = None
         self._began = 0.0
         self._blocks: deque[tuple[float, int, int]] = deque(maxlen=_MAX_BLOCKS)
         self._delays = RecentValues(RATE_SPAN)
         self._edge_delays = RecentValues(MINUTE)
         self._bins = RecentValues(_CLOCK_SPAN)
-        self._bin = (math.nan, math.inf)  # begin and least delay
+        self._bin = (math.nan, math.inf)  # start and shortest delay in s of the present bin
 
     def add(self, came: float, block: SampleBlock) -> None:
-        """Add a block, in the order of the indices."""
+        """Add a block that arrived at time `came` in s."""
         if self._blocks:
             _, stamp, index = self._blocks[-1]
             expected = stamp + (block.first_index - index) * NANOSECONDS / self._rate
@@ -67,22 +67,22 @@ class ClockWatch:
             self._bin = begin, min(least, delay)
 
     def add_edge(self, came: float, edge: EyeEdge) -> None:
-        """Add an edge of a photo-eye; edges before the first block have no delay."""
+        """Add an edge that arrived at time `came` in s, unless no block has arrived yet."""
         if self._origin is not None:
             self._edge_delays.add(came, came - (edge.stamp - self._origin) / NANOSECONDS)
 
     def look(self, now: float) -> None:
-        """Remove old values."""
+        """Remove values that are too old at time `now` in s."""
         for values in (self._delays, self._bins, self._edge_delays):
             values.forget(now)
         while self._blocks and self._blocks[0][0] <= now - RATE_SPAN:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the seconds of stamps per second of this machine, NaN if unknown.
+        """Return how fast the stamps advance relative to the clock of this machine, NaN if unknown.
 
-        It is computed from the shortest delays once these are known, because blocks come faster for
-        a while after a halt.
+        The shortest delays are used as soon as they are known, because blocks arrive too fast for a
+        while after a halt.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -91,33 +91,34 @@ class ClockWatch:
 
     @property
     def sample_rate(self) -> float:
-        """Sample rate by the stamps in the last seconds, Hz; NaN if unknown."""
+        """Sample rate in Hz computed from the stamps of recent blocks, NaN if unknown."""
         _, elapsed, count = self._span()
         return count / elapsed if elapsed >= SHORTEST_SPAN else math.nan
 
     def _span(self) -> tuple[float, float, int]:
-        """Return the span of the last blocks: in s by arrival, in s by stamp, and in samples."""
+        """Return the span of the recent blocks: in s by arrival, in s by stamp, and in samples."""
         if not self._blocks:
             return 0.0, 0.0, 0
         (began, first_stamp, first), (came, last_stamp, last) = self._blocks[0], self._blocks[-1]
         return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
-    def _least(self) -> float:
-        """Return the shortest recent delay of a block, s, relative to the first stamp."""
-        least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
-        return math.nan if math.isinf(least) else float(least)
-
     def finding(self, offset_of_clocks: float) -> Finding:
-        """Return the aspect Clock; `offset_of_clocks` is the time of day at arrival time 0, s."""
-        least, slope = self._least(), self._bins.slope
+        """Return the finding Clock.
+
+        `offset_of_clocks` is the difference in s between the time of day and the clock of arrivals.
+        """
+        # Shortest recent delay of a block in s, relative to the first stamp.
+        least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
+        least = math.nan if math.isinf(least) else least
+        slope = self._bins.slope
         origin = math.nan if self._origin is None else self._origin / NANOSECONDS
         pace = self._pace(slope)
-        # Delay that 95 % of the blocks do not exceed, relative to the shortest one, s.
+        # 95 % of the blocks are delayed by at most this time in s relative to the shortest delay.
         jitter = self._delays.quantile(0.95) - self._delays.smallest
-        # Delay of the edges relative to samples of the same time, s.
+        # Delay in s of the edges relative to samples with the same stamp.
         is_known = len(self._edge_delays) >= _FEWEST_EDGES
         eye_offset = self._edge_delays.smallest - least if is_known else math.nan
-        # Relative difference between the clocks of the machine and of the stamps.
+        # Relative difference between the rates of the two clocks.
         drift = slope if len(self._bins) >= _DRIFT_BINS else math.nan
         values = {
             'stamps_behind_this_machine_s': least + offset_of_clocks - origin,

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Findings on the health of a line, each with a level and a hint, and recent values.
+"""Findings on the health of a line, and statistics of recent values.
 
-Times are in seconds on a monotonic clock, which the caller reads.
+Times are in s on a monotonic clock. The caller reads the clock.
 """
 
 from collections import Counter, deque
@@ -16,12 +16,12 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-MINUTE = 60.0  # s, for which recent values are kept
+MINUTE = 60.0  # s
 _MAX_VALUES = 10_000
 
 
 class Level(IntEnum):
-    """Severity, by the numbers of DiagnosticStatus."""
+    """Severity of a finding, with the numbers of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -31,7 +31,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Concern:
-    """One problem, with advice."""
+    """Problem of a node, with advice for the technician."""
 
     level: Level
     text: str
@@ -40,13 +40,13 @@ class Concern:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding on one aspect of a node."""
+    """Finding on one aspect of a node, such as its clock. docs/reasons.md lists the aspects."""
 
-    aspect: str  # name from docs/reasons.md
+    aspect: str
     level: Level
     text: str  # one sentence
-    hint: str = ''  # advice; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # the key has the unit
+    hint: str = ''  # advice for the technician; empty if there is no problem
+    values: Mapping[str, float | str] = field(default_factory=dict)  # names end with the unit
 
     @property
     def message(self) -> str:
@@ -70,9 +70,9 @@ def error_if(holds: bool, text: str, hint: str) -> Concern | None:
 def conclude(
     aspect: str, well: str, concerns: Iterable[Concern | None] = (), values: Values | None = None
 ) -> Finding:
-    """Return the finding on an aspect: its first concern of the highest level.
+    """Return the finding on an aspect, which is its first concern of the highest level.
 
-    The text is `well` if there is no concern; None among the `concerns` is ignored.
+    The text of the finding is `well` if all `concerns` are None.
     """
     none = Concern(Level.OK, well, '')
     worst = max(filter(None, concerns), key=lambda concern: concern.level, default=none)
@@ -83,7 +83,7 @@ T = TypeVar('T')
 
 
 class Recent(Generic[T]):
-    """Entries of the last `duration` seconds, at most `limit` of them."""
+    """Entries of the last `duration` s, but at most `limit` entries."""
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         self._duration = duration
@@ -93,27 +93,27 @@ class Recent(Generic[T]):
         return len(self._entries)
 
     def forget(self, now: float) -> None:
-        """Remove the entries that are older than the duration at `now`, s."""
+        """Remove the entries that are too old at time `now` in s."""
         while self._entries and self._entries[0][0] <= now - self._duration:
             self._entries.popleft()
 
 
 class RecentValues(Recent[float]):
-    """Values of the last `duration` seconds. Without values, statistics are NaN."""
+    """Values of the last `duration` s. Without values, the statistics are NaN."""
 
     def add(self, time: float, value: float) -> None:
-        """Add a value at a time, s; NaN and infinities are ignored."""
+        """Add a value with its time in s. NaN and infinities are ignored."""
         if math.isfinite(value):
             self._entries.append((time, value))
 
     @property
     def span(self) -> float:
-        """Time from the oldest to the latest value in s, 0 without values."""
+        """Time in s from the oldest to the latest value, 0 without values."""
         return self._entries[-1][0] - self._entries[0][0] if self._entries else 0.0
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """Values as an array of shape (n,), oldest first."""
+        """Values in the order of their times, shape (n,)."""
         return np.array([value for _, value in self._entries])
 
     @property
@@ -137,14 +137,14 @@ class RecentValues(Recent[float]):
         return self.quantile(0.0)
 
     def quantile(self, share: float) -> float:
-        """Return a quantile of the values, interpolated linearly."""
+        """Return a quantile of the values, with linear interpolation."""
         return float(np.quantile(self.values, share)) if self._entries else math.nan
 
     @property
     def slope(self) -> float:
-        """Change of the values per second: the median over all pairs, NaN with fewer than two.
+        """Theil-Sen slope of the values per second, NaN with fewer than two values.
 
-        This is the Theil-Sen estimator: up to 29 % of the values may be wrong by any amount.
+        The estimator is robust against up to 29 % outliers.
         """
         times, values = np.reshape(self._entries, (-1, 2)).T
         first, second = np.triu_indices(len(times), 1)
@@ -156,13 +156,16 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Outcomes of up to `count` items in the last `duration` s, with the reasons of failures."""
+    """Results of the last items, with the reasons of failures.
+
+    The last `count` items are kept, each for at most `duration` s.
+    """
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
         super().__init__(duration, count)
 
     def add(self, time: float, reasons: Iterable[str] = ()) -> None:
-        """Add an item and the reasons of its failure, empty if it did not fail."""
+        """Add an item at a time in s. `reasons` is empty if the item did not fail."""
         self._entries.append((time, tuple(reasons)))
 
     @property
@@ -172,11 +175,11 @@ class RecentItems(Recent[tuple[str, ...]]):
 
     @property
     def failed_in_a_row(self) -> int:
-        """Number of items that failed since the last one that did not."""
+        """Number of consecutive failed items up to the latest item."""
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self._entries)))
 
     @property
     def main_reason(self) -> str:
-        """Most frequent first reason of the items that failed, empty if none did."""
+        """Most frequent first reason of the failed items, empty if no item failed."""
         firsts = Counter(reasons[0] for _, reasons in self._entries if reasons)
         return firsts.most_common(1)[0][0] if firsts else ''

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clock of this host, as chrony reports it by its command chronyc."""
+"""Synchronisation of the clock of this host, as reported by chrony."""
 
 from collections.abc import Sequence
 import math
@@ -11,17 +11,17 @@ from checkweigher_core.health.findings import Finding, Level, conclude, warn_if
 
 COMMAND = ('chronyc', '-n', '-c', 'tracking')
 _ASPECT = 'Host clock'
-_PERIOD = 30.0  # s, between two calls of chronyc
-_PATIENCE = 10.0  # s, for an answer
+_PERIOD = 30.0  # time in s between two calls of chronyc
+_PATIENCE = 10.0  # longest wait in s for the output of chronyc
 _LARGEST_BOUND = 0.1  # s
-_OWN_CLOCK = 0x7F7F0101  # reference of a chrony that follows no other clock (`local`)
+_OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
 
 
 class HostClock:
-    """Watch of the clock of this host.
+    """Monitor of the clock of this host.
 
-    chronyc runs as a separate process. A later call reads its answer, so that the node never waits
-    for it.
+    The command chronyc runs in a separate process. A later call of `finding` reads its output, so
+    that the node never waits for it.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -34,7 +34,7 @@ class HostClock:
         )
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Host clock at `now`, s."""
+        """Return the finding Host clock at time `now` in s."""
         if self._question is not None:
             if self._question.poll() is not None:
                 self._finding = tracking_finding(self._question.communicate()[0])
@@ -54,10 +54,10 @@ class HostClock:
 
 
 def tracking_finding(text: str) -> Finding:
-    """Return the finding on the output of ``chronyc -c tracking``.
+    """Return the finding for the output of ``chronyc -c tracking``.
 
-    As in the manual of chronyc, the bound of the error is the sum of the offset of the system
-    clock, the root dispersion and half of the root delay.
+    The bound of the clock error is the sum of the absolute offset of the system clock, the root
+    dispersion and half of the root delay (manual of chronyc).
     """
     fields = text.strip().split(',')
     try:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of samples and edges at their arrival: rate, gaps, saturation, photo-eyes."""
+"""Statistics of arriving samples and photo-eye edges, such as rate, gaps and saturation."""
 
 import math
 
@@ -19,15 +19,15 @@ from checkweigher_core.health.findings import (
 from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
-PATIENCE = 5.0  # s, duration of the start of a line
-_SILENCE = 1.0  # s without samples; a block is 10 to 50 ms
-_SILENT_BLOCKS = 5.0  # the same limit in blocks, if they are long
+PATIENCE = 5.0  # time in s that the nodes of a line need to start
+_SILENCE = 1.0  # longest time in s without samples
+_SILENT_BLOCKS = 5.0  # the same time as a number of blocks, which counts if blocks are long
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
-_ONE_EYED = 10  # edges of one eye without an edge of the other
+_ONE_EYED = 10  # edges of one eye after which the other eye must have switched
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
-# Name of each count, with the noun for its unit.
+# Name of each count, with the noun for its unit in messages.
 _COUNTED = {
     _GAPS: 'gap',
     _LOST: 'sample',
@@ -56,10 +56,7 @@ _WARNINGS = {
 
 
 class SampleWatch:
-    """Statistics of the blocks of samples: their rate, gaps and clock.
-
-    `look` removes values older than a minute.
-    """
+    """Statistics of arriving blocks of samples: rate, gaps, saturation and clock."""
 
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
@@ -73,18 +70,18 @@ class SampleWatch:
         self._recent = {what: RecentValues() for what in _COUNTED}
 
     def restart(self) -> None:
-        """Reset index and clock for another stream."""
+        """Reset the expected index and the clock, because a new stream begins."""
         self._end = None
         self.clock.restart()
 
     def look(self, now: float) -> None:
-        """Remove old values."""
+        """Remove values that are too old at time `now` in s."""
         for values in (self._arrivals, *self._recent.values()):
             values.forget(now)
         self.clock.look(now)
 
     def add(self, came: float, block: SampleBlock) -> None:
-        """Add a block that arrived at `came`, s."""
+        """Add a block that arrived at time `came` in s."""
         size, first, limits = len(block.counts), block.first_index, self.load_cell
         if not size:
             return
@@ -112,7 +109,7 @@ class SampleWatch:
             self._recent[what].add(time, count)
 
     def finding(self, now: float, waited: float) -> Finding:
-        """Return the aspect Samples; `waited` is the time since the stream began, s."""
+        """Return the finding Samples. `waited` is the time in s since the stream began."""
         age = now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
         span = self._arrivals.span if self._arrivals.span >= SHORTEST_SPAN else math.nan
@@ -149,7 +146,7 @@ class SampleWatch:
 
 
 class EyeWatch:
-    """Statistics of the photo-eyes: whether both switch, and whether one stays blocked."""
+    """Statistics of photo-eye edges, which show an eye that stays blocked or does not switch."""
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys(Eye, 0)
@@ -157,7 +154,7 @@ class EyeWatch:
         self.restart()
 
     def add(self, now: float, edge: EyeEdge) -> None:
-        """Add an edge that arrived at `now`, s."""
+        """Add an edge that arrived at time `now` in s."""
         eye = Eye(edge.eye)
         self._last = now
         self._counts[eye] += 1
@@ -168,17 +165,17 @@ class EyeWatch:
             self._blocked.pop(eye, None)
 
     def restart(self) -> None:
-        """Reset the states of the eyes for another stream."""
+        """Reset the states of the eyes, because a new stream begins."""
         self._recent = {eye: RecentValues() for eye in Eye}
         self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
-        """Remove old edges."""
+        """Remove edges that are too old at time `now` in s."""
         for values in self._recent.values():
             values.forget(now)
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Photo eyes."""
+        """Return the finding Photo eyes."""
         lately = {eye: len(values) for eye, values in self._recent.items()}
         blocked = {eye: now - since for eye, since in self._blocked.items()}
         values = {

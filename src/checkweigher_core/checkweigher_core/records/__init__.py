@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records that pass between the stages: frozen dataclasses, a module for each owner.
+"""Records that the stages exchange: frozen dataclasses, in one module for each owner.
 
-Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them. An
-unknown time is None, an unknown number is NaN. `checkweigher_core.ros.conversion` converts a record
-to its message by the names and types of the fields.
+Stamps are integers in ns on the clock of the samples, so that no stage rounds them. An unknown
+stamp is None, an unknown number is NaN. `checkweigher_core.ros.conversion` converts between records
+and messages.
 """
 
 from checkweigher_core.records.machine import (

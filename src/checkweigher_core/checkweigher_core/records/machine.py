@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of the machine, which the driver and the inspection devices send."""
+"""Records that the driver and the inspection devices send."""
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -13,14 +13,14 @@ from checkweigher_core.records.quantities import MAX_MASS, MAX_SAMPLE_RATE, Stam
 
 
 class Eye(IntEnum):
-    """The photo-eyes at the two ends of the weigh belt."""
+    """Photo-eye at one of the two ends of the weigh belt."""
 
     INFEED = 0
     OUTFEED = 1
 
 
 class StreamState(IntEnum):
-    """State of a stream of samples; FAILED means that its source has failed."""
+    """State of a stream of samples. FAILED means that the source of the samples has failed."""
 
     RUNNING = 0
     FINISHED = 1
@@ -29,24 +29,24 @@ class StreamState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """A load cell, and the conversion of its readings to kilograms.
+    """Load cell, with the calibration that converts its readings to kg.
 
     Attributes
     ----------
     sample_rate : float
         Samples per second, in Hz.
     counts_per_kg : float
-        Static sensitivity; negative if the cell is mounted upside down.
+        Sensitivity in counts/kg. It is negative if the cell is mounted upside down.
     zero_counts : float
-        Reading of the empty belt at calibration.
+        Reading of the empty belt at calibration, in counts.
     min_counts, max_counts : int
-        Limits of the converter. A reading at or beyond a limit is saturated.
+        Limits of the converter in counts. A reading at or beyond a limit is saturated.
     capacity : float
-        Largest load in kg on the empty belt. The cell carries the dead load of the belt as well.
+        Largest load on the belt in kg, without the weight of the belt.
     weigh_length : float
         Distance from the infeed eye to the outfeed eye in m.
     model, serial_number : str
-        Identification; empty if unknown.
+        Model and serial number; empty if unknown.
 
     Raises
     ------
@@ -77,12 +77,12 @@ class LoadCell:
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
-        """Return a load cell from the parameters named like its fields, and from `others`."""
+        """Return a load cell whose fields are attributes of `parameters`, or given by `others`."""
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
 
 
-# Range of each field; for counts_per_kg, of its magnitude.
+# Minimum, maximum and unit of each field. The range of counts_per_kg is that of its absolute value.
 _POSSIBLE = {
     'sample_rate': (1.0, MAX_SAMPLE_RATE, 'Hz'),
     'counts_per_kg': (1e-3, 1e9, '/kg'),
@@ -100,10 +100,10 @@ def _require(condition: bool, text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """Consecutive converter readings.
+    """Consecutive readings of the load cell.
 
-    `counts` has shape (n,), int32. ``counts[0]`` was taken at `stamp`; `first_index` is its index
-    since the source started.
+    `counts` has shape (n,). ``counts[0]`` was measured at `stamp`; `first_index` is its index in
+    the stream.
     """
 
     stamp: Stamp
@@ -113,7 +113,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class EyeEdge:
-    """Edge of a photo-eye at `stamp`. `blocked` is the state of the eye after it."""
+    """Edge of a photo-eye at `stamp`. `blocked` is the state of the eye after the edge."""
 
     stamp: Stamp
     eye: Eye
@@ -122,12 +122,12 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """True mass of an item in kg; `stamp` is the t1 of the item.
+    """Known mass of an item in kg. `stamp` is the time at which the item entered the belt.
 
     Raises
     ------
     ValueError
-        If `mass` is negative, above MAX_MASS, or not a number.
+        If `mass` is negative, NaN or above `MAX_MASS`.
     """
 
     stamp: Stamp
@@ -140,12 +140,12 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class StreamStatus:
-    """Progress of the driver or of the segmenter in a stream.
+    """Progress of the driver or of the segmenter in a stream of samples.
 
-    `stream` is the number that the driver gave to the stream, `stamp` the time of the last sample.
-    The driver counts the `samples` and `edges` that it has sent. The segmenter counts those that it
-    has processed, and the `items` that it has sent on; it has announced every item that the edges
-    up to `last_edge` show. `text` is a message for the technician, empty without trouble.
+    `stream` is the number of the stream, and `stamp` the stamp of the last sample. The driver
+    counts the `samples` and `edges` that it has sent. The segmenter counts the `samples` and
+    `edges` that it has processed, and the `items` that it has sent on. The segmenter has announced
+    all items with edges up to `last_edge`. `text` is a fault message, empty without a fault.
     """
 
     stamp: Stamp
@@ -160,10 +160,10 @@ class StreamStatus:
 
 @dataclass(frozen=True, slots=True)
 class MachineConditions:
-    """Conditions of the machine since `stamp`, as its inputs show them.
+    """Conditions since `stamp` for which the machine has to stop, as its inputs show them.
 
-    `conditions` are values of `StopReason`, and `inputs` names the input that shows each. If the
-    inputs cannot be read, `known` is false, and every condition must be assumed.
+    `conditions` are values of `StopReason`. `inputs` has the name of the input of each condition.
+    If the inputs cannot be read, `known` is false, and every condition must be assumed.
     """
 
     stamp: Stamp
@@ -176,7 +176,7 @@ class MachineConditions:
 class ExternalReject:
     """Rejection of an item by an inspection device.
 
-    The item is `item_id` or, if that is 0, the item that was at the `device` at `stamp`.
+    If `item_id` is 0, the rejected item is the one that was at the `device` at `stamp`.
     """
 
     stamp: Stamp | None

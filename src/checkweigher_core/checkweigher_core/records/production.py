@@ -22,11 +22,11 @@ class PerformanceState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ProductOnLine:
-    """Limits, batch and rules that apply to items since `stamp`.
+    """Product and batch on the line since `stamp`, with the limits and rules for their items.
 
-    Masses are in kg and include the packaging; lengths are in m, speeds in m/s. An empty `product`
-    means that none is selected; if a product is `needed`, no item is then accepted. `batch_items`
-    to `batch_surplus` are the values of `BatchTally` with which the batch continues.
+    Masses are in kg and include the packaging. Lengths are in m, speeds in m/s. `product` is empty
+    if no product is selected; if a product is `needed`, no item is then accepted. The fields
+    `batch_items` to `batch_surplus` are the counts (see `BatchTally`) with which the batch goes on.
     """
 
     stamp: Stamp
@@ -54,9 +54,9 @@ class ProductOnLine:
 class PerformanceTest:
     """Performance test of a recipe: its state since `stamp`, and the result of the last test.
 
-    Masses are in kg. `errors` has the error of each pass so far, NaN for a pass without a mass; the
-    test passes if all are within `limit`. `who` is the person who made the test, and `last` the
-    time of the last test that passed.
+    Masses are in kg. `errors` has the weighing error of each pass so far, or NaN for a pass without
+    a mass. The test passes if all errors are within `limit`. `who` is the person who made the test.
+    `last` is the time of the last test that passed.
     """
 
     stamp: Stamp
@@ -76,15 +76,15 @@ class PerformanceTest:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Counts of one product in one batch; masses in kg, of the contents without tare.
+    """Statistics of one product in one batch. Masses are in kg, without tare.
 
-    `stamp` is the largest t3. `reason_counts` has the number of items for each of `reasons`.
-    `length_faults` and `speed_faults` count items outside the ranges of the recipe. `tu1` and `tu2`
-    are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean minus `nominal`),
-    `below_tu1` (including items below TU2), `below_tu2` and `share_below_tu1` (0..1) refer to the
-    accepted items. `throughput` is in items/min since the stream began. `tu1_quota` is the share of
-    a batch that may be below TU1, NaN if there is no such rule; with `mean_value` the mean may not
-    be below nominal.
+    `stamp` is the largest t3 of the items. `reason_counts` has the number of items for each of
+    `reasons`. `length_faults` and `speed_faults` count items outside the ranges of the recipe.
+    `tu1` and `tu2` are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean
+    minus `nominal`), `below_tu1` (including items below TU2), `below_tu2` and `share_below_tu1`
+    (0..1) refer to the accepted items. `throughput` is the number of items per minute since the
+    beginning of the stream. `tu1_quota` is the largest allowed share of items below TU1, NaN
+    without such a rule. If `mean_value` is set, the mean of a batch must not be below `nominal`.
     """
 
     stamp: Stamp | None
@@ -116,11 +116,11 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class FillerFeedback:
-    """Correction of the filler after a subgroup of items; masses in kg, of the contents.
+    """Correction of the filler after a subgroup of items. Masses are in kg, without tare.
 
-    `stamp` and `item_id` identify the last of the `items` items in the subgroup. The filler has to
-    add `step` to its set point; `correction` is the sum of all steps. A `limited` step was reduced
-    to a limit of the recipe.
+    `stamp` and `item_id` are those of the last item in the subgroup. The filler has to add `step`
+    to its set point. `correction` is the sum of all steps. `limited` is true if the step was
+    reduced to the limit of the recipe.
     """
 
     stamp: Stamp | None
@@ -136,13 +136,13 @@ class FillerFeedback:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something that went wrong, kept until it is over and a person has acknowledged it.
+    """Alarm, which is kept until its cause is over and a person has acknowledged it.
 
-    `source` is what raised it: ``stop`` (a stop request), ``fault`` (an item) or ``node`` (a node
-    that was started again); `reason` is that of the request or the item, or the name of the node.
-    It came at `first`, and `count` times in all. `last` is when it last began or ended. It was
-    `active` for `duration` s before `last`, and is so since then if `active` is set.
-    `acknowledged_by` is empty until a person acknowledges it.
+    `source` is ``stop`` for a stop request, ``fault`` for an item, or ``node`` for a node that was
+    restarted. `reason` is the reason of the stop request or of the fault, or the name of the node.
+    The alarm was raised `count` times, at `first` for the first time. `last` is the time of the
+    latest change of `active`. Before `last`, the alarm was active for `duration` s in total.
+    `acknowledged_by` is empty until a person has acknowledged the alarm.
     """
 
     source: str
@@ -157,13 +157,13 @@ class Alarm:
 
     @property
     def over(self) -> bool:
-        """Whether it is over and a person has acknowledged it."""
+        """Whether the cause is over and a person has acknowledged the alarm."""
         return bool(self.acknowledged_by) and not self.active
 
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """The alarms of a lane at `stamp`, in the order in which they first came."""
+    """Alarms of a lane at `stamp`, in the order in which they were first raised."""
 
     stamp: Stamp
     alarms: tuple[Alarm, ...]

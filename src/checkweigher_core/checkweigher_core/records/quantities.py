@@ -1,32 +1,26 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Units, bounds and times that all records share."""
+"""Units, limits and stamps that all records share."""
 
 from datetime import UTC, datetime
 import math
 from typing import Annotated
 
 GRAMS = 1000.0  # in a kilogram
-
-NANOSECONDS = 1_000_000_000
-
-MAX_SAMPLE_RATE = 1e6  # Hz; a larger rate is an error and would use all memory
-
+NANOSECONDS = 1_000_000_000  # in a second
 # After a restart, the segmenter numbers items from the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
-
+MAX_SAMPLE_RATE = 1e6  # largest sample rate in Hz, which limits the memory that is used
 MAX_MASS = 1e6  # kg
-
-MAX_WINDOW = 2**16  # samples in a window or a message
-
-Stamp = Annotated[int, 'ns']  # on the clock of the samples
+MAX_WINDOW = 2**16  # largest number of samples in a window or a message
+Stamp = Annotated[int, 'ns']  # time in ns on the clock of the samples
 
 
 def utc(stamp: int) -> str:
-    """Return a stamp as a time of ISO 8601, UTC, to the microsecond."""
+    """Return a stamp as an ISO 8601 time in UTC with microseconds."""
     return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).isoformat(timespec='microseconds')
 
 
 def seconds(stamp: int | None) -> float:
-    """Return a stamp in seconds, NaN if it is unknown."""
+    """Return a stamp in s, or NaN if it is unknown."""
     return math.nan if stamp is None else stamp / NANOSECONDS

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons for faults and rejects of items and for stops of the line, each with a hint."""
+"""Reasons for faults and rejects of items and for stops of the line, with hints for technicians."""
 
 from enum import StrEnum
 
@@ -8,7 +8,7 @@ from enum import StrEnum
 class Reason(StrEnum):
     """Reason why an item cannot be weighed, or why a batch rule, a device or a test rejects it.
 
-    ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are words of OPC 40200.
+    ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are terms of OPC 40200.
     """
 
     DISTANCE_FAULT = 'DistanceFault'
@@ -83,7 +83,7 @@ class StopReason(StrEnum):
 
 
 def hint_of(reason: str) -> str:
-    """Return the hint of a reason in a message, which may be one of another version."""
+    """Return the hint for a reason in a message, which may come from another version."""
     known = reason in Reason.__members__.values()
     return Reason(reason).hint if known else 'a reason that this version does not know'
 

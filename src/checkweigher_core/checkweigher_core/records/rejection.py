@@ -11,7 +11,7 @@ from checkweigher_core.records.reasons import StopReason
 
 
 class Decision(IntEnum):
-    """Decision on an item. The rejector removes all but ACCEPT."""
+    """Decision on an item. The rejector removes all items except those with ACCEPT."""
 
     FAULT = 0
     ACCEPT = 1
@@ -21,13 +21,13 @@ class Decision(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on one item; masses and limits are in kg.
+    """Verdict on one item. Masses and limits are in kg.
 
-    `item_id` is the number of the item, and `estimate_id` the same number, or 0 for a verdict
-    without an estimate. The signal to the rejector is due at `reject_at`; a `late` verdict came
-    after that. `batch_items` to `batch_surplus` are the values of `BatchTally`, with this item.
-    `station` counts from 1, and its signal is due at `station_at`; 0 means the rejector or, for an
-    accepted item, no station.
+    `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The
+    pulse of the rejector begins at `reject_at`; the verdict is `late` if it was given after that
+    time. The fields `batch_items` to `batch_surplus` are the counts of the batch (see `BatchTally`)
+    with this item. If `station` is not 0, the item is sorted at that station, whose pulse begins at
+    `station_at`.
     """
 
     item_id: int
@@ -54,9 +54,9 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """Reason for a stop of the line.
+    """Request to stop the line.
 
-    `stamp` and `item_id` identify the item concerned, and `text` has further details.
+    `stamp` and `item_id` identify the item that caused the request. `text` has further details.
     """
 
     reason: StopReason
@@ -72,7 +72,7 @@ class StopRequest:
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """Permission to `run` the line, given at `stamp` on the system clock; it expires soon."""
+    """Permission to `run` the line, given at `stamp` on the system clock for a short time."""
 
     stamp: Stamp
     run: bool

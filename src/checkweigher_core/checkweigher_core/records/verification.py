@@ -9,7 +9,7 @@ from checkweigher_core.records.quantities import Stamp
 
 
 class StepState(IntEnum):
-    """Subject of a `VerificationStep`: the plan, the identity of the machine, or a step."""
+    """Content of a `VerificationStep`: the plan, the identity of the machine, or the step state."""
 
     PLAN = 0
     IDENTITY = 1
@@ -28,7 +28,7 @@ class ProgressState(IntEnum):
 
 
 class StepAnswer(IntEnum):
-    """Answer of the operator: make the step (again), skip it, or go on after a failure."""
+    """Answer of the operator: perform or repeat a step, skip it, or go on after a failed step."""
 
     MAKE = 0
     SKIP = 1
@@ -37,9 +37,9 @@ class StepAnswer(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class VerificationStep:
-    """Step of a verification, its plan, or the identity of the machine.
+    """Step of a verification, plan of a verification, or identity of the machine.
 
-    `stamp` is the end of the step, or the time of the latest sample if the step has not ended.
+    `stamp` is the end of the step, or the stamp of the latest sample if the step has not ended.
     `text` is the plan, the identity as JSON, or the reason why a step was skipped.
     """
 
@@ -54,9 +54,9 @@ class VerificationStep:
 class VerificationProgress:
     """Progress of a guided verification at `stamp`, and its question to the operator.
 
-    `question` is the number of the question. `folder` has the plans of the machine and its
-    verifications by name. `results` has a line for each of `steps`, empty before the step is made.
-    `step` is the index of the present step, and `lines` are its results so far.
+    `question` is the number of the question. `folder` is the folder with the plans and the reports.
+    `results` has one line for each of `steps`, empty before the step was performed. `step` is the
+    index of the present step, and `lines` are its results so far.
     """
 
     stamp: Stamp

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS layer that the nodes share: ports, stage nodes, outputs, diagnostics."""
+"""ROS layer that all nodes share: ports, stage nodes, outputs, diagnostics."""
 
 from contextlib import suppress
 import os
@@ -11,7 +11,7 @@ from checkweigher_core.ros.graph.discovery import set_profiles
 
 
 def _set_log_folder() -> None:
-    """Let rcl write its logs to a temporary folder if the user has no home folder."""
+    """Make rcl write its logs to a temporary folder if the user has no home folder."""
     home = os.environ.get('HOME', '')
     given = os.environ.get('ROS_LOG_DIR') or os.environ.get('ROS_HOME')
     if not given and not (home and os.access(home, os.W_OK)):
@@ -21,8 +21,8 @@ def _set_log_folder() -> None:
         os.environ['ROS_LOG_DIR'] = str(folder / 'log')
 
 
-# Set before rclpy makes a context. A node that reaches a line by DDS can stop it and change its
-# limits, so nodes of other computers reach it only if the user wants that.
+# The environment is set before rclpy makes a context. A node that is connected by DDS can stop a
+# line and change its limits, so nodes on other computers can connect only if the user allows it.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 _set_log_folder()
 set_profiles()

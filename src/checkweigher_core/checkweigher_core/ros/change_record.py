@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries in the audit log of a lane, which a node writes before it makes a change."""
+"""Client for entries in the audit log, which a node writes before it makes a change."""
 
 import json
 import time
@@ -14,19 +14,17 @@ from checkweigher_core.changes import plain
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.line_parameters import in_time
 
-_PATIENCE = 2.0  # s, for the answer
-_DISCOVERY = 3.0  # s after the start of the node, in which the service may still appear
+_PATIENCE = 2.0  # longest wait for the answer of the service in s
+_DISCOVERY = 3.0  # time in s after the start of the node within which DDS discovers the service
 _LOOK_PERIOD = 0.1  # s
-
-# A change is made within this time in s after its entry, or not at all.
-TIME_TO_CHANGE = _PATIENCE + 1.0
+TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time from an entry to its change in s
 
 
 class ChangeRecord:
-    """Client of the node with the audit log of the lane.
+    """Client of the service that writes to the audit log of the lane.
 
-    That node offers the service only if it has a log. Once this client has seen the service, its
-    own node makes no more changes without an entry.
+    The service exists only if the lane has an audit log. After the client has discovered the
+    service once, its node makes no more changes without an entry.
     """
 
     def __init__(self, node: Node) -> None:
@@ -39,11 +37,11 @@ class ChangeRecord:
         self._needed = False
 
     def look(self) -> None:
-        """Check whether there is a log; call this periodically."""
+        """Check whether the service exists. Call this periodically."""
         self._needed = self._needed or self._client.service_is_ready()
 
     async def write(self, kind: str, subject: str, value: object) -> str:
-        """Write a change before it is made; return why it must not be made, empty if it may."""
+        """Write an entry; return why the change must not be made, empty if it may be made."""
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:
             await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
@@ -58,7 +56,7 @@ class ChangeRecord:
             future = self._client.call_async(request)
             answer = await in_time(self._node, self._group, future, _PATIENCE)
             self._client.remove_pending_request(future)
-        # A process that was halted may get an answer late, after further entries in the log.
+        # A late answer is invalid, because the log may have further entries by now.
         if answer is None or time.monotonic() - asked > _PATIENCE:
             return f'not in the audit log: no answer of the node product for {_PATIENCE:g} s'
         return '' if answer.success else f'not in the audit log: {answer.message}'

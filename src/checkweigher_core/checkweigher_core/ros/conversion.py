@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of records to messages and back, field by field except for `_FORMS`.
+"""Conversion of records to messages and back.
 
-Any object with the fields of the message can be read, so that the same functions serve rclpy and
-readers of bags. Every field is written in the exact Python type, because rclpy does not check
-types, and a numpy scalar in a field aborts the process when the message is serialised.
+Fields of the same name correspond, with the exceptions in `_FORMS`. Messages of rclpy and of
+readers of bags can be converted. Every field is written in its exact Python type, because rclpy
+does not check types, and a numpy scalar in a field aborts the process at serialisation.
 """
 
 import array
@@ -25,37 +25,41 @@ from checkweigher_core.ros.ports import Port, interface
 
 @dataclass(frozen=True)
 class _Form:
-    """Differences between a record and its message, which otherwise have the same fields."""
+    """Differences between the fields of a record and of its message."""
 
-    # Field of the record that becomes the stamp of the header. The message has it only there,
-    # unless `names` has it, too. Empty if the caller gives the stamp.
+    # Name of the field of the record that is the stamp of the header. If the name is empty, the
+    # caller provides the stamp. A field in `names` also has its own field in the message.
     stamp: str = 'stamp'
-    frame: str | Callable[[Any], str] = ''  # of the header, or a function that returns it
-    names: Mapping[str, str] = field(default_factory=dict)  # in the message, by name in the record
-    lacks: tuple[str, ...] = ()  # last fields that no message has; read as their defaults
-    newer: tuple[str, ...] = ()  # fields that older bags lack; read as their defaults
+    frame: str | Callable[[Any], str] = ''  # frame_id of the header, or a function that returns it
+    # Names of fields in the message by their names in the record, if these differ.
+    names: Mapping[str, str] = field(default_factory=dict)
+    lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
+    newer: tuple[str, ...] = ()  # fields that messages in older bags do not have
+
+    # Functions that compute further fields of the message from the record.
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    # Member for an unknown value of an enumeration. Without one, the message is refused.
+    # Enumeration members that replace unknown values. Without one, the message is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    absent: Mapping[str, object] = field(default_factory=dict)  # fields that mean: no record
-    # Takes a message and the record read from it, and returns the corrected record.
+    # Values of the fields of a message that is converted to None.
+    absent: Mapping[str, object] = field(default_factory=dict)
+    # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
-    """Return an estimate, with a reason if it has no mass, as in an empty message."""
+    """Return an estimate with a reason if its mass is missing or impossible."""
     weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 
 def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
-    """Return a stop request with the text that its hint adds to the hint of the reason."""
+    """Return a stop request with the text that follows the hint of the reason in the message."""
     return replace(request, text=message.hint.removeprefix(request.reason.hint).removeprefix(': '))
 
 
-_WEIGHED = 1  # of MassEstimate.status
-_RUN = 1  # of StopRequest.state; 0 is STOP
-_MOST = 10_000  # characters, or entries of a list
+_WEIGHED = 1  # value of status in the message MassEstimate
+_RUN = 1  # value of state in the message StopRequest if no stop is requested
+_MOST = 10_000  # largest number of characters of a string, or of elements of a list
 _item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
     records.LoadCell: _Form(stamp='', frame='load_cell'),
@@ -90,10 +94,9 @@ _FORMS: dict[type, _Form] = {
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
-    """Return the message of a record for rclpy.
+    """Return a record of a port, or None, as a message of rclpy.
 
-    `record` has the port's class. None gives the message that means no record. `stamp`, ns, is for
-    the header of a record without a stamp.
+    `stamp` is the stamp of the header in ns, for a record without a stamp.
     """
     message = port.type()
     if record is None and port.record is not None:
@@ -102,10 +105,10 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 
 
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
-    """Return the fields of a record's message by name.
+    """Return the fields of the message of a record by name.
 
-    Header and times are mappings. Arrays are contiguous and of the type of the message. Nested
-    records are messages of rclpy. All other fields are plain Python values.
+    The header and all times are mappings. Arrays are contiguous and have the type of the message.
+    Nested records are messages of rclpy. All other fields are built-in Python types.
     """
     plan = _plan(cast(Any, type(record)))
     form = plan.form
@@ -118,14 +121,14 @@ def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
 
 
 def to_record(port: Port, message: Any) -> Any:
-    """Return the record of a message of rclpy or of a bag, None if the message has none.
+    """Return the record of a message of rclpy or of a bag, or None if the message means None.
 
-    Its arrays share the memory of the message, and are read-only.
+    The arrays of the record share the memory of the message, and are read-only.
 
     Raises
     ------
     ValueError
-        If a value is impossible in the record, such as an eye that does not exist.
+        If a value is impossible in the record, such as a photo-eye that does not exist.
     """
     assert port.record is not None, f'{port.name} has no record'
     return _record(port.record, message)
@@ -141,11 +144,11 @@ def _record(kind: Any, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill in an empty message, because constructing it from its parts is slower."""
+    """Fill in an empty message, because a message is constructed more slowly from its parts."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
-        elif isinstance(value, np.ndarray):  # an ndarray takes twenty times as long
+        elif isinstance(value, np.ndarray):  # rclpy takes twenty times as long for an ndarray
             setattr(message, name, array.array(value.dtype.char, value.tobytes()))
         else:
             setattr(message, name, value)
@@ -157,12 +160,12 @@ _Get = Callable[[Any], Any]
 
 @dataclass(slots=True)
 class _Plan:
-    """Conversion of a class of records, field by field."""
+    """Conversion of one class of records."""
 
     form: _Form
-    # Name in the message, getter of the value from the record, and converter.
+    # Name of a field of the message, getter of its value from the record, and converter.
     write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
-    # For each field of the record: getter of the value from the message, and converter.
+    # Getter of the value of a field of the record from the message, and converter.
     read: list[tuple[_Get, _Get]] = field(default_factory=list)
 
 
@@ -188,7 +191,7 @@ def _plan(kind: Any) -> _Plan:
 
 
 def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
-    """Return the functions that get and convert a field which messages of older bags lack."""
+    """Return getter and converter of a field that is missing in messages of older bags."""
     return (
         lambda message: getattr(message, name, None),
         lambda value: default if value is None else convert(value),
@@ -196,7 +199,7 @@ def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
 
 
 def newer_fields(record: type) -> frozenset[str]:
-    """Return the fields of the message of a record that messages of older bags lack."""
+    """Return the fields of a record that are missing in messages of older bags."""
     return frozenset(_FORMS.get(record, _Form()).newer)
 
 
@@ -234,7 +237,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
 
 
 def _member(kind: type[Enum], unknown: Enum, value: object) -> Enum:
-    """Return a member of an enumeration, `unknown` if none has the value."""
+    """Return the enumeration member with a value, or `unknown` if no member has it."""
     try:
         return kind(value)
     except ValueError:
@@ -242,21 +245,23 @@ def _member(kind: type[Enum], unknown: Enum, value: object) -> Enum:
 
 
 def _text(value: str) -> str:
-    """Return a string that UTF-8 can encode; surrogates of file names or YAML become escapes."""
+    """Return a string that UTF-8 can encode. Surrogates become escape sequences."""
     text = str(value)
     return text if text.isascii() else text.encode(errors='backslashreplace').decode()
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return a stamp in ns as s and ns, 0 if it is unknown or no time message can hold it."""
+    """Return the fields of a time message for a stamp in ns, or 0 if the stamp is unknown.
+
+    A stamp after the year 2038, which a time message cannot hold, counts as unknown.
+    """
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
-    # An edge may have a stamp past 2038, and `reject_at` may be past 2038 even if no edge is.
     held = -(2**31) <= sec < 2**31
     return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}
 
 
 def stamp_from(time: Any) -> int:
-    """Return a time message in ns."""
+    """Return the stamp of a time message in ns."""
     return int(time.sec) * records.NANOSECONDS + int(time.nanosec)
 
 
@@ -265,14 +270,14 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 
 
 def _bounded(field: Any, most: int = _MOST) -> Any:
-    """Return a field of a message; ValueError if it is too long for a message of a line."""
+    """Return a string or list of a message. Raises ValueError if it is too long."""
     if len(field) > most:
-        raise ValueError(f'{len(field)} in a field of a message, at most {most}')
+        raise ValueError(f'{len(field)} values in a field of a message, at most {most}')
     return field
 
 
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the values of a field, read-only because other nodes may have the same message."""
+    """Return the array of a field, read-only because other nodes may share the message."""
     values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
     values.flags.writeable = False
     return values

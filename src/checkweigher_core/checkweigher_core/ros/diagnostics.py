@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostics of a node: once a second, a status for each of its aspects."""
+"""Diagnostics of a node, published on /diagnostics once a second."""
 
 from collections.abc import Callable, Iterable
 import socket
@@ -23,9 +23,9 @@ _LOG_PERIOD = 1.0  # s
 class Diagnostics:
     """Publisher of the findings of a node.
 
-    The first status describes the node: its worst level, last warning, counters and host name. The
-    others are named '<node>: <Aspect>', as in diagnostic_updater. `diagnose` returns the findings
-    at a time of the monotonic clock in s.
+    The first status of a message describes the node by its worst level, last warning, counters and
+    host name. The other statuses are named '<node>: <Aspect>', as in diagnostic_updater. `diagnose`
+    returns the findings at a time in s on the monotonic clock.
     """
 
     def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
@@ -43,17 +43,17 @@ class Diagnostics:
         self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
-        """Set the hardware ID of the findings to a load cell."""
+        """Set the hardware ID to model and serial number of a load cell."""
         self._hardware_id = (
             '/'.join(filter(None, (load_cell.model, load_cell.serial_number))) or 'checkweigher'
         )
 
     def count(self, name: str) -> None:
-        """Count an event. Any thread may call it, but only one thread for each name."""
+        """Count an event. Events with the same name must be counted by one thread."""
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
-        """Log a warning and show it; repeats of the same text are logged at most once a second."""
+        """Log a warning and publish it. The same text is logged at most once a second."""
         text = one_line(text)
         self._warning = self._last_warning = text
         now = time.monotonic()
@@ -83,14 +83,14 @@ class Diagnostics:
             return [Finding(aspect, Level.ERROR, text, hint)]
 
     def _summary(self, findings: list[Finding]) -> Finding:
-        """Return the status of the node itself; a warning is shown for one period."""
+        """Return the finding on the node as a whole. A warning is published once."""
         worst = max(findings, key=lambda finding: finding.level)
         level = worst.level
         text = f'{worst.aspect}: {worst.message}' if level > Level.OK else 'running'
         if self._warning and level <= Level.WARN:
             level, text = Level.WARN, self._warning
         self._warning = ''
-        # A copy, because other threads count, too.
+        # The counters are copied, because other threads change them.
         values: dict[str, float | str] = {HOST: socket.gethostname(), **self._counters}
         if self._last_warning:
             values['last warning'] = self._last_warning

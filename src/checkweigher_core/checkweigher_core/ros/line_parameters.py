@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of other nodes of the lane, which are set together or not at all."""
+"""Access to the parameters of other nodes of the lane."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,20 +18,19 @@ Values = dict[str, object]
 
 
 class RefusedError(Exception):
-    """A node refused a parameter or did not answer; the message has the node and the reason."""
+    """Error of a node that refused a parameter or did not answer. The message has the reason."""
 
 
 class HalfSetError(RefusedError):
-    """A node refused a change, and the change of another node could not be undone."""
+    """Error of a node that refused a change while the change of another node remains in force."""
 
 
 class LineParametersClient:
-    """Client of the parameter services of the nodes of a lane.
+    """Client of the parameter services of the nodes in the namespace of `node`.
 
-    Its coroutines are for callbacks of a single-threaded executor, which serves other callbacks
-    while one waits for an answer. The client has its own callback group, because the waiting
-    callback blocks its own group. The other nodes are in the namespace of `node`. `patience` is the
-    longest wait for an answer, s.
+    A callback of a single-threaded executor may await the coroutines. The executor serves other
+    callbacks meanwhile. The client has its own callback group, because the waiting callback blocks
+    its group. `patience` is the longest wait for an answer in s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -41,26 +40,26 @@ class LineParametersClient:
         self._clients: dict[str, AsyncParameterClient] = {}
 
     def ready(self, node: str) -> bool:
-        """Return whether the services of a node are available."""
+        """Return whether the parameter services of a node are available."""
         return bool(self._client(node).services_are_ready())
 
     async def get_all(self, node: str) -> Values:
-        """Return all parameters of a node; `RefusedError` if it does not answer."""
+        """Return all parameters of a node. Raises `RefusedError` if it does not answer."""
         listed = await self.answer(node, self._client(node).list_parameters())
         return await self.get(node, list(listed.result.names))
 
     async def get(self, node: str, names: list[str]) -> Values:
-        """Return some parameters of a node; `RefusedError` if it does not have them all."""
+        """Return some parameters of a node. Raises `RefusedError` if one of them is missing."""
         answer = await self.answer(node, self._client(node).get_parameters(names))
         if len(answer.values) != len(names):
             raise RefusedError(f'{node}: does not have all of {", ".join(names)}')
         return dict(zip(names, map(python_value, answer.values), strict=True))
 
     async def set(self, changes: Mapping[str, Values]) -> None:
-        """Set parameters of several nodes, all or none.
+        """Set parameters of several nodes, either all of them or none.
 
-        If a node refuses, all changes are undone, and `RefusedError` is raised, or `HalfSetError`
-        if they cannot be undone.
+        If a node refuses a change, all changes are undone and `RefusedError` is raised. If a change
+        cannot be undone, `HalfSetError` is raised.
         """
         for node in changes:
             if not self.ready(node):
@@ -72,14 +71,14 @@ class LineParametersClient:
                 done.append(node)
                 await self._set_one(node, values)
         except RefusedError as error:
-            # Includes the last node, because a node that does not answer may have made its change.
+            # The last node is included, because it may have made its change without an answer.
             lost = [text for node in done if (text := await self._put_back(node, before[node]))]
             if lost:
                 raise HalfSetError('; '.join([str(error), *lost])) from None
             raise
 
     async def _put_back(self, node: str, values: Values) -> str:
-        """Restore the parameters of a node; return why that failed, empty if it did not."""
+        """Restore the parameters of a node; return the reason of a failure, empty without one."""
         try:
             await self._set_one(node, values)
         except RefusedError as error:
@@ -93,7 +92,7 @@ class LineParametersClient:
             raise RefusedError(f'{node}: {answer.result.reason}')
 
     async def answer(self, node: str, future: Future) -> Any:
-        """Return the answer of a node; `RefusedError` if it does not come in time."""
+        """Return the answer of a node. Raises `RefusedError` if it does not come in time."""
         answer = await in_time(self._node, self._group, future, self._patience)
         if answer is None:
             raise RefusedError(f'{node}: has not answered for {self._patience:g} s')
@@ -106,10 +105,10 @@ class LineParametersClient:
 
 
 class LineNodes:
-    """Watch for starts of the nodes in the namespace of a node.
+    """Detector of node starts in the namespace of a node.
 
-    Each start of a node makes a new publisher of its parameter events. The graph shows it even if
-    the messages of the start were lost.
+    A node that starts creates a new publisher of parameter events, which is visible in the ROS
+    graph.
     """
 
     def __init__(self, node: Node) -> None:
@@ -132,7 +131,7 @@ class LineNodes:
 
 
 async def in_time(node: Node, group: CallbackGroup, future: Future, patience: float) -> Any:
-    """Return the result of a future, None if there is none within `patience`, s."""
+    """Return the result of a future, or None if it is not done within `patience` s."""
     timer = node.create_timer(patience, future.cancel, callback_group=group)
     try:
         return await future
@@ -141,6 +140,6 @@ async def in_time(node: Node, group: CallbackGroup, future: Future, patience: fl
 
 
 def python_value(value: Any) -> object:
-    """Return a ParameterValue message as a Python value, arrays as lists."""
+    """Return a ParameterValue message as a Python value. Arrays become lists."""
     found = parameter_value_to_python(value)
     return list(found) if hasattr(found, '__iter__') and not isinstance(found, str) else found

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes with a life cycle. Their outputs are safe until the node is activated."""
+"""Stage nodes with a life cycle, whose outputs are safe until the node is activated."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,12 +18,12 @@ _FAILURE, _ERROR = TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.ER
 
 
 class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
-    """A stage node with the states of a ROS managed node.
+    """Stage node with the states of a ROS managed node.
 
     A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
-    the end of its constructor. An exception in one of them is logged, which rclpy would not do, and
-    the transition fails. With the parameter ``autostart`` the node configures and activates itself.
-    `state` is unconfigured, inactive, active or finalized.
+    the end of its constructor. An exception in one of these methods is logged, and the transition
+    fails. If the parameter ``autostart`` is true, the node configures and activates itself. `state`
+    is unconfigured, inactive, active or finalized.
     """
 
     def __init__(self, parameters: type[P], **options: Any) -> None:
@@ -40,25 +40,25 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
                 service.callback = self._refusing(service.callback)
 
     def configure(self) -> None:
-        """Prepare to work; ValueError with one line if that fails."""
+        """Prepare the node for activation. Raises ValueError if that fails."""
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Start the work of the node."""
 
     def deactivate(self) -> None:
-        """Stop working and leave the outputs safe."""
+        """Stop the work of the node and make the outputs safe."""
 
     def clean_up(self) -> None:
-        """Release the resources of `configure`."""
+        """Release the resources that `configure` has acquired."""
 
     def begin(self) -> None:
-        """Configure the node if it starts by itself; `start` activates it.
+        """Configure the node if it starts by itself.
 
-        If that fails, destroy the node and raise `ParameterError`.
+        Raises `ParameterError` if that fails; the node is then destroyed.
         """
         if not getattr(self.parameters, 'autostart', True):
             return
-        self._beginning = True  # a failure is not logged: the process ends with it
+        self._beginning = True  # a failure is not logged now, because ParameterError reports it
         configured = self.trigger_configure()
         self._beginning = False
         if configured != _SUCCESS:
@@ -72,27 +72,27 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
             self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure; a failure leaves the node unconfigured."""
+        """Configure the node. After a failure it stays unconfigured."""
         return self._attempt('configure', self.configure, 'inactive', _FAILURE)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate; a failure leaves the node inactive."""
+        """Activate the node. After a failure it stays inactive."""
         return self._attempt('activate', self.activate, 'active', _FAILURE)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate; a failure leads to `on_error`, because the node must not stay active."""
+        """Deactivate the node. After a failure rclpy calls `on_error`."""
         return self._attempt('deactivate', self.deactivate, 'inactive', _ERROR)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Clean up."""
+        """Release the resources of the node. After a failure rclpy calls `on_error`."""
         return self._attempt('clean up', self.clean_up, 'unconfigured', _ERROR)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the outputs safe, in any state."""
+        """Make the outputs safe before the node is finalized."""
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the outputs safe; the node is then unconfigured, or finalized if that fails."""
+        """Make the outputs safe. If that fails, the node is finalized, otherwise unconfigured."""
         recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
         if recovered != _SUCCESS:
             self.state = 'finalized'
@@ -106,7 +106,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def destroy_node(self) -> None:
         """Destroy the node and its state machine, which would keep the node in the graph."""
         super().destroy_node()
-        for name in vars(self).get('_life_cycle', ()):  # empty if a parameter was refused
+        for name in vars(self).get('_life_cycle', ()):  # not set if the constructor has failed
             delattr(self, name)
         self._life_cycle = set()
 
@@ -126,13 +126,13 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
                 self.get_logger().error(f'could not {what}: {kind}{self._failure}')
             return otherwise
         self.state = state
-        self.get_logger().debug(f'{what}: done')
+        self.get_logger().info(state)
         return _SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return a service that refuses transitions that are impossible in the present state.
+        """Return a service callback that refuses transitions which the present state forbids.
 
-        rclpy would raise an exception out of the executor, and so end the process.
+        For such a transition, rclpy raises an exception that would end the executor.
         """
 
         def answer(request: Any, response: Any) -> Any:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter sets of the stages as parameters of a node."""
+"""Declaration of parameter sets as parameters of a node."""
 
 from collections.abc import Mapping
 from dataclasses import Field
@@ -20,7 +20,7 @@ P = TypeVar('P', bound=Parameters)
 
 
 def ros_parameters(values: Mapping[str, object]) -> list[Parameter]:
-    """Return names and values as parameters of ROS."""
+    """Return names and values as ROS parameters."""
     return [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in values.items()
@@ -34,7 +34,7 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
         description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
-        # rclpy would take an empty list for a list of bytes, and refuse numbers.
+        # rclpy takes an empty list for a list of bytes, and would then refuse numbers.
         dynamic_typing=entry.default == (),
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
@@ -55,17 +55,53 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
     """Declare a parameter set to ROS and return it with the values given to the node.
 
-    `prefix` is put before the names. Raises `ParameterError` if a value is invalid.
+    The names get a `prefix`. Raises `ParameterError` if a value is invalid.
     """
     values = {}
     for own_name, entry in parameters.entries().items():
         name = prefix + own_name
-        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
         try:
-            declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
+            if isinstance(entry.default, tuple):
+                _declare_list(node, name, entry, list(entry.default), read_only=read_only)
+            else:
+                described = descriptor(entry, read_only=read_only)
+                node.declare_parameter(name, entry.default, described)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
-        # rcl reads an empty list in a parameter file as a parameter without a value.
-        empty = declared.value is None and isinstance(entry.default, tuple)
-        values[own_name] = () if empty else declared.value
+        values[own_name] = node.get_parameter(name).value
     return parameters.from_mapping(values)
+
+
+def _declare_list(
+    node: Node, name: str, entry: 'Field[Any]', default: list[float], *, read_only: bool
+) -> None:
+    """Declare a list of numbers, so that an empty one has that type, too.
+
+    rcl reads an empty list in a parameter file as a parameter without a value.
+    """
+    writable, final = (descriptor(entry, read_only=each) for each in (False, read_only))
+    value = node.declare_parameter(name, default, writable).value
+    if value is None or value == []:
+        node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
+    final.type = Parameter.Type.DOUBLE_ARRAY.value
+    node.set_descriptor(name, final)
+
+
+def as_declared(declared: Parameter, change: Parameter) -> Parameter:
+    """Return a change with its numbers in the type of the declared parameter, if they fit.
+
+    `ros2 param load` and `ros2 param set` guess the type from the text. They take inf and 1e-05 for
+    strings, 1 for an integer, and an empty list for a list of bool.
+    """
+    kind, value = declared.type_, change.value
+    if change.type_ in (kind, Parameter.Type.BOOL):
+        return change
+    try:
+        if kind == Parameter.Type.DOUBLE:
+            return Parameter(change.name, kind, float(value))
+        if kind == Parameter.Type.DOUBLE_ARRAY:
+            words = value.strip('[]').split(',') if isinstance(value, str) else value
+            return Parameter(change.name, kind, [float(word) for word in words])
+    except (TypeError, ValueError):
+        return change
+    return change

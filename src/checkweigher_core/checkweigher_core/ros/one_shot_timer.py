@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A timer that fires once, and does not wake the executor."""
+"""One-shot timer that does not wake the executor."""
 
 from collections.abc import Callable
 import math
@@ -12,11 +12,11 @@ from checkweigher_core.ros.outputs import LOCK
 
 
 class OneShotTimer:
-    """Timer that calls a function once, at a time of the monotonic clock in ns.
+    """Timer that calls a function once at a given time in ns on the monotonic clock.
 
     All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
-    The function is called with the lock of the process. Callers of the other methods hold that
-    lock, too, so a timer does not fire after it was cleared.
+    The thread holds the lock of the process while it calls the function. Callers of the other
+    methods hold the lock, too, so a timer does not fire after it was cleared.
 
     Parameters
     ----------
@@ -27,26 +27,26 @@ class OneShotTimer:
     """
 
     def __init__(self, callback: Callable[[], object], fail: Callable[[Exception], None]) -> None:
-        self.due: int | None = None  # time at which it fires, ns
+        self.due: int | None = None  # time in ns at which the timer fires
         self._callback = callback
         self._fail = fail
 
     def set(self, due: int) -> None:
-        """Set the time, in place of any previous one."""
+        """Set the time in ns at which the timer fires."""
         self.due = due
         _thread.serve(self, due)
 
     def set_by(self, due: int) -> None:
-        """Set the time, unless an earlier one is set."""
+        """Set the time in ns at which the timer fires, unless it fires earlier."""
         if self.due is None or due < self.due:
             self.set(due)
 
     def clear(self) -> None:
-        """Clear the time."""
+        """Stop the timer."""
         self.due = None
 
     def fire(self) -> None:
-        """Call the function if its time has come."""
+        """Call the function if its time has been reached."""
         with LOCK:
             if self.due is None or self.due > time.monotonic_ns():
                 return
@@ -58,16 +58,16 @@ class OneShotTimer:
 
 
 class _TimerThread:
-    """Thread that fires the timers of a process. It starts when the first timer is set."""
+    """Thread that fires the timers of a process, started when the first timer is set."""
 
     def __init__(self) -> None:
         self._timers: set[OneShotTimer] = set()
-        self._wakes: float = 0  # latest end of its present wait, ns
+        self._wakes: float = 0  # time in ns at which the present wait ends
         self._set = threading.Condition()
         self._thread: threading.Thread | None = None
 
     def serve(self, timer: OneShotTimer, due: int) -> None:
-        """Fire a timer at its time, ns."""
+        """Add a timer that fires at time `due` in ns."""
         with self._set:
             self._timers.add(timer)
             if self._thread is None:
@@ -82,11 +82,11 @@ class _TimerThread:
                 timer.fire()
 
     def _wait(self) -> list[OneShotTimer]:
-        """Wait for the next timers, and return them."""
+        """Wait until a timer is due, and return all timers that are due."""
         with self._set:
             while True:
                 times = {each: due for each in self._timers if (due := each.due) is not None}
-                self._timers = set(times)  # without those that were cleared or have fired
+                self._timers = set(times)  # timers that were cleared or have fired are removed
                 now, self._wakes = time.monotonic_ns(), min(times.values(), default=math.inf)
                 if self._wakes <= now:
                     return [each for each, due in times.items() if due <= now]

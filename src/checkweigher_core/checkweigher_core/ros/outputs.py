@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs and inputs of nodes: plain calls within a process, DDS to all others."""
+"""Outputs and inputs of nodes, connected by function calls in a process and otherwise by DDS."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -21,23 +21,24 @@ from checkweigher_core.ros.conversion import to_message, to_record
 from checkweigher_core.ros.ports import Port, fits
 
 _POLL_PERIOD = 0.02  # s
-_CONSUMER_PATIENCE = 5.0  # s, after which any subscriber counts as the consumer
-_SETTLE_TIME = 0.2  # s without a further subscriber, if any of them is the consumer
-# Most records that are kept for a consumer that has not appeared yet.
-_MAX_HELD = 10_000
+_CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as the consumer
+_SETTLE_TIME = 0.2  # time in s without a new subscriber after which records are sent
+_MAX_HELD = 10_000  # largest number of records that are kept for a consumer
+Callback = Callable[[Any], None]  # function that processes a record
 
-# The lock of the process. Callbacks of stages run in the thread of the executor, or in the thread
-# of the driver's source if that calls them, but never two at once.
+# Lock of the process. Callbacks run in the thread of the executor, and in the thread of the driver
+# that reads the samples. The lock ensures that only one callback runs at a time.
 LOCK = threading.RLock()
-Callback = Callable[[Any], None]  # takes a record
-# Endpoints have no event callbacks, because every wake of the executor would have to collect them.
-# `Connections` finds QoS that does not fit.
+
+# Endpoints have no event callbacks, because these would slow down each wake of the executor. The
+# class `Connections` detects incompatible QoS instead.
 
 
 class Output:
     """Output of a node for the records of a port.
 
-    The `takers` in the same process get each record by a plain call, all others from `publisher`.
+    The inputs `takers` in the same process get each record by a function call. All other
+    subscribers get it from `publisher`.
     """
 
     def __init__(self, node: Any, port: Port) -> None:
@@ -50,7 +51,7 @@ class Output:
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
 
     def send(self, record: Any, **header: Any) -> None:
-        """Pass a record to the takers; `header` is only for the message."""
+        """Send a record. The arguments `header` are passed to `to_message`."""
         with LOCK:
             if self._latched or self.publisher.get_subscription_count() > 0:
                 is_message = self.port.record is None
@@ -61,22 +62,22 @@ class Output:
                 taker.take(record)
 
     def connected(self) -> None:
-        """Begin to send, once all takers of the process are known."""
+        """Allow the output to send, because all takers in this process are known."""
 
     def count(self) -> int:
-        """Return the number of takers, in this process and over DDS."""
+        """Return the number of subscribers, in this process and over DDS."""
         return len(self.takers) + int(self.publisher.get_subscription_count())
 
 
 class HeldOutput(Output):
-    """Output that keeps its records until there is a consumer.
+    """Output that keeps its records until a consumer has been discovered.
 
-    At start-up the nodes of a line find each other in any order. Records sent too early would be
-    lost, and their items would get no verdict. Once there is a consumer, no record is held any
-    more, because a stale window helps no one. A taker in the same process is a consumer from the
-    start. In another process, a consumer is a node that publishes messages of the type of `answer`,
-    under any name. A recorder is therefore no consumer, unless none appears for a while. Without
-    `answer`, any subscriber is the consumer.
+    The nodes of a line discover each other in any order. A record that is sent too early would be
+    lost, and its item would get no verdict. After the first consumer was found, records are always
+    sent at once. An input in the same process is a consumer. A subscriber in another process is a
+    consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
+    no consumer. Without `answer`, any subscriber counts as a consumer, and also if no consumer has
+    appeared after some time.
     """
 
     def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:
@@ -85,10 +86,10 @@ class HeldOutput(Output):
         self._answer = answer
         self._held: deque[Any] | None = deque(maxlen=_MAX_HELD)
         self._first_seen: float | None = None
-        self._matched = (0, 0.0)  # number of subscribers, and since when
+        self._matched = (0, 0.0)  # number of subscribers, and time in s of its last change
 
     def send(self, record: Any, **header: Any) -> None:
-        """Send a record now, or as soon as its consumer is there."""
+        """Send a record now, or as soon as a consumer has been discovered."""
         with LOCK:
             if self._held is None:
                 super().send(record, **header)
@@ -96,7 +97,7 @@ class HeldOutput(Output):
                 self._held.append(record)
 
     def connected(self) -> None:
-        """Send to the takers of the process, or begin to look for a consumer elsewhere."""
+        """Send the kept records if this process has a taker, otherwise look for a consumer."""
         if self.takers:
             self._release()
         else:
@@ -121,11 +122,11 @@ class HeldOutput(Output):
 
     def _has_consumer(self, matched: int) -> bool:
         readers = self._node.get_subscriptions_info_by_topic(self.topic_name)
-        # The graph may list a reader that the publisher has not matched yet.
+        # The graph may list a subscriber that is not connected yet.
         if matched < len(readers):
             return False
         if self._answer is None:
-            # A node that was started again finds one reader after the other.
+            # A restarted node discovers one subscriber after the other.
             return time.monotonic() - self._matched[1] > _SETTLE_TIME
         return any(
             self._answer.message_type
@@ -136,17 +137,17 @@ class HeldOutput(Output):
     def _types_published_by(self, name: str, namespace: str) -> set[str]:
         try:
             published = self._node.get_publisher_names_and_types_by_node(name, namespace)
-        except RuntimeError:  # the graph knows its endpoints, but not yet the node
+        except RuntimeError:  # the graph has the endpoints of the node, but not the node yet
             return set()
         return {kind for _, kinds in published for kind in kinds}
 
 
 class Input:
-    """Input of a node for the records of a port, from its `makers` or over DDS.
+    """Input of a node for the records of a port.
 
-    The callback gets each record; its exceptions go to ``node.refuse``. There is a `subscription`,
-    with `qos`, only if no maker is in the same process. A `needed` input without a maker is an
-    error of the line.
+    The callback gets each record from the outputs `makers` in the same process. Without such an
+    output, the input has a `subscription` with `qos`. An exception of the callback is passed to
+    ``node.refuse``. If a `needed` input has no publisher, the diagnostics show an error.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class Input:
         self._callback = callback
 
     def take(self, record: Any) -> None:
-        """Pass a record to the node."""
+        """Call the callback with a record."""
         self._node.received(self.port)
         try:
             self._callback(record)
@@ -170,7 +171,7 @@ class Input:
             self._node.refuse(self.port, error)
 
     def subscribe(self) -> None:
-        """Subscribe to the records over DDS."""
+        """Create the subscription."""
         events = SubscriptionEventCallbacks(use_default_callbacks=False)
         create, call = self._node.create_subscription, self._take_message
         self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
@@ -192,10 +193,10 @@ class Input:
 
 
 def connect(nodes: Sequence[Any]) -> None:
-    """Connect the inputs of the nodes of a process, before any of them begins to work.
+    """Connect the inputs and outputs of the nodes of a process, before the nodes start.
 
-    If an output of these nodes has the topic of an input, and a QoS that fits, it calls that input.
-    All other inputs subscribe over DDS. Only a `PortNode` has inputs and outputs.
+    An output calls each input of these nodes with the same topic and a compatible QoS. Inputs
+    without such an output subscribe over DDS.
     """
     outputs = [output for node in nodes for output in getattr(node, 'outputs', ())]
     for entry in [entry for node in nodes for entry in getattr(node, 'inputs', ())]:
@@ -214,7 +215,7 @@ def _feeds(output: Output, entry: Input) -> bool:
 
 
 def disconnect(node: Any) -> None:
-    """Disconnect a node that is about to be destroyed."""
+    """Disconnect a node from the other nodes of its process."""
     with LOCK:
         for entry in node.inputs:
             for output in entry.makers:
@@ -227,7 +228,7 @@ def disconnect(node: Any) -> None:
 
 
 def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events: Any) -> Any:
-    """Return an endpoint whose depth, history and reliability may be set by parameters."""
+    """Return an endpoint. Parameters may override its depth, history and reliability."""
     overriding = QoSOverridingOptions.with_default_policies()
     try:
         return create(port.type, port.name, *arguments, qos_overriding_options=overriding, **events)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A node with inputs and outputs. Only one callback of a process runs at a time."""
+"""Node with inputs and outputs, whose callbacks hold the lock of the process."""
 
 from collections.abc import Callable, Generator
 from functools import partial
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class PortNode(Node):
-    """A node whose callbacks all hold the lock of the process.
+    """Node with inputs and outputs. Each of its callbacks holds the lock of the process.
 
-    It receives records once `checkweigher_core.ros.outputs.connect` has connected it. `spinner`
-    serves it, and possibly others.
+    The node receives records after `checkweigher_core.ros.outputs.connect` was called with it.
+    `spinner` runs its callbacks.
     """
 
     spinner: 'Spinner | None' = None
@@ -40,22 +40,22 @@ class PortNode(Node):
         super().__init__(name, **options)
 
     def start(self) -> None:
-        """Begin to work, once the node is connected and served."""
+        """Start the work of the node, after its inputs and outputs were connected."""
 
     def output(self, port: Port) -> Output:
-        """Return an output of a port."""
+        """Return a new output for a port."""
         self.outputs.append(Output(self, port))
         return self.outputs[-1]
 
     def held_output(self, port: Port, answer: Port | None = None) -> Output:
-        """Return an output that waits for its consumer; see `HeldOutput`."""
+        """Return a new output that waits for a consumer; see `HeldOutput`."""
         self.outputs.append(HeldOutput(self, port, answer))
         return self.outputs[-1]
 
     def subscribe(
         self, port: Port, callback: Callback, *, qos: QoSProfile | None = None, needed: bool = True
     ) -> Input:
-        """Register a callback for the records of a port; see `Input`."""
+        """Register a callback for the records of a port, and return its input."""
         entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
         self.inputs.append(entry)
         return entry
@@ -64,18 +64,18 @@ class PortNode(Node):
         """Process the arrival of a record."""
 
     def refuse(self, port: Port, error: Exception) -> None:
-        """Log a record that the callback cannot use; this is not fatal."""
+        """Log a record whose callback has failed. The node goes on."""
         self.warn(f'refused a message on {port.name}: {type(error).__name__}: {error}')
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
     ) -> Timer:
-        """Create a timer; an exception of its callback is logged and not fatal."""
+        """Create a timer. An exception of its callback is logged, and the node goes on."""
         guarded = self._guarded(locked(callback), 'a timer failed')
         return super().create_timer(timer_period_sec, guarded, *args, **options)
 
     def create_one_shot_timer(self, callback: Callable[[], object]) -> OneShotTimer:
-        """Create a timer that does not wake the executor; see `OneShotTimer`."""
+        """Create a one-shot timer that does not wake the executor."""
         timer = OneShotTimer(callback, partial(self.fail, what='a timer failed'))
         self._one_shot_timers.append(timer)
         return timer
@@ -89,10 +89,10 @@ class PortNode(Node):
         raw: bool = False,
         **options: Any,
     ) -> Subscription:
-        """Create a subscription; a malformed message or an exception is logged and not fatal.
+        """Create a subscription. A malformed message is logged, and so is an exception.
 
-        For a malformed message, rclpy would raise an exception out of its executor, and leave the
-        callback group blocked. With `raw` the callback gets the bytes.
+        For a malformed message, rclpy would raise an exception in its executor, and the callback
+        group would stay blocked. With `raw` the callback gets the bytes of the message.
         """
 
         def convert(data: bytes) -> Any:
@@ -107,7 +107,7 @@ class PortNode(Node):
         what: str,
         otherwise: Callable[[], Any] = lambda: None,
     ) -> Callable[..., Any]:
-        """Return a callback that passes an exception to `fail`, and then returns `otherwise()`."""
+        """Return a callback that handles an exception by `fail`, and then returns `otherwise()`."""
 
         async def call(*args: Any) -> Any:
             try:
@@ -122,26 +122,26 @@ class PortNode(Node):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Create a service; the answer to a call that fails is an empty response.
+        """Create a service. If its callback fails, the client gets an empty response.
 
-        rclpy creates its parameter services here, too, and they raise for a value of an unknown
-        type.
+        The parameter services of rclpy, which raise an exception for a value of an unknown type,
+        are created here, too.
         """
         own = locked(callback)
 
         async def answer(request: Any, response: Any) -> Any:
             result = own(request, response)
             answered = await result if inspect.iscoroutine(result) else result
-            serialize_message(answered)  # raises for a text that no message can hold
+            serialize_message(answered)  # an invalid field raises an exception here
             return answered
 
         guarded = self._guarded(answer, f'refused a call of {srv_name}', srv_type.Response)
-        # A malformed request leaves its callback group blocked, so each service has its own.
+        # Each service has its own callback group, because a malformed request blocks the group.
         group = options.pop('callback_group', None) or MutuallyExclusiveCallbackGroup()
         return super().create_service(srv_type, srv_name, guarded, callback_group=group, **options)
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Log an exception that ends a callback, but not the node."""
+        """Log an exception of a callback. The node goes on."""
         self.warn(f'{what}: {type(error).__name__}: {error}')
 
     def warn(self, text: str) -> None:
@@ -149,7 +149,7 @@ class PortNode(Node):
         self.get_logger().warning(one_line(text))
 
     def destroy_node(self) -> None:
-        """Disconnect the node from the others of its process, and destroy it."""
+        """Disconnect the node from the other nodes of its process, and destroy it."""
         disconnect(self)
         with LOCK:
             for timer in self._one_shot_timers:
@@ -158,7 +158,7 @@ class PortNode(Node):
 
 
 def locked(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a callback that holds the lock of the process; a coroutine holds it in each step."""
+    """Return a callback that holds the lock of the process, except while it awaits a result."""
     if inspect.iscoroutinefunction(callback):
 
         async def in_steps(*args: Any) -> Any:

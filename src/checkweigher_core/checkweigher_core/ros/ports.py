@@ -1,10 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The ports of a lane: a row for each topic, with its message, publisher and subscribers.
+"""Table of the ports of a lane: each topic with its message, publisher and subscribers.
 
-Nodes, QoS checks, recordings and docs read this table. Names are relative, except /diagnostics, so
-that a namespace makes a lane. The import of this module needs no ROS, because message classes and
-QoS profiles are made on request.
+Nodes, QoS checks, recordings and docs use this table. All names except /diagnostics are relative,
+because each lane has its own namespace. The import of this module does not import ROS.
 """
 
 from copy import copy
@@ -19,8 +18,8 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 
-# The nodes of the line with their modules, in the order of their shutdown: driver first, reject
-# last. Each executable has the name of its node.
+# Nodes of the line with their modules, in the order of their shutdown. Executables have the same
+# names.
 NODES = {
     'driver': 'checkweigher_driver.driver_node',
     'product': 'checkweigher_production.nodes.product',
@@ -29,15 +28,15 @@ NODES = {
     'identifier': 'checkweigher_dsp.nodes.identifier',
     'reject': 'checkweigher_dsp.nodes.reject',
 }
-# The nodes that weigh and judge.
+# Nodes that weigh the items and decide on them.
 STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
 
 
 class History(NamedTuple):
-    """Messages that a publisher keeps, up to `depth`.
+    """Number of messages that a publisher keeps, and their availability to late subscribers.
 
-    With `latched` (transient local), late subscribers that request the messages get them. With
-    `stage_latched`, the stages request them.
+    If `latched` is set, the durability of the publisher is transient local. If `stage_latched` is
+    set, the nodes of the line request the kept messages.
     """
 
     depth: int
@@ -45,64 +44,62 @@ class History(NamedTuple):
     stage_latched: bool = False
 
 
-# Ten seconds of 10 ms blocks. A gap in the index would show a lost block, but none should be lost.
+# Samples and edges: no message may be lost. The depth is 10 s of blocks of 10 ms.
 STREAM = History(1000)
-# Only the last value counts. Late subscribers get it, too.
+# States: only the latest message is valid.
 STATE = History(1, latched=True, stage_latched=True)
-# A stage that was started again learns which items are on the line.
+# Items: a restarted node needs the earlier messages, whose items may still be on the belt.
 ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
-# Kept for users who look later. The stages need no messages from before their start.
+# Results: a user may read earlier messages, but the nodes of the line do not need them.
 RESULTS = History(1000, latched=True)
-# Only the latest message.
+# Periodic messages: only the latest message is valid.
 MOMENT = History(1)
-# Silence in s after which a periodic message expires, and the share of it within which the
-# publisher promises the next one.
-FRESH_TIME = 0.35
-_PROMISED = 0.75
+FRESH_TIME = 0.35  # time in s after which a periodic message expires
+_PROMISED = 0.75  # deadline of the publisher, as a fraction of this time
 
 
 @dataclass(frozen=True)
 class Port:
-    """Topic, with its message, its publisher and its subscribers."""
+    """Topic with its message, publisher and subscribers."""
 
-    name: str  # relative to the lane's namespace, unless it begins with a slash
-    message_type: str  # ROS name, with /msg/ or /srv/
-    record: type | None  # class of the records, None for plain messages
+    name: str  # relative to the namespace of the lane, unless it begins with a slash
+    message_type: str  # ROS name, such as std_msgs/msg/Empty
+    record: type | None  # class of the records; None if the messages themselves are passed
     history: History
     maker: str  # publisher: a node or another party
     takers: tuple[str, ...]  # subscribers: nodes and other parties
-    expected: tuple[str, ...]  # required nodes: the other end reports their absence
-    text: str  # purpose
-    holds: float = 0.0  # s for which a message is valid unless another follows; 0 for ever
-    recorded: bool = True  # whether a bag of the lane has it
+    expected: tuple[str, ...]  # nodes whose absence is reported in the diagnostics
+    text: str  # purpose of the topic
+    holds: float = 0.0  # time in s for which a message is valid; 0 if it does not expire
+    recorded: bool = True  # whether a bag of the lane contains the topic
 
     @cached_property
     def type(self) -> Any:
-        """Class of the message in rclpy."""
+        """Message class of rclpy."""
         return interface(self.message_type)
 
     @cached_property
     def qos(self) -> 'QoSProfile':
-        """Profile that the publisher offers."""
+        """QoS profile of the publisher."""
         return self._profile(latched=self.history.latched, share=_PROMISED)
 
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
-        """Profile that the stages request."""
+        """QoS profile of the subscriptions of the nodes of the line."""
         from rclpy.qos import ReliabilityPolicy
 
         profile = self._profile(latched=self.history.stage_latched, share=1.0)
-        if self.holds:  # a lost message must not delay the next one
+        if self.holds:  # the retransmission of a lost message must not delay the next message
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
         return profile
 
     def _profile(self, *, latched: bool, share: float) -> 'QoSProfile':
-        """Return a reliable profile; the deadline is a `share` of the validity of a message."""
+        """Return a reliable profile, whose deadline is the fraction `share` of `holds`."""
         from rclpy.duration import Duration
         from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
         profile = QoSProfile(
-            depth=self.history.depth,  # implies the policy KEEP_LAST
+            depth=self.history.depth,
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
@@ -115,16 +112,13 @@ class Port:
 
 
 def interface(name: str) -> Any:
-    """Return the rclpy class of a message or a service by its ROS name."""
+    """Return the Python class of a message or a service by its ROS name."""
     package, folder, kind = name.split('/')
     return getattr(import_module(f'{package}.{folder}'), kind)
 
 
 def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
-    """Return why a publisher and a subscription of these profiles do not connect, empty if they do.
-
-    Profiles of endpoints that the graph lists are accepted, too.
-    """
+    """Return why two QoS profiles are incompatible, or an empty string if they are compatible."""
     from rclpy.qos import QoSCompatibility, qos_check_compatible
 
     compatibility, why = qos_check_compatible(
@@ -140,9 +134,10 @@ def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
 
 
 def _with_finite_times(profile: 'QoSProfile') -> 'QoSProfile':
-    """Return a profile without infinite times, which DDS lists for an endpoint that sets none.
+    """Return a profile whose infinite times are replaced by 0, which means unspecified.
 
-    `qos_check_compatible` would take them for requirements.
+    DDS reports an unspecified time of an endpoint as infinite. `qos_check_compatible` would treat
+    an infinite time as a requirement.
     """
     from rclpy.duration import Duration, Infinite
 
@@ -154,7 +149,7 @@ def _with_finite_times(profile: 'QoSProfile') -> 'QoSProfile':
 
 
 def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
-    """Return whether a publisher and a subscription of these profiles connect."""
+    """Return whether two QoS profiles are compatible."""
     return not misfit(offered, asked)
 
 
@@ -219,7 +214,7 @@ PERMISSION = Port(
     'reject', ('line', 'driver'), (),
     'Leave to run, ten times a second; the line stops when it is false or does not come',
     holds=FRESH_TIME, recorded=False)
-# The segmenter needs no such topic, because its status shows that it works.
+# The segmenter needs no such topic, because its status serves the same purpose.
 ALIVE = {
     stage: Port(
         f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
@@ -271,17 +266,17 @@ ALARMS = Port(
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Once a second: see [Diagnostics](reasons.md#diagnostics)')
-# Of the node dynamic_setting, which is not part of the line.
+# The node dynamic_setting is not part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'Passes, what was recorded, the file, and why something failed')
-# Of the node verifier, which is not part of the line.
+# The node verifier is not part of the line.
 VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'How far a verification is that is guided at the page, and what it asks')
-# All topics of a lane. A replay publishes only the first four.
+# All topics of a lane. The replay of a bag publishes only the first four.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
@@ -295,6 +290,10 @@ PAGE_RESULTS = (
     FILLER_FEEDBACK, STOP_REQUEST, ALARMS,
 )
 PAGE_SIGNALS = (LOAD_CELL_SAMPLES, DENOISED_WINDOW)
+# Of a lane, for the gateways into the plant, which take diagnostics as well.
+GATEWAY_RECORDS = (
+    LOAD_CELL_INFO, VERDICT, STOP_REQUEST, PRODUCT_IN_USE, STATISTICS, ALARMS, ZERO_SETTING,
+)
 # fmt: on
 RECORDED = tuple(port for port in ALL if port.recorded)
 PLAYED = RECORDED[:4]

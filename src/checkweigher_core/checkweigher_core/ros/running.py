@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of nodes: from the command line to the signal that ends them."""
+"""Execution of nodes in a process, until a signal ends it."""
 
 from collections.abc import Callable, Sequence
 import contextlib
@@ -23,25 +23,25 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.stage_node import StageNode
 
-# Block size above which glibc returns memory to the system at once. By default it rises with the
-# size of freed blocks, so a process would keep the memory of one large message.
-_MMAP_THRESHOLD, _LARGE = -3, 2**17  # name in malloc.h; bytes
-_FAREWELL = Duration(seconds=1)  # for the last messages of a process that is about to end
+# Block size in bytes above which glibc returns freed memory to the system. By default it rises with
+# the size of freed blocks, so a process would keep the memory of a large message.
+_MMAP_THRESHOLD, _LARGE = -3, 2**17  # number of the option M_MMAP_THRESHOLD, and its value
+_FAREWELL = Duration(seconds=1)  # longest wait for the arrival of the last messages
 
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
-    """Run one node until it is interrupted; exit with 2 and one line if it cannot start."""
+    """Run one node until SIGINT, SIGTERM or SIGHUP. Exit with status 2 if it cannot start."""
     run_all(lambda: [make_node()], arguments)
 
 
 def run_all(
     make_nodes: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None
 ) -> None:
-    """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP; see `run`.
+    """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP.
 
-    The nodes start in the order of their creation, and shut down in the opposite order. Signals
-    only end the wait of the main thread. The signal handlers of rclpy would destroy the context
-    during a callback, and KeyboardInterrupt would interrupt the processing of a message.
+    The nodes start in the order of `make_nodes`, and shut down in reverse order. Signals only wake
+    the main thread. The signal handlers of rclpy would destroy the context during a callback, and
+    KeyboardInterrupt would interrupt a callback.
     """
     stopping = threading.Event()
     starting = True
@@ -56,11 +56,11 @@ def run_all(
     spinner: Spinner | None = None
     try:
         end_with_parent()
-        with contextlib.suppress(AttributeError):  # other C libraries lack it
+        with contextlib.suppress(AttributeError):  # only glibc has mallopt
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # rclpy calls this for its first log message. The first call takes 0.1 s or more.
+        # rclpy calls getframeinfo for each log message. The first call takes 0.1 s or more.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -74,8 +74,8 @@ def run_all(
         if not stopping.is_set():
             raise
     finally:
-        # A node of ros2 launch gets Ctrl-C twice, from the terminal and from launch. The second
-        # one must not interrupt the shutdown.
+        # With ros2 launch, Ctrl-C sends SIGINT twice. The second signal must not interrupt the
+        # shutdown.
         starting = False
         if spinner is not None:
             _shut_down(nodes, spinner)
@@ -86,7 +86,7 @@ def run_all(
         rclpy.try_shutdown()
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if spinner is not None and spinner.error is not None:
-        raise SystemExit(1)  # its traceback has been printed
+        raise SystemExit(1)  # the traceback of the error has been printed
 
 
 def _on_signals(stop: Callable[..., None]) -> None:
@@ -97,7 +97,7 @@ def _on_signals(stop: Callable[..., None]) -> None:
 
 
 def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
-    """Shut down the nodes one by one, the last one first, while the others still work."""
+    """Shut down the nodes in reverse order, while the remaining nodes still work."""
     for node in reversed(nodes):
         if not isinstance(node, StageNode):
             continue
@@ -116,6 +116,6 @@ def _initialise(arguments: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        # A missing or malformed parameter file, or a malformed namespace. rcl appends places in its
-        # own source code.
+        # The parameter file or the namespace is invalid. The message of rcl ends with positions in
+        # its source code, which are removed.
         raise ParameterError(str(error).split(', at /')[0]) from None

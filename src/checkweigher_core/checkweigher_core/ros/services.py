@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The services of a lane: a row for each, with its type, node, callers and effect.
+"""Table of the services of a lane: each service with its type, server, clients and effect.
 
-The security policy, the page and the docs read this table.
+The security policy, the page and the docs use this table.
 """
 
 from typing import NamedTuple
@@ -11,14 +11,17 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.ports import NODES
 
 _TRIGGER = 'std_srvs/srv/Trigger'
-# Nodes that are not part of the line.
+# Names of nodes that are not part of the line.
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
-# Those of them that publish diagnostics.
+# Nodes that publish diagnostics although they are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
+GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
+# Nodes by which gateways act for persons and hosts, with the clients of the page.
+GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
-# Services that rclpy gives each node; their names follow the name of the node.
+# Services that rclpy creates for each node, in the namespace of the node.
 SETTER = 'set_parameters_atomically'
 PARAMETER_SERVICES = (
     'describe_parameters',
@@ -39,15 +42,15 @@ LIFE_CYCLE_SERVICES = (
 
 
 class Service(NamedTuple):
-    """A service of a lane."""
+    """Service of a lane."""
 
-    name: str  # relative to the lane's namespace
-    kind: str  # ROS name
-    server: str  # node
-    callers: tuple[str, ...]  # nodes
-    text: str  # meaning
-    condition: str = ''  # parameter that enables it; empty if it is always there
-    changes_line: bool = True  # whether the log of the page records who calls it
+    name: str  # relative to the namespace of the lane
+    kind: str  # ROS name of the type
+    server: str  # node with the server
+    callers: tuple[str, ...]  # nodes with clients
+    text: str  # effect of a call
+    condition: str = ''  # parameter that enables the service; empty if it always exists
+    changes_line: bool = True  # whether the page logs calls with the name of the user
 
 
 # fmt: off
@@ -115,5 +118,5 @@ _CHANGES = {each.name for each in SERVICES if each.changes_line}
 
 
 def changes_line(name: str) -> bool:
-    """Return whether calls of the service with a name change the line."""
+    """Return whether calls of a service change the line."""
     return name.rpartition('/')[2] in {*_CHANGES, 'change_state', 'set_parameters', SETTER}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""An executor in its own thread."""
+"""Executor of rclpy in its own thread."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, wait
@@ -20,9 +20,9 @@ _PATIENCE = 10.0  # s
 class Spinner:
     """Thread with an executor of rclpy for some nodes.
 
-    Each wake of the executor collects all entities of all nodes, which takes 1 ms or more for a
-    line, so frequent events must not wake it. A node logs the exceptions of its callbacks and goes
-    on. The thread calls `on_end` when it ends. If rclpy itself failed, `error` is the exception.
+    Each wake of the executor takes 1 ms or more for the nodes of a line, so frequent events must
+    not wake it. The thread calls `on_end` when it ends. `error` is the exception of rclpy that
+    ended the thread, if any.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
@@ -36,11 +36,11 @@ class Spinner:
 
     @property
     def alive(self) -> bool:
-        """Whether the nodes are still served; false after the context was shut down."""
+        """Whether the thread still runs. The thread ends if the ROS context is shut down."""
         return self._thread.is_alive()
 
     def add(self, *nodes: Node) -> None:
-        """Connect nodes with each other, serve them, and start them in this order."""
+        """Connect nodes with each other, add them to the executor, and start them in this order."""
         connect(nodes)
         self._nodes += nodes
         for node in nodes:
@@ -52,7 +52,7 @@ class Spinner:
                     node.start()
 
     def remove(self, node: Node) -> None:
-        """Destroy a node before the others."""
+        """Remove a node from the executor, and destroy it."""
         self._nodes.remove(node)
 
         def destroy() -> None:
@@ -62,9 +62,9 @@ class Spinner:
         self.call(destroy)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function in the thread of the executor, and wait until it is done.
+        """Call a function in the thread of the executor, and wait until it returns.
 
-        Entities may be destroyed and timers cancelled only there, because the executor uses them.
+        Only this thread may destroy entities and cancel timers, because its executor uses them.
         """
         answer: Future[object] = Future()
 
@@ -81,8 +81,8 @@ class Spinner:
         answer.result()
 
     def stop(self) -> None:
-        """Stop, and destroy the nodes in the reverse order of their addition."""
-        # Shut down only after the end of the thread, because rclpy destroys objects that it uses.
+        """End the thread, and destroy the nodes in reverse order."""
+        # The executor is shut down after the end of the thread, which uses it.
         self._executor.create_task(self._stopping.set)
         self._thread.join(timeout=_PATIENCE)
         if not self._thread.is_alive():
@@ -99,7 +99,7 @@ class Spinner:
                 except ExternalShutdownException:
                     break
                 except Exception as error:
-                    # Caused by a malformed request or answer, or by a task.
+                    # The cause is a malformed request or response, or a task.
                     if not rclpy.ok() or not self._nodes:
                         self.error = error
                         raise

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the nodes of the line: parameters, inputs and outputs, diagnostics."""
+"""Base class of the nodes of the line, with parameters, diagnostics, inputs and outputs."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -21,7 +21,7 @@ from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.change_record import ChangeRecord
 from checkweigher_core.ros.diagnostics import Diagnostics
 from checkweigher_core.ros.graph.place import Place, participant_of
-from checkweigher_core.ros.node_parameters import P, declare, ros_parameters
+from checkweigher_core.ros.node_parameters import P, as_declared, declare, ros_parameters
 from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import ALIVE, Port
@@ -31,11 +31,11 @@ Overrides = dict[str, object]
 
 
 class StageNode(PortNode, Generic[P]):
-    """A node around one stage of the line, named ``parameters.node``.
+    """Node with one stage of the line, named ``parameters.node``.
 
-    Parameters that are `read_only` cannot change while the node runs. `overrides` win over values
-    from the command line. The node writes changes of its parameters to the audit log of the lane,
-    if there is one, before it makes them.
+    If `read_only` is set, the parameters cannot change while the node runs. `overrides` take
+    precedence over values from the command line. Before the node changes a parameter, it writes
+    the change to the audit log of the lane, if the lane has one.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class StageNode(PortNode, Generic[P]):
     ) -> None:
         try:
             super().__init__(parameters.node, parameter_overrides=ros_parameters(overrides or {}))
-        except InvalidParameterTypeException as error:  # of use_sim_time
+        except InvalidParameterTypeException as error:  # use_sim_time is not a bool
             raise ParameterError(f'{parameters.node}: {error}') from None
         self._place: Place | None = None
         try:
@@ -60,35 +60,36 @@ class StageNode(PortNode, Generic[P]):
         self._alive = self.output(port) if port else None
 
     def destroy_node(self) -> None:
-        """Destroy the node, and free its place for another one."""
+        """Destroy the node, and release its place."""
         super().destroy_node()
         if self._place is not None:
             self._place.free()
 
     def start(self) -> None:
-        """Begin to publish diagnostics, and signs of life if reject runs in another process."""
+        """Start to publish diagnostics, and heartbeats if reject runs in another process."""
         self.diagnostics.start()
+        self.get_logger().info('ready')
         if self._alive is not None and not self._alive.takers:
-            self._alive_timer = self.create_one_shot_timer(partial(self._show_life, self._alive))
-            self._show_life(self._alive)
+            self._alive_timer = self.create_one_shot_timer(partial(self._send_alive, self._alive))
+            self._send_alive(self._alive)
 
-    def _show_life(self, output: Output) -> None:
-        """Send a sign of life, which shows that no callback hangs with the lock of the process."""
+    def _send_alive(self, output: Output) -> None:
+        """Send a heartbeat, which shows that no callback blocks the lock of the process."""
         output.send(Empty())
         self._alive_timer.set(time.monotonic_ns() + _ALIVE_PERIOD)
 
     def shut_down(self) -> None:
-        """Prepare for the end of the process."""
+        """Prepare the node for the end of the process."""
 
     def final_outputs(self) -> Sequence[Output]:
-        """Return the outputs whose messages have to arrive before the process ends."""
+        """Return the outputs whose messages must arrive before the process ends."""
         return ()
 
     def on_parameters(self) -> None:
-        """Apply changed `self.parameters`."""
+        """Apply the changed parameters."""
 
     def diagnose(self, now: float) -> Iterable[Finding]:
-        """Return the findings of this stage at time `now`, in seconds on the monotonic clock."""
+        """Return the findings of this stage at time `now` in s on the monotonic clock."""
         return ()
 
     def _diagnose(self, now: float) -> Iterable[Finding]:
@@ -96,38 +97,38 @@ class StageNode(PortNode, Generic[P]):
         return self.diagnose(now)
 
     def received(self, port: Port) -> None:
-        """Count a record that has arrived, if its port is recorded."""
+        """Count the arrival of a record, unless its port is excluded from bags."""
         if port.recorded:
             self.count(f'{port.name} received')
 
     def refuse(self, port: Port, error: Exception) -> None:
-        """Log and count a record that the stage cannot use."""
+        """Log and count a record whose callback has failed."""
         super().refuse(port, error)
         self.count(f'{port.name} refused')
         self.diagnostics.connections.refused(time.monotonic(), port.name, str(error))
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Log and count an exception that ends a callback, but not the node."""
+        """Log and count an exception of a callback. The node goes on."""
         self.count('exceptions')
         super().fail(error, what)
 
     def item_failed(self, item_id: int, error: Exception) -> None:
-        """Log and count an exception of the stage, which costs one item."""
+        """Log and count an exception of the stage, by which one item is lost."""
         self.get_logger().error(''.join(traceback.format_exception(error)))
         self.fail(error, f'item {item_id}: the stage failed')
 
     def count(self, name: str) -> None:
-        """Count an event for the diagnostics."""
+        """Count an event. The diagnostics publish the counts."""
         self.diagnostics.count(name)
 
     def warn(self, text: str) -> None:
-        """Log a warning, the same one at most once a second, and show it in the diagnostics."""
+        """Log a warning, and publish it in the diagnostics."""
         self.diagnostics.warn(text)
 
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Create a service; rclpy's services that set parameters write to the audit log first."""
+        """Create a service. The services that set parameters write to the audit log first."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
         return super().create_service(srv_type, srv_name, callback, **options)
@@ -141,7 +142,11 @@ class StageNode(PortNode, Generic[P]):
         return response
 
     async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
-        """Set parameters, all or none, once the change is in the audit log."""
+        """Write a change of parameters to the audit log, then set all parameters or none.
+
+        A value that a parameter already has is no change, even if the parameter is read-only.
+        """
+        changes = [change for change in map(self._as_declared, changes) if change is not None]
         if changes and self._may_set(changes):
             values = {change.name: change.value for change in changes}
             subject = self.get_fully_qualified_name()
@@ -153,8 +158,17 @@ class StageNode(PortNode, Generic[P]):
         except ParameterNotDeclaredException as error:
             return SetParametersResult(successful=False, reason=str(error))
 
+    def _as_declared(self, given: Parameter) -> Parameter | None:
+        """Return a change in the type of its parameter, None if the value stays the same."""
+        if not self.has_parameter(given.name):
+            return given
+        declared = self.get_parameter(given.name)
+        change = as_declared(declared, given)
+        same = change.get_parameter_value() == declared.get_parameter_value()
+        return None if same else change
+
     def _may_set(self, changes: Sequence[Parameter]) -> bool:
-        """Return whether rclpy and this node accept changes; refused changes get no entry."""
+        """Return whether the changes will be accepted. Refused changes are not logged."""
         names = [change.name for change in changes]
         known = all(map(self.has_parameter, names))
         if not known or any(each.read_only for each in self.describe_parameters(names)):
@@ -166,7 +180,7 @@ class StageNode(PortNode, Generic[P]):
         return True
 
     def _changed(self, changes: Sequence[Parameter]) -> P:
-        """Return the changed parameters; `ParameterError` if they cannot be used."""
+        """Return the changed parameters. Raises `ParameterError` if they are invalid."""
         values = self.parameters.as_mapping()
         changed = {change.name: change.value for change in changes if change.name in values}
         return type(self.parameters).from_mapping({**values, **changed})

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest diagnostics of running lines, worst first, including silent nodes."""
+"""Latest diagnostics of the nodes of one or more lanes, sorted by severity."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -13,34 +13,34 @@ from checkweigher_core.printable import counted, one_line
 from checkweigher_core.records import Decision
 from checkweigher_core.ros.ports import NODES, STAGES
 
-HOST = 'host'  # key in a node's own status for the name of its computer
-_SILENCE = 3.0  # s, three periods of the diagnostics
-_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
+HOST = 'host'  # key of the host name in the first status of a node
+_SILENCE = 3.0  # time in s without diagnostics after which a node counts as silent
+_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # in increasing order
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One aspect of one node, as last reported."""
+    """Latest status of one aspect of one node."""
 
     node: str
     aspect: str
     level: Level
     message: str
     values: tuple[tuple[str, str], ...] = ()
-    silence: float = 0.0  # s since the last report, 0 unless it is overdue
+    silence: float = 0.0  # time in s since the last message of a silent node, otherwise 0
 
 
 class StatusBoard:
-    """Latest report of each node of the lane `namespace`, or of all lanes if that is empty."""
+    """Latest diagnostics of each node in a namespace, or of all nodes if `namespace` is empty."""
 
     def __init__(self, namespace: str = '') -> None:
         self._namespace = namespace
         self._nodes: dict[str, tuple[float, list[Row]]] = {}
-        self._expected: dict[str, float] = {}  # lanes, and since when
+        self._expected: dict[str, float] = {}  # times in s of the calls of `expect` by lane
         self._lock = threading.Lock()
 
     def add(self, now: float, statuses: Iterable[Any]) -> None:
-        """Add the statuses of one DiagnosticArray, which arrived at `now`, s."""
+        """Add the statuses of a DiagnosticArray that arrived at time `now` in s."""
         reported: dict[str, list[Row]] = {}
         for status in statuses:
             node, _, aspect = one_line(status.name).partition(': ')
@@ -56,12 +56,12 @@ class StatusBoard:
                 self._nodes[node] = now, rows
 
     def expect(self, now: float, lane: str) -> None:
-        """Count the nodes of a lane as silent from `now`, s, until one of them reports."""
+        """Treat the nodes of a lane as silent since time `now` in s, until one sends a message."""
         with self._lock:
             self._expected[lane] = now
 
     def hosts(self) -> dict[str, set[str]]:
-        """Return the host names in the latest reports of each lane."""
+        """Return the names of the hosts of the nodes of each lane."""
         found: dict[str, set[str]] = {}
         with self._lock:
             for node, (_, rows) in self._nodes.items():
@@ -72,31 +72,34 @@ class StatusBoard:
 
     @property
     def heard(self) -> bool:
-        """Whether any node has reported."""
+        """Whether a message of any node has arrived."""
         return bool(self._nodes)
 
     def rows(self, now: float) -> list[Row]:
-        """Return all rows at `now`, s, the worst first; silent and missing nodes are STALE."""
+        """Return all rows at time `now` in s, the worst first. Silent nodes are STALE."""
         with self._lock:
             nodes, expected = dict(self._nodes), dict(self._expected)
-        found = []
-        for node, (heard, rows) in nodes.items():
-            if now - heard > _SILENCE:
-                text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
-                found.append(Row(node, '', Level.STALE, text, silence=now - heard))
-                continue
-            # Leave out a node's own row if it only repeats the worst of its aspects.
-            found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]
+        found = [row for node, report in nodes.items() for row in _rows_of(node, *report, now)]
         known = {node.rpartition('/')[0] for node in nodes}
         for lane in known | expected.keys() or {self._namespace}:
             silence = 0.0 if lane in known else now - expected.get(lane, now)
             overdue = silence if silence > _SILENCE else 0.0
-            for name in STAGES:
-                node = f'{lane}/{name}'.lstrip('/')
-                if node not in nodes:
-                    text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'
-                    found.append(Row(node, '', Level.STALE, text, silence=overdue))
+            text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'
+            found += [
+                Row(node, '', Level.STALE, text, silence=overdue)
+                for node in (f'{lane}/{name}'.lstrip('/') for name in STAGES)
+                if node not in nodes
+            ]
         return sorted(found, key=lambda row: (-_URGENCY.index(row.level), row.node, row.aspect))
+
+
+def _rows_of(node: str, heard: float, rows: list[Row], now: float) -> list[Row]:
+    """Return the rows of a node, or one row if it is silent since time `heard` in s."""
+    if now - heard > _SILENCE:
+        text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
+        return [Row(node, '', Level.STALE, text, silence=now - heard)]
+    # The first row is left out if it only repeats the worst of the other rows.
+    return [row for row in rows if row.aspect or row.level > worst(rows[1:])]
 
 
 def worst(rows: Iterable[Row]) -> Level:
@@ -108,21 +111,21 @@ def worst(rows: Iterable[Row]) -> Level:
 class LaneRow:
     """State of one lane: its worst row and its verdicts."""
 
-    lane: str  # namespace, '/' for none
+    lane: str  # namespace; '/' if it is empty
     level: Level
-    verdicts: tuple[tuple[str, str], ...]  # number of each decision
-    worst: str  # node, aspect and message; empty if there is no problem
+    verdicts: tuple[tuple[str, str], ...]  # decisions and their numbers
+    worst: str  # node, aspect and message of the worst row; empty if there is no problem
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Items accepted, rejected for their mass, and faults."""
+        """Numbers of accepted items, of items rejected for their mass, and of faults."""
         counts = {name: int(float(count)) for name, count in self.verdicts}
         accepted, faults = (counts.pop(each.name, 0) for each in (Decision.ACCEPT, Decision.FAULT))
         return accepted, sum(counts.values()), faults
 
 
 def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
-    """Return a row for each lane, worst first, from the rows of a board in their order."""
+    """Return a row for each lane, the worst first, from the sorted rows of a `StatusBoard`."""
     lanes: dict[str, list[Row]] = {}
     for row in rows:
         lanes.setdefault(row.node.rpartition('/')[0] or '/', []).append(row)
@@ -143,7 +146,7 @@ def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
 
 
 def headline(rows: Iterable[Row]) -> str:
-    """Return a line with the number of rows of each level."""
+    """Return one line with the number of rows of each level."""
     counts = Counter(row.level for row in rows)
     errors, warnings = counted(counts[Level.ERROR], 'error'), counted(counts[Level.WARN], 'warning')
     return f'{counts[Level.STALE]} silent, {errors}, {warnings}, {counts[Level.OK]} well'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration files, which are parameter files. Older versions are kept beside the newest."""
+"""Calibration files, which are ROS parameter files. Older versions are kept in the same folder."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -27,14 +27,14 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 from checkweigher_driver.devices import source_class
 
-_FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
+_FIRST_LINE = '# Made by checkweigher calibrate, version '
 
 
 def check_calibration_file(path: Path) -> None:
     """Raise CalibrationError or OutputError if a calibration cannot be written to a path.
 
-    An existing file must be a calibration, and is kept as an older version. A file in an installed
-    package is refused, because the next installation would replace it.
+    An existing file must be a calibration file. A file in an installed package is refused, because
+    the next installation would replace it.
     """
     check_not_installed(path)
     if path.is_dir():
@@ -61,7 +61,7 @@ def _installed() -> list[Path]:
 
 
 def read_version(path: Path) -> int:
-    """Return the version of a calibration file; `CalibrationError` if it is something else."""
+    """Return the version of a calibration file. Raises CalibrationError for any other file."""
     try:
         with path.open(encoding='utf-8') as file:
             first = file.readline()
@@ -79,7 +79,7 @@ def read_version(path: Path) -> int:
 def calibration_table(
     calibration: StaticCalibration, points: Sequence[CalibrationPoint]
 ) -> list[str]:
-    """Return the lines of the values of a calibration and of a table of its points."""
+    """Return lines with the values of a calibration and a table of its points."""
     lines = [
         f'counts_per_kg {calibration.counts_per_kg:.4f} +- '
         f'{calibration.counts_per_kg_uncertainty:.4f} 1/kg, zero_counts '
@@ -103,11 +103,11 @@ def write_version(
     points: Sequence[CalibrationPoint],
     base: Path | None = None,
 ) -> int:
-    """Write a calibration as the newest version of a file and return its number.
+    """Write a calibration as the newest version of a file, and return the version number.
 
-    The previous version is kept as ``NAME.vN.yaml``. The new one also gets its other values, or
-    those of `base`. Raises CalibrationError or OutputError if the file cannot be written; an
-    existing file then stays.
+    The previous version is kept as ``NAME.vN.yaml``. Other parameters are copied from the file
+    `base` or, by default, from the previous version. Raises CalibrationError or OutputError if the
+    file cannot be written; an existing file then stays.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -130,9 +130,10 @@ def write_version(
 
 
 def replace_version(path: Path, new: Path) -> int:
-    """Replace a file, which is kept as ``NAME.vN.yaml``; return the version of the new file.
+    """Replace a file by another file, and return the version number of the new content.
 
-    Raises OutputError, without a change, if the old file cannot be kept.
+    The old file is kept as ``NAME.vN.yaml``. Raises OutputError if it cannot be kept; it is then
+    not replaced.
     """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():
@@ -146,7 +147,7 @@ def replace_version(path: Path, new: Path) -> int:
 def _keep(path: Path, version: int) -> None:
     kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
     try:
-        # It exists if an earlier attempt broke off here.
+        # The kept file exists already if an earlier attempt was interrupted after this line.
         with suppress(FileExistsError):
             os.link(path, kept)
     except OSError as error:
@@ -168,7 +169,7 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return the values of a source in a parameter file, by the names of its parameter set."""
+    """Return the parameters of a source in a parameter file by their names."""
     with opened(path) as sections:
         return _values_of(sections, source)
 
@@ -183,13 +184,13 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
 
 
 def check_calibrated_source(source: str) -> None:
-    """Raise CalibrationError if a source, such as a bag, has no calibration parameters."""
+    """Raise CalibrationError if a source has no calibration parameters, as a bag has none."""
     if not {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries()):
         raise CalibrationError(f'source {source}: has its calibration in its data')
 
 
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
-    """Return counts_per_kg and zero_counts of a source, None if it has no calibration file.
+    """Return counts_per_kg and zero_counts of a source, or None without a calibration file.
 
     Raises CalibrationError or SettingsError if the file is not a calibration of this source.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Services that calibrate a load cell on a running line."""
+"""Services for the calibration of a load cell on a running line."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -33,18 +33,20 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-_SILENCE = 5.0  # s beyond the patience of a reading; a longer wait means that no samples come
+# A reading that takes longer than the parameter `patience` by this time in s gets no samples.
+_SILENCE = 5.0
 
-# Fields that StaticCalibration and the response of finish_calibration share.
+# Fields of StaticCalibration and of the response of finish_calibration.
 _FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_uncertainty')
 
-_Answer = tuple[bool, str, StaticReading | None]  # success, message, and the reading if any
+_Answer = tuple[bool, str, StaticReading | None]  # success, message and reading of a load
 
 
 class CalibrationServices:
-    """Services that read loads at rest, calibrate, write the file and restart the stream with it.
+    """Services that read loads at rest, fit a calibration, and write its file.
 
-    `restart` begins a new stream; it returns why that failed, or an empty string.
+    The function `restart` begins a new stream with the calibration, and returns the reason of a
+    failure or an empty string.
     """
 
     def __init__(
@@ -57,12 +59,13 @@ class CalibrationServices:
         self._node = node
         self._parameters = parameters
         self._source = source
-        self._edges: dict[int, EyeEdge] = {}  # latest edge of each eye in the stream
-        self._stamp = 0  # of the latest block, ns
+        self._edges: dict[int, EyeEdge] = {}  # latest edge of each photo-eye in the stream
+        self._stamp = 0  # stamp of the latest block in ns
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        self._waiting: Future | None = None  # answer to a call that waits for a reading
-        # A separate group, so that samples go on while a call waits for them.
+        self._waiting: Future | None = None  # result of the call that waits for a reading
+
+        # With a separate callback group, other callbacks run while a call waits for a reading.
         group = self._group = ReentrantCallbackGroup()
         for kind, name, callback in (
             (Trigger, ports.CALIBRATE_ZERO, self._on_zero),
@@ -73,14 +76,14 @@ class CalibrationServices:
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
-        """Return the load cell with the calibration that `read` finds."""
+        """Return a load cell with the calibration of the file, unchanged without a file."""
         found = self.read() or (load_cell.counts_per_kg, load_cell.zero_counts)
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
-        """Return counts_per_kg and zero_counts of the file, None if there is none.
+        """Return counts_per_kg and zero_counts of the calibration file, None without a file.
 
-        Raises ParameterError if the file cannot be used.
+        Raises ParameterError if the file is invalid.
         """
         path = self._parameters.path
         try:
@@ -89,17 +92,17 @@ class CalibrationServices:
             raise ParameterError(f'calibration.file: {error}') from None
 
     def begin(self, load_cell: LoadCell) -> None:
-        """Begin a session with a new stream of a load cell."""
+        """Begin a calibration session with a new stream."""
         self._edges.clear()
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """End the session with the stream; its points are lost."""
+        """End the session with the stream, and discard its points."""
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Process an event that is published. The caller has the lock of the process."""
+        """Process an event of the stream. The caller holds the lock of the process."""
         if isinstance(event, EyeEdge):
             self._edges[event.eye] = event
         else:
@@ -117,7 +120,7 @@ class CalibrationServices:
                 self._answer((True, f'{reading}; {len(session.points)} read by now', found))
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
-        """Return session and file of a driver that can be calibrated."""
+        """Return session and file. Raises an error if the load cell cannot be calibrated now."""
         check_calibrated_source(self._source)
         path = self._parameters.path
         if path is None:
@@ -153,7 +156,7 @@ class CalibrationServices:
         except ValueError as error:
             return self._refused(str(error))
         self._waiting = Future()
-        # The thread of the source sets the result, while the executor may sleep.
+        # Another thread sets the result, which does not wake the executor.
         self._waiting.add_done_callback(lambda _: self._node.executor.wake())
         patience = self._parameters.patience + _SILENCE
         answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
@@ -164,7 +167,7 @@ class CalibrationServices:
         return answer
 
     def _refuse(self, text: str) -> None:
-        """Refuse the call that waits for a reading, if any."""
+        """Refuse the call that waits for a reading, if there is one."""
         if self._waiting is not None:
             self._answer(self._refused(text))
 
@@ -216,7 +219,7 @@ class CalibrationServices:
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration
     ) -> int:
-        """Write the next version after its entry in the audit log; `ValueError` if that fails."""
+        """Write the audit log and then the file; return its version. Raises ValueError."""
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)
         change = CALIBRATION, ports.LOAD_CELL_INFO.name

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration on a line: known masses are read one by one while no product passes."""
+"""Session of a calibration, in which known masses are read while no product passes."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from checkweigher_driver.calibration.static_calibration import (
     zero_only,
 )
 
-_QUIET = 2 * NANOSECONDS  # ns without an edge, before the stream is interrupted
-_LONGEST = 3600.0  # s from the first point to the end, because the zero drifts
+_QUIET = 2 * NANOSECONDS  # time in ns without an edge after which the belt counts as empty
+_LONGEST = 3600.0  # longest duration of a session in s, because the zero drifts
 
 
 @dataclass(frozen=True)
 class CalibrationParameters(Parameters):
-    """The calibration file of the machine, and the limits of a load at rest."""
+    """Calibration file of the machine, and limits of a load at rest."""
 
     node: ClassVar[str] = 'calibration'
 
@@ -65,15 +65,15 @@ class CalibrationParameters(Parameters):
 
     @property
     def path(self) -> Path | None:
-        """Calibration file, None without one."""
+        """Path of the calibration file, None if there is none."""
         return Path(self.file) if self.file else None
 
 
 class CalibrationSession:
-    """Points of a calibration: loads are read one at a time, then the points are fitted.
+    """Session of a calibration. Loads are read one after the other, then `finish` fits the points.
 
-    A session is either idle or reading. `begin` starts a reading, and its point, an error or
-    `cancel` ends it. `finish` needs an idle session with points.
+    A session is either idle or reads a load. `begin` starts to read a load. The session is idle
+    again when the load was read, after an error, or after `cancel`.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -82,12 +82,13 @@ class CalibrationSession:
         self._began = math.nan
         self.points: list[CalibrationPoint] = []
         self.reading: RestReading | None = None  # None while idle
-        self._load = (0.0, 0.0)  # mass and uncertainty of the load that is read, kg
+        self._load = (0.0, 0.0)  # mass and uncertainty in kg of the load that is read
 
     def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
-        """Begin to read a load; mass and uncertainty in kg, both 0 for the empty belt.
+        """Begin to read a load with its mass and uncertainty in kg, both 0 for the empty belt.
 
-        `edges` has the latest edge of each eye. Raises CalibrationError if no load can be read now.
+        `edges` has the latest edge of each photo-eye. Raises CalibrationError if the load cannot be
+        read now.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
@@ -102,12 +103,12 @@ class CalibrationSession:
         self.reading = RestReading(self.load_cell, self._steadiness)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
-        """Process an event of the stream, and return the reading of the point that it completes.
+        """Process an event of the stream; return the reading if it is complete.
 
-        `now` is in s, on a clock that never steps back. Raises CalibrationError if the load cannot
-        be read; no point is added then.
+        `now` is the time in s on a monotonic clock. Raises CalibrationError if the load cannot be
+        read; no point is then added.
         """
-        reading, self.reading = self.reading, None  # an error ends it
+        reading, self.reading = self.reading, None  # idle after an error
         if reading is None:
             return None
         if isinstance(event, EyeEdge):
@@ -132,12 +133,12 @@ class CalibrationSession:
     def finish(
         self, max_residual: float, edges: Collection[EyeEdge], stamp: int, now: float
     ) -> StaticCalibration:
-        """Return the calibration of the points; they are kept.
+        """Return the calibration that fits the points.
 
-        `max_residual` is the largest allowed residual in kg, 0 for any. `edges` has the latest edge
-        of each eye. `stamp` is the stamp of the last block in ns, and `now` the time in s on the
-        clock of `add`. Raises CalibrationError if the points do not give a calibration, or if a
-        product may be on the belt.
+        `max_residual` is the largest valid residual in kg; if it is 0, all are valid. `edges` has
+        the latest edge of each photo-eye. `stamp` is the stamp of the last block in ns, and `now`
+        is the time in s on the clock of `add`. Raises CalibrationError if the points do not
+        determine a calibration, or if a product may be on the belt.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')
@@ -175,7 +176,7 @@ class CalibrationSession:
 
 
 def _check_clear(edges: Collection[EyeEdge]) -> None:
-    """Raise CalibrationError if an eye is blocked after its latest edge."""
+    """Raise CalibrationError if a photo-eye is blocked after its latest edge."""
     for edge in edges:
         if edge.blocked:
             raise CalibrationError(

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Static calibration: zero and sensitivity from readings of known masses at rest.
 
-    counts = zero_counts + counts_per_kg * mass
-
-is fitted by weighted least squares. The variance of a point is the variance of its reading plus
-that of its mass, converted by the sensitivity (effective variance: Orear, Am. J. Phys. 50, 912
-(1982)). If the points scatter more than these two explain, the uncertainties are multiplied by
-the square root of chi-squared over its degrees of freedom (Birge ratio), because the cell is not
-linear.
+The model ``counts = zero_counts + counts_per_kg * mass`` is fitted by weighted least squares. The
+variance of a point is the variance of its reading plus the variance of its mass in counts
+(effective variance: Orear, Am. J. Phys. 50, 912 (1982)). If the residuals are larger than these
+variances explain, for instance because the cell is not linear, the uncertainties are multiplied by
+the Birge ratio, the square root of chi-squared divided by its degrees of freedom.
 """
 
 from collections.abc import Sequence
@@ -22,24 +20,23 @@ from checkweigher_core.records import GRAMS, LoadCell, SampleBlock
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES
-_ITERATIONS = 10  # the variances depend on the sensitivity only weakly
-_LOOK_PERIOD = 0.5  # s of signal between two checks of a load
+_ITERATIONS = 10  # the iteration converges fast
+_LOOK_PERIOD = 0.5  # duration in s of the signal between two checks of a load
 _LEAST_SPAN = 100.0  # smallest ratio of the sensitivity to its uncertainty
-# Standard uncertainty of a constant reading due to the step of the converter, in counts.
-_QUANTISATION = 1 / math.sqrt(12)
+_QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to the converter
 
 
 class CalibrationError(ValueError):
-    """A calibration that cannot be made or used; the message is one line with the reason."""
+    """Error of a calibration that fails or is invalid. The message is one line with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class StaticReading:
-    """Reading of a load at rest, counts."""
+    """Reading of a load at rest. All values are in counts."""
 
     mean: float
-    std_error: float  # standard uncertainty of the mean, from the means of ten batches
-    drift: float  # mean of the second half minus mean of the first half
+    std_error: float  # standard uncertainty of the mean, computed from the means of ten batches
+    drift: float  # difference of the means of the second and the first half
     noise: float  # standard deviation of the samples
 
     def is_stable(self, tolerance: float) -> bool:
@@ -48,9 +45,9 @@ class StaticReading:
 
 
 def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> StaticReading:
-    """Return the reading of a load at rest from successive samples, (n,) int32.
+    """Return the reading of a load at rest from consecutive samples of shape (n,).
 
-    Raises CalibrationError if the samples are too few or at a limit of the converter.
+    Raises CalibrationError if there are too few samples, or if one is at a limit of the converter.
     """
     if len(counts) < _LEAST_SAMPLES:
         raise CalibrationError(f'{len(counts)} samples are too few, {_LEAST_SAMPLES} are needed')
@@ -72,16 +69,16 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
 class Steadiness:
     """Limits of a load at rest."""
 
-    duration: float = 5.0  # duration of the reading, s
-    tolerance: float = 1e-4  # largest difference of the two halves of the reading, kg
-    patience: float = 60.0  # time after which the reading is cancelled, s
+    duration: float = 5.0  # duration of the reading in s
+    tolerance: float = 1e-4  # largest difference in kg between the halves of the reading
+    patience: float = 60.0  # time in s after which the reading is cancelled
 
 
 class RestReading:
-    """Reading of a load that has been at rest for long enough.
+    """Measurement of a load, which waits until the load has been at rest for long enough.
 
-    The present sensitivity of `load_cell` converts the tolerance of `steadiness` to counts.
-    `latest` is the reading of the latest samples, at rest or not, None before the first.
+    The sensitivity of `load_cell` converts the tolerance of `steadiness` to counts. `latest` is the
+    reading of the latest samples, also if the load moves; None before the first check.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -94,10 +91,11 @@ class RestReading:
         self.latest: StaticReading | None = None
 
     def add(self, block: SampleBlock) -> StaticReading | None:
-        """Add a block, and return the reading if the load has been at rest long enough.
+        """Add a block; return the reading if the load has been at rest for long enough.
 
-        After a loss of samples, which may hide a movement, the reading begins again. Raises
-        CalibrationError if the converter is at its limit, or the load has not come to rest in time.
+        After a loss of samples the measurement begins again, because the load may have moved.
+        Raises CalibrationError if the converter is at its limit, or if the load has not come to
+        rest in time.
         """
         rate, wanted, counts = self._load_cell.sample_rate, self._steadiness, block.counts
         whole = self._next in (None, block.first_index)
@@ -119,15 +117,15 @@ class RestReading:
         if complete and self.latest is not None and self.latest.is_stable(tolerance):
             return self.latest
         if self._seen > wanted.patience * rate:
-            raise CalibrationError(self._why_not())
+            raise CalibrationError(self._failure_text())
         return None
 
     @property
     def duration(self) -> float:
-        """Duration of the samples in the reading, s, at most `Steadiness.duration`."""
+        """Duration in s of the samples so far, at most `Steadiness.duration`."""
         return min(len(self._counts), self._least) / self._load_cell.sample_rate
 
-    def _why_not(self) -> str:
+    def _failure_text(self) -> str:
         wanted = self._steadiness
         if self._gaps:
             return (
@@ -146,10 +144,10 @@ class RestReading:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPoint:
-    """A known mass and its reading, with standard uncertainties."""
+    """Known mass in kg and its reading in counts, with standard uncertainties."""
 
-    mass: float  # kg, 0 for the empty belt
-    reading: float  # counts
+    mass: float  # 0 for the empty belt
+    reading: float
     reading_uncertainty: float
     mass_uncertainty: float = 0.0
 
@@ -162,20 +160,18 @@ class StaticCalibration:
     counts_per_kg: float
     zero_uncertainty: float
     counts_per_kg_uncertainty: float
-    # Mass by the calibration minus true mass of each point, kg.
-    residuals: tuple[float, ...]
+    residuals: tuple[float, ...]  # calibrated mass minus true mass of each point in kg
 
     @property
     def largest_residual(self) -> float:
-        """Largest absolute residual, kg."""
+        """Largest absolute residual in kg."""
         return max(map(abs, self.residuals))
 
 
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
-    """Fit zero and sensitivity by weighted least squares with effective variances.
+    """Fit zero and sensitivity to points with at least two different masses.
 
-    The points need at least two different masses; the same mass may come several times. Raises
-    CalibrationError if the points do not determine both.
+    Raises CalibrationError if the points do not determine zero and sensitivity.
     """
     values = np.array([astuple(point) for point in points]).reshape(-1, 4)
     masses, readings, of_readings, of_masses = values.T
@@ -191,7 +187,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         sigma = np.hypot(of_readings, slope * of_masses)
         (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
-    freedom = max(len(points) - 2, 1)  # two points have no misfits
+    freedom = max(len(points) - 2, 1)  # at least 1, because two points have no residuals
     birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom)
     slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:
@@ -211,7 +207,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
 def zero_only(empty: CalibrationPoint, counts_per_kg: float) -> StaticCalibration:
     """Return a calibration with a new reading of the empty belt and the old sensitivity.
 
-    The uncertainty of the sensitivity is not known and is NaN.
+    The uncertainty of the sensitivity is unknown, and therefore NaN.
     """
     return StaticCalibration(
         zero_counts=empty.reading,

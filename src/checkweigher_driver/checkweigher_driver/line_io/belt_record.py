@@ -1,14 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State of the belt in a file that survives a kill of the driver.
+"""Record of the state of the belt, in a file that outlives the driver.
 
-Before the belt may run, the file on the disk says so. The next start therefore detects any
-disorderly end, even a power cut. A separate thread writes the names of the items, which need not
-survive a power cut, so that the outputs never wait for a disk.
+The file is on the disk before the belt may run, so the next start detects that the driver was
+killed or lost its power while items may have been on the belt. The names of the items need not
+survive a power cut. A separate thread writes them, so that the outputs never wait for a disk.
 
-An empty file beside it, with `.begun` after its name, shows that there was a record. If only that
-file exists, the record was lost, and the belt may have run. If neither exists, this is the first
-start.
+An empty file with the suffix `.begun` shows that a record exists. If only that file exists, the
+record was lost, and the belt may have run. If neither exists, this is the first start.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -24,18 +23,19 @@ import zlib
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file, sync_folder
 
-_SIZE = 16_384  # bytes, allocated at the start, so that a full disk does no harm later
+_SIZE = 16_384  # bytes that are allocated at the start, because the disk may be full later
 _NAME = 'rejector.record'
-# Record of an earlier version without check sum, after an orderly end with an empty belt.
+# Record of an empty belt that an earlier version has written without a checksum.
 _EMPTY_BEFORE = b'[false, [], []]'
 
 
 @dataclass(frozen=True)
 class OnBelt:
-    """State of the belt at the end of a run.
+    """State of the belt.
 
-    `released` is true if the belt may have run since it was known to be empty, `items` are the
-    names of the items on it, `doubts` the texts of missed products that no person has looked for.
+    `released` is true if the belt may have run since it was known to be empty. `items` has the
+    names of the items on the belt. `doubts` has the texts on missed products for which no person
+    has looked yet.
     """
 
     released: bool = False
@@ -44,9 +44,9 @@ class OnBelt:
 
     @classmethod
     def of_line(cls, data: bytes) -> Self:
-        """Return the state in the first line of a record; if it is damaged, the belt may have run.
+        """Return the state in the first line of a record.
 
-        A check sum in front prevents damage from looking like an orderly end.
+        If the checksum is wrong, the record is damaged, and the belt may have run.
         """
         line = data.split(b'\n', 1)[0]
         if line == _EMPTY_BEFORE:
@@ -59,12 +59,12 @@ class OnBelt:
         return cls(released=True)
 
     def line(self) -> bytes:
-        """Return the line of a record, including the line end."""
+        """Return the state as a line of a record with a line end."""
         text = json.dumps(astuple(self)).encode()
         return b'%08x %s\n' % (zlib.crc32(text), text)
 
     def to_look_for(self) -> tuple[str, ...]:
-        """Return a text for each doubt at a start; empty after an orderly end."""
+        """Return the texts on products for which a person has to look at the next start."""
         if not self.released:
             return self.doubts
         known = f'{", ".join(self.items)}, and ' if self.items else ''
@@ -75,9 +75,10 @@ class OnBelt:
 
 
 class BeltRecord:
-    """The file of one machine, locked for one driver at a time.
+    """File with the state of the belt, locked for one driver at a time.
 
-    `found` is the state at the end of the previous run.
+    `found` is the state at the end of the previous run. The constructor raises ParameterError if
+    the file cannot be used.
     """
 
     def __init__(self, path: Path) -> None:
@@ -92,10 +93,10 @@ class BeltRecord:
             ) from None
         self._kept = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
-        self._writing = self._writer.submit(lambda: None)  # the last write
+        self._writing = self._writer.submit(lambda: None)  # future of the last write
 
     def _open(self) -> OnBelt:
-        """Open the file, or create it; return the state at the end of the previous run."""
+        """Open or create the file; return the state at the end of the previous run."""
         path = self._path
         new_folders = [folder for folder in path.parents if not folder.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,29 +109,29 @@ class BeltRecord:
                 sync_folder(folder.parent)
         except OSError as error:
             if created and not isinstance(error, BlockingIOError):
-                path.unlink()  # a first start that is refused leaves no record
+                path.unlink()  # an empty record would be a damaged record at the next start
             os.close(self._file)
             raise
         return found
 
     def _begin(self, created: bool) -> OnBelt:
-        """Lock, read and allocate the file, and make the file `.begun` beside it."""
+        """Lock, read and allocate the file, and create the file `.begun`; return the state."""
         begun = self._path.with_name(f'{self._path.name}.begun')
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         found = OnBelt.of_line(os.pread(self._file, _SIZE, 0))
         os.posix_fallocate(self._file, 0, _SIZE)
-        if created and not begun.exists():  # the first start
+        if created and not begun.exists():
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        with suppress(PermissionError):  # then this user cannot remove the record either
+        with suppress(PermissionError):  # this user cannot remove the record, either
             begun.touch()
         return found
 
     def keep(self, belt: OnBelt) -> None:
-        """Write the state of the belt; before a release of the belt, wait for the disk.
+        """Write the state of the belt. If the belt is going to run, wait until it is on the disk.
 
-        Raises OSError if it cannot be written; the belt must then not run.
+        Raises OSError if the state cannot be written; the belt must then not run.
         """
         if belt.released and self._writing.done():
             self._writing.result()
@@ -150,7 +151,7 @@ class BeltRecord:
             raise OSError(f'{_NAME}: {str(self._path)!r}: {why}') from None
 
     def close(self, belt: OnBelt) -> None:
-        """Write the state of the belt at the end to the disk."""
+        """Write the final state of the belt to the disk, and close the file."""
         self._writer.shutdown()
         try:
             self._write(belt)
@@ -160,7 +161,7 @@ class BeltRecord:
 
 
 def record_path(wanted: str, machine: str) -> Path:
-    """Return the path `wanted` of a record, or one by the name of the outputs if it is empty."""
+    """Return the path `wanted` or, if it is empty, a path with the name of the outputs."""
     if wanted:
         return Path(wanted)
     try:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Offset from stamps, on a clock that can be set, to a clock that never steps."""
+"""Offset between the real-time clock, which can be set, and the monotonic clock."""
 
 from collections.abc import Callable
 import math
@@ -8,15 +8,16 @@ import time
 
 from checkweigher_core.records import NANOSECONDS
 
-_DOUBT = 10 * NANOSECONDS  # after a step, because a stamp may be from before or after it
+# Time in ns after a step of the real-time clock in which stamps from before the step may arrive.
+_DOUBT = 10 * NANOSECONDS
 _TRIES = 5
 
 
 def read_clocks() -> tuple[int, int]:
-    """Return the times of the monotonic and the real-time clock at one moment, ns.
+    """Return simultaneous readings in ns of the monotonic and the real-time clock.
 
-    They are read several times, and the readings that lie closest together are returned. Otherwise
-    a thread that is suspended between two readings would see a step.
+    The clocks are read several times. The readings that are closest together are returned, because
+    the thread may be suspended between two readings.
     """
 
     def reading() -> tuple[int, int, int]:
@@ -28,9 +29,10 @@ def read_clocks() -> tuple[int, int]:
 
 
 class ClockStepWatch:
-    """Offset between the two clocks, unknown for a while after a step.
+    """Detector of steps of the real-time clock.
 
-    A change of the offset by more than `tolerance`, ns, between two calls of `look` is a step.
+    A step is a change of the offset between the clocks by more than `tolerance` in ns between two
+    calls of `look`.
     """
 
     def __init__(self, tolerance: int, clocks: Callable[[], tuple[int, int]] = read_clocks) -> None:
@@ -42,9 +44,10 @@ class ClockStepWatch:
         self.steps = 0
 
     def look(self) -> int | None:
-        """Return monotonic minus real time in ns, or None shortly after a step.
+        """Return monotonic time minus real time in ns, or None for a while after a step.
 
-        Call it often, because a step back and forth between two calls is not detected.
+        The method must be called often, because two opposite steps between two calls are not
+        detected.
         """
         monotonic, real = self._clocks()
         offset, before = monotonic - real, self._offset

@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Edges of photo-eyes whose state is polled.
+"""Edges of photo-eyes whose states are polled.
 
-A poll reads both eyes at an unknown moment between its begin and its end. So an edge lies between
-the begin of the last poll with the old state and the end of the first poll with the new state. Its
-stamp is the middle of this interval. Its uncertainty is half of the interval, which is the sum of
-period and round trip.
+A poll reads both eyes at an unknown time between its start and its end. An edge therefore lies
+between the start of the last poll with the old state and the end of the first poll with the new
+state. The stamp of the edge is the middle of this interval, and its uncertainty is half of the
+interval. The length of the interval is the sum of poll period and round-trip time.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from checkweigher_driver.sources import EyeEvent, EyesBack, EyesLost
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """State of the eyes (infeed, outfeed), read between two times of a clock without steps, ns."""
+    """States of infeed and outfeed eye, read between two times in ns on a monotonic clock."""
 
     begin: int
     end: int
@@ -24,12 +24,13 @@ class Poll:
 
 
 class EdgePolling:
-    """Edges found in polls; all times in ns.
+    """Detector of edges in polls of the photo-eyes. All times are in ns.
 
-    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. So does a long
-    time without a poll, in which a product may have passed unseen. It is allowed to last as long as
-    the last product covered an eye, but at least twice `max_uncertainty` and at most `longest_gap`.
-    `delay` is the time from a change at an eye to its appearance in polls.
+    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A long time
+    without polls, in which a product may have passed, also counts as a loss. The longest allowed
+    time without polls is the time for which the last product covered an eye, but at least twice
+    `max_uncertainty` and at most `longest_gap`. `delay` is the time from an edge to the first poll
+    that can show it.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -39,15 +40,15 @@ class EdgePolling:
         self._last: Poll | None = None
         self._lost = False
         self._blocked_at: dict[Eye, int] = {}
-        self._covered: dict[Eye, int] = {}  # time for which the last product covered an eye
-        self._worst_uncertainty = 0  # of all accepted edges
+        self._covered: dict[Eye, int] = {}  # time in ns for which the last product covered an eye
+        self._worst_uncertainty = 0  # largest uncertainty of an edge so far
         self.losses = 0
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Add a poll and return the edges or the loss that it shows.
+        """Add a poll; return the edges or the loss of the eyes since the previous poll.
 
-        `to_stamp` is the stamp minus the time of the polls, ns.
+        `to_stamp` is the difference in ns between stamps and the times of the polls.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay
@@ -68,7 +69,10 @@ class EdgePolling:
         middle = last.begin + uncertainty
         for eye in changed:
             self._worst_uncertainty = max(self._worst_uncertainty, uncertainty)
-            self._cover(eye, poll.blocked[eye], middle)
+            if poll.blocked[eye]:
+                self._blocked_at[eye] = middle
+            elif eye in self._blocked_at:
+                self._covered[eye] = middle - self._blocked_at.pop(eye)
         return [EyeEdge(middle + to_stamp, eye, poll.blocked[eye]) for eye in changed]
 
     def _count(self, last: Poll, poll: Poll) -> None:
@@ -77,20 +81,14 @@ class EdgePolling:
         self._round_trips += poll.end - poll.begin
         self._longest_round_trip = max(self._longest_round_trip, poll.end - poll.begin)
 
-    def _cover(self, eye: Eye, blocked: bool, time: int) -> None:
-        if blocked:
-            self._blocked_at[eye] = time
-        elif eye in self._blocked_at:
-            self._covered[eye] = time - self._blocked_at.pop(eye)
-
     @property
     def _longest_unseen(self) -> int:
-        """Longest time without a poll in which no product can have passed unseen, ns."""
+        """Longest time in ns without a poll in which no product can have passed unnoticed."""
         covered = min(self._covered.values(), default=self._longest_gap)
         return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Process a failed poll; return the loss once, until a poll succeeds."""
+        """Process a failed poll; return the loss of the eyes if the previous poll succeeded."""
         if self._lost:
             return []
         self._lost = True
@@ -100,10 +98,10 @@ class EdgePolling:
         return [EyesLost(since + to_stamp - self._delay, text)]
 
     def figures(self) -> dict[str, float]:
-        """Return the figures for /diagnostics; times in ms.
+        """Return values for the diagnostics.
 
-        ``edge uncertainty`` is typical: it follows from the mean period and round trip.
-        ``largest edge uncertainty`` is the maximum of the accepted edges.
+        ``edge uncertainty`` is computed from the mean period and round-trip time. ``largest edge
+        uncertainty`` is the maximum over all edges.
         """
         polls = max(self._polls, 1)
         period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Photo-eyes and rejector on GPIO lines of a Linux machine, with the time stamps of the kernel."""
+"""Photo-eyes, outputs and inputs on GPIO lines of a Linux machine, with stamps of the kernel."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -22,8 +22,8 @@ from checkweigher_driver.line_io.rejector.switching import Levels
 from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 
 _CONSUMER = 'checkweigher'
-_BUFFER_SIZE = 1024  # events in the buffer of the kernel
-_WAIT = 0.2  # s, after which `close` is noticed
+_BUFFER_SIZE = 1024  # size of the event buffer of the kernel
+_WAIT = 0.2  # longest wait for an event in s
 _Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
 _BIASES = {
     'as_is': Bias.AS_IS,
@@ -36,7 +36,7 @@ _line = partial(parameter, -1, minimum=-1)
 
 @dataclass(frozen=True)
 class GpioEyesParameters(Parameters):
-    """Lines of the photo-eyes."""
+    """Parameters of the GPIO lines of the photo-eyes."""
 
     node: ClassVar[str] = 'gpio'
 
@@ -61,10 +61,10 @@ class GpioEyesParameters(Parameters):
 
 
 class EdgeOrder:
-    """Edges from the events of the kernel, with detection of lost events.
+    """Conversion of kernel events to edges, with detection of lost events.
 
-    The kernel numbers the events of a request from 1 and drops the oldest if its buffer is full.
-    `eyes` has the eye of each line by its offset.
+    The kernel numbers the events from 1, and drops the oldest event if its buffer is full. `eyes`
+    has the photo-eye of each line by the offset of the line.
     """
 
     def __init__(self, eyes: dict[int, Eye]) -> None:
@@ -74,7 +74,7 @@ class EdgeOrder:
         self.lost = 0
 
     def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
-        """Return the edge of an event, preceded by the loss of earlier events, if any."""
+        """Return the edge of an event, after a loss of the eyes if earlier events were lost."""
         missing = event.global_seqno - self._next
         since = self._last_stamp
         self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
@@ -87,7 +87,7 @@ class EdgeOrder:
 
 
 class GpioEyes(EdgeSource):
-    """Photo-eyes whose edges have the stamps of the kernel, on the clock of the host."""
+    """Photo-eyes on GPIO lines, whose edges are stamped by the kernel on the clock of the host."""
 
     parameters = GpioEyesParameters
     trouble = ''
@@ -104,11 +104,11 @@ class GpioEyes(EdgeSource):
         self._edges = 0
 
     def figures(self) -> dict[str, float]:
-        """Return the figures for /diagnostics."""
+        """Return the numbers of edges and of lost edges."""
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges until `close`; `OSError` if the chip is gone, which needs a new start."""
+        """Yield edges until `close`. Raises OSError if the chip disappears."""
         with self._request:
             while not self._closing.is_set():
                 try:
@@ -124,7 +124,7 @@ class GpioEyes(EdgeSource):
 
 @dataclass(frozen=True)
 class GpioOutputParameters(Parameters):
-    """Lines of rejector, stop, permit, stations, heartbeat and belt."""
+    """Parameters of the GPIO lines of the outputs, and of the belt input."""
 
     node: ClassVar[str] = 'gpio_outputs'
 
@@ -158,12 +158,12 @@ class GpioOutputParameters(Parameters):
 
     @property
     def station_lines(self) -> list[int]:
-        """Lines of the stations beside the rejector."""
+        """Offsets of the lines of the stations."""
         return [int(line) for line in self.stations]
 
 
 class GpioOutputs(OutputPort):
-    """Rejector, stop, permit and heartbeat as lines, the belt as an input."""
+    """Outputs and belt input on GPIO lines."""
 
     parameters = GpioOutputParameters
 
@@ -177,7 +177,7 @@ class GpioOutputs(OutputPort):
         self._beat = False
 
     def open(self, levels: Levels) -> None:
-        """Request the lines from the kernel with their levels."""
+        """Request the lines from the kernel, and set their levels."""
         wanted = self._parameters
         inverted: dict[int | str, bool] = {
             wanted.reject: wanted.reject_active_low,
@@ -198,11 +198,11 @@ class GpioOutputs(OutputPort):
         self._lines = self._opened.enter_context(_request(wanted.chip, settings, 'gpio_outputs'))
 
     def switch(self, levels: Levels) -> None:
-        """Set the lines."""
+        """Set the levels of the lines."""
         self._lines.set_values(self._values(levels))
 
     def refresh(self, levels: Levels) -> bool | None:
-        """Set the lines and change the heartbeat, and read the belt."""
+        """Set the levels of the lines, toggle the heartbeat, and read the belt input."""
         self._beat = not self._beat
         self.switch(levels)
         if self._parameters.belt < 0:
@@ -227,7 +227,7 @@ class GpioOutputs(OutputPort):
 
 @dataclass(frozen=True)
 class GpioInputParameters(InputParameters):
-    """Lines of the inputs of the machine."""
+    """Parameters of the GPIO lines of the machine inputs."""
 
     node: ClassVar[str] = 'gpio_inputs'
 
@@ -241,7 +241,7 @@ class GpioInputParameters(InputParameters):
 
 
 class GpioInputs(InputPort):
-    """Inputs of the machine whose edges have the stamps of the kernel."""
+    """Machine inputs on GPIO lines, whose readings are stamped by the kernel."""
 
     parameters = GpioInputParameters
 
@@ -263,7 +263,7 @@ class GpioInputs(InputPort):
         self._levels = {}
 
     def read(self) -> list[Reading]:
-        """Return a reading for each edge since the last call, or else the present reading."""
+        """Return a reading for each edge since the last call, or one reading without edges."""
         if not self._levels or not self._lines.wait_edge_events(_WAIT):
             values = self._lines.get_values(list(self._names))
             on = (value is Value.ACTIVE for value in values)
@@ -287,7 +287,7 @@ def _is_rising(event: gpiod.EdgeEvent) -> bool:
 def _edges_of(
     bias: str, active_low: bool, debounce: timedelta = timedelta(0)
 ) -> gpiod.LineSettings:
-    """Return the settings of an input whose edges are stamped on the clock of all stamps."""
+    """Return the settings of an input whose edges have stamps on the real-time clock."""
     return gpiod.LineSettings(
         direction=Direction.INPUT,
         edge_detection=Edge.BOTH,

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs of the machine: inspection devices that reject, guards, air, bins.
+"""Machine inputs: rejects of inspection devices, guards, air pressure, bins.
 
-A metal detector, X-ray or vision input is on while its device rejects; its rising edge is an
-external reject of the item at the device. The other inputs are on while all is well, so that a dead
-wire stops the line: guards closed, enough air, room in the bins, inspection devices ready.
+The input of a metal detector, X-ray or vision inspection is on while the device rejects an item.
+The other inputs are on while the guards are closed, the air pressure suffices, the bins have room
+and the inspection devices are ready. A broken wire therefore stops the line.
 """
 
 from abc import ABC, abstractmethod
@@ -32,12 +32,12 @@ _NONE = -1
 _CLOSE_TIME = 3.0  # s
 _input = partial(parameter, _NONE, minimum=_NONE)
 
-Said = ExternalReject | MachineConditions
+InputEvent = ExternalReject | MachineConditions
 
 
 @dataclass(frozen=True)
 class InputParameters(Parameters):
-    """Inputs by address or offset; each kind of device adds its own address."""
+    """Parameters of the machine inputs, which are addresses (Modbus) or offsets (GPIO)."""
 
     metal: int = _input('input that is on while the metal detector rejects; -1 for none')
     xray: int = _input('input that is on while the X-ray inspection rejects; -1 for none')
@@ -85,36 +85,41 @@ class InputParameters(Parameters):
 
 
 class Reading(NamedTuple):
-    """Levels of all inputs by name, valid from `stamp`, ns."""
+    """Levels of all inputs by name at time `stamp` in ns."""
 
     stamp: int
     levels: Mapping[str, bool]
 
 
 class InputWatch:
-    """Changes of the inputs from one reading to the next."""
+    """Detector of new rejects and conditions in the readings of the inputs.
+
+    A full bin is reported after `bin_time` in s.
+    """
 
     def __init__(self, bin_time: float) -> None:
         self._bin_time = round(bin_time * NANOSECONDS)
-        self._on: set[str] = set()  # devices that reject
-        self._off_since: dict[str, int] = {}  # stamps, by the names of conditions
-        self._said: MachineConditions | None = None
+        self._on: set[str] = set()  # devices that reject an item at present
+        self._off_since: dict[str, int] = {}  # stamps in ns at which inputs were switched off
+        self._reported: MachineConditions | None = None
         self.rejects = 0
 
-    def take(self, reading: Reading) -> list[Said]:
-        """Process a reading and return the external rejects and conditions that are new in it."""
+    def take(self, reading: Reading) -> list[InputEvent]:
+        """Process a reading; return new external rejects, and the conditions if they changed."""
         stamp, levels = reading
         on = {name for name in DEVICES if levels.get(name)}
-        said: list[Said] = [ExternalReject(stamp, name) for name in levels if name in on - self._on]
+        events: list[InputEvent] = [
+            ExternalReject(stamp, name) for name in levels if name in on - self._on
+        ]
         self._on = on
-        self.rejects += len(said)
+        self.rejects += len(events)
         wrong = self._wrong(reading)
-        last = self._said
+        last = self._reported
         if last is None or not last.known or last.inputs != wrong:
             words = tuple(CONDITIONS[name.partition('[')[0]].value for name in wrong)
-            self._said = MachineConditions(stamp, True, words, wrong)
-            said.append(self._said)
-        return said
+            self._reported = MachineConditions(stamp, True, words, wrong)
+            events.append(self._reported)
+        return events
 
     def _wrong(self, reading: Reading) -> tuple[str, ...]:
         stamp, levels = reading
@@ -126,43 +131,42 @@ class InputWatch:
             if not name.startswith('bins') or stamp - since >= self._bin_time
         )
 
-    def lose(self, stamp: int) -> list[Said]:
-        """Process a loss of the inputs at `stamp`."""
-        if self._said is not None and not self._said.known:
+    def lose(self, stamp: int) -> list[InputEvent]:
+        """Process a failed reading at `stamp` in ns; return the conditions if they changed."""
+        if self._reported is not None and not self._reported.known:
             return []
-        self._said = MachineConditions(stamp, False)
-        return [self._said]
+        self._reported = MachineConditions(stamp, False)
+        return [self._reported]
 
     @property
     def wrong(self) -> tuple[str, ...]:
         """Names of the inputs that require a stop."""
-        return self._said.inputs if self._said else ()
+        return self._reported.inputs if self._reported else ()
 
 
 class InputPort(ABC):
-    """The inputs of a machine. Only one thread uses it.
+    """Device with the inputs of a machine. Only one thread uses it.
 
-    `open` and `read` raise OSError or ValueError if they cannot be read.
+    `open` and `read` raise OSError or ValueError if the inputs cannot be read.
     """
 
     @abstractmethod
     def open(self) -> None:
-        """Connect."""
+        """Connect to the device."""
 
     @abstractmethod
     def read(self) -> list[Reading]:
-        """Return the next readings; wait for them for at most some tenths of a second."""
+        """Return one or more readings, after a wait of at most some tenths of a second."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close the port."""
+        """Close the connection."""
 
 
 class MachineInputs:
-    """Inputs that a thread of this object reads from `open` to `close`, again after a loss.
+    """Inputs of a machine, which a thread reads from `open` to `close`.
 
-    That thread calls `send` with each new reject or condition. If `port` is None, the machine has
-    no inputs, and they are never in trouble.
+    If `port` is None, the machine has no inputs. After an error, the thread opens the port again.
     """
 
     def __init__(self, port: InputPort | None, bin_time: float = 0.0) -> None:
@@ -170,15 +174,15 @@ class MachineInputs:
         self._watch = InputWatch(bin_time)
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
-        self.trouble = ''  # one line while the inputs are not read, else empty
+        self.trouble = ''  # reason why the inputs cannot be read, empty if they can be read
 
     @property
     def exist(self) -> bool:
         """Whether the machine has inputs."""
         return self._port is not None
 
-    def open(self, send: Callable[[Said], None]) -> None:
-        """Begin to read; the thread waits for a missing device."""
+    def open(self, send: Callable[[InputEvent], None]) -> None:
+        """Start the thread, which calls `send` with each new reject and with changed conditions."""
         if self._port is None or self._thread is not None:
             return
         self._closing.clear()
@@ -189,32 +193,32 @@ class MachineInputs:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop reading."""
+        """Stop the thread, and close the port."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join(timeout=_CLOSE_TIME)
             self._thread = None
             self.trouble = ''
 
-    def _run(self, port: InputPort, send: Callable[[Said], None]) -> None:
+    def _run(self, port: InputPort, send: Callable[[InputEvent], None]) -> None:
         while not self._closing.is_set():
             try:
                 port.open()
                 while not self._closing.is_set():
                     for reading in port.read():
                         self.trouble = ''
-                        for said in self._watch.take(reading):
-                            send(said)
+                        for event in self._watch.take(reading):
+                            send(event)
             except (OSError, ValueError) as error:
                 self.trouble = f'the machine inputs are not read: {error}'
-                for said in self._watch.lose(time.time_ns()):
-                    send(said)
+                for event in self._watch.lose(time.time_ns()):
+                    send(event)
                 port.close()
                 self._closing.wait(RETRY_TIME)
         port.close()
 
     def finding(self) -> Finding:
-        """Return the aspect Machine inputs of the diagnostics."""
+        """Return the finding Machine inputs."""
         if not self.exist:
             return conclude('Machine inputs', 'none', [])
         wrong = {name: CONDITIONS[name.partition('[')[0]] for name in self._watch.wrong}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Photo-eyes and rejector on a PLC or a bus coupler by Modbus TCP."""
+"""Photo-eyes, outputs and inputs of a PLC or a bus coupler, connected by Modbus TCP."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from checkweigher_driver.line_io.outputs import OutputPort
 from checkweigher_driver.line_io.rejector.switching import Levels
 from checkweigher_driver.sources import RETRY_TIME, EdgeSource, EyeEvent
 
-_MAX_INPUTS = 64  # inputs in one request
+_MAX_INPUTS = 64  # largest number of inputs in one request
 _LAST_ADDRESS = 65535
 _address = partial(parameter, minimum=0, maximum=_LAST_ADDRESS)
 _optional_address = partial(parameter, -1, minimum=-1, maximum=_LAST_ADDRESS)
@@ -27,7 +27,7 @@ _delay = partial(parameter, unit='s', minimum=0, maximum=1)
 
 @dataclass(frozen=True)
 class _DeviceParameters(Parameters):
-    """Address of the device."""
+    """Parameters of the connection to a Modbus device."""
 
     host: str = parameter('localhost', 'name or address of the device')
     port: int = parameter(502, 'TCP port of the device', minimum=1, maximum=65535)
@@ -42,13 +42,13 @@ class _DeviceParameters(Parameters):
             raise ParameterError(f'{self.node}.host: empty, must name the device')
 
     def link(self) -> ModbusLink:
-        """Return a link to the device, not yet connected."""
+        """Return a link to the device. It is not connected yet."""
         return ModbusLink(self.host, self.port, self.device_id, self.timeout)
 
 
 @dataclass(frozen=True)
 class ModbusEyesParameters(_DeviceParameters):
-    """Inputs of the photo-eyes, and the period in which they are read."""
+    """Parameters of polled photo-eyes."""
 
     node: ClassVar[str] = 'modbus'
 
@@ -87,7 +87,7 @@ class ModbusEyesParameters(_DeviceParameters):
 
 
 class ModbusEyes(EdgeSource):
-    """Polled photo-eyes, which are lost while the device cannot be reached."""
+    """Photo-eyes that are polled. The eyes count as lost while the device cannot be reached."""
 
     parameters = ModbusEyesParameters
     trouble = 'the photo-eyes have not been read yet'
@@ -103,11 +103,11 @@ class ModbusEyes(EdgeSource):
         super().__init__(parameters)
 
     def figures(self) -> dict[str, float]:
-        """Return the figures of the polls."""
+        """Return values on the polls for the diagnostics."""
         return self._polling.figures()
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, losses and returns of the eyes, until `close`."""
+        """Yield edges, losses and returns of the photo-eyes until `close`."""
         try:
             while not self._closing.is_set():
                 begin = time.monotonic_ns()
@@ -138,9 +138,10 @@ class ModbusEyes(EdgeSource):
 
 
 def _to_stamp() -> int:
-    """Return the real time minus the monotonic time, ns.
+    """Return real time minus monotonic time in ns.
 
-    It is read at each poll, so that a step of the host's clock moves edges and samples alike.
+    The function is called at each poll, so that a step of the clock of the host shifts edges and
+    samples by the same time.
     """
     monotonic, real = read_clocks()
     return real - monotonic
@@ -148,7 +149,7 @@ def _to_stamp() -> int:
 
 @dataclass(frozen=True)
 class ModbusOutputParameters(_DeviceParameters):
-    """Coils of rejector, stop, permit and stations, and the watchdog of the device."""
+    """Parameters of the coils of the outputs, the watchdog register and the belt input."""
 
     node: ClassVar[str] = 'modbus_outputs'
 
@@ -185,12 +186,12 @@ class ModbusOutputParameters(_DeviceParameters):
 
     @property
     def station_coils(self) -> list[int]:
-        """Coils of the stations beside the rejector."""
+        """Addresses of the coils of the stations."""
         return [int(coil) for coil in self.stations]
 
 
 class ModbusOutputs(OutputPort):
-    """Rejector, stop and permit as coils, the belt as an input, the watchdog as a register."""
+    """Outputs as coils, with a watchdog register and a discrete input for the belt."""
 
     parameters = ModbusOutputParameters
 
@@ -206,7 +207,7 @@ class ModbusOutputs(OutputPort):
         self._written: dict[int, bool] = {}
 
     def open(self, levels: Levels) -> None:
-        """Connect and write all coils."""
+        """Connect to the device, and write all coils."""
         self._link.connect()
         self._write(self._coils(levels))
 
@@ -216,7 +217,7 @@ class ModbusOutputs(OutputPort):
         self._write({address: on for address, on in coils if self._written.get(address) != on})
 
     def refresh(self, levels: Levels) -> bool | None:
-        """Write all coils and the watchdog, and read the belt."""
+        """Write all coils and the watchdog register, and read the belt input."""
         self._write(self._coils(levels))
         wanted = self._parameters
         if wanted.watchdog >= 0:
@@ -250,7 +251,7 @@ class ModbusOutputs(OutputPort):
 
 @dataclass(frozen=True)
 class ModbusInputParameters(_DeviceParameters, InputParameters):
-    """Inputs of the machine, and the period in which they are read."""
+    """Parameters of polled machine inputs."""
 
     node: ClassVar[str] = 'modbus_inputs'
 
@@ -273,7 +274,7 @@ class ModbusInputParameters(_DeviceParameters, InputParameters):
 
 
 class ModbusInputs(InputPort):
-    """Inputs of the machine, polled in one request."""
+    """Machine inputs that are polled by one request."""
 
     parameters = ModbusInputParameters
 
@@ -284,11 +285,11 @@ class ModbusInputs(InputPort):
         self._next = time.monotonic()
 
     def open(self) -> None:
-        """Connect."""
+        """Connect to the device."""
         self._link.connect()
 
     def read(self) -> list[Reading]:
-        """Wait until the next reading is due, and return it."""
+        """Wait for the end of the poll period, and return a reading."""
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = time.monotonic() + self._parameters.poll_period
         begin = time.time_ns()

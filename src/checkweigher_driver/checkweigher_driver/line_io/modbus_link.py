@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Requests to a Modbus TCP device, each with one answer or an error in words."""
+"""Connection to a Modbus TCP device, with error messages for a technician."""
 
 from collections.abc import Callable, Collection
 import logging
@@ -9,20 +9,20 @@ from typing import Any
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-# pymodbus logs every refused connection, although the raised error reports it.
+# pymodbus would log every refused connection in addition to the raised error.
 logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
 
 
 class ModbusLinkError(ValueError):
-    """A request without a valid answer; the message is one line with the reason."""
+    """Error of a request without a valid answer. The message is one line with the reason."""
 
 
 class ModbusLink:
-    """A connection to one device. Only one thread uses it.
+    """Connection to one device. Only one thread uses it.
 
-    After an error the connection is closed, because a late answer could be taken for the answer to
-    the next request. `device_id` is the unit of the device behind a gateway; `timeout`, in s, is
-    for connecting and for each answer. All requests raise ModbusLinkError.
+    `device_id` is the Modbus unit identifier. `timeout` is the longest wait in s for a connection
+    and for each answer. All requests raise ModbusLinkError. After an error the connection is
+    closed, because a late answer could be taken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
@@ -32,7 +32,7 @@ class ModbusLink:
         self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0)
 
     def connect(self) -> None:
-        """Connect, if there is no connection."""
+        """Connect to the device, unless it is connected already."""
         if not self._client.connect():
             raise ModbusLinkError(
                 f'{self._name}: no connection within {self._timeout:g} s; check cable, address and '
@@ -40,9 +40,9 @@ class ModbusLink:
             )
 
     def read_inputs(self, kind: str, addresses: Collection[int]) -> dict[int, bool]:
-        """Return the states of discrete inputs (``discrete``) or coils (``coil``) by address.
+        """Return the states of discrete inputs or coils by address, read by one request.
 
-        They are read in one request.
+        `kind` is ``discrete`` or ``coil``.
         """
         client, address = self._client, min(addresses)
         count = max(addresses) - address + 1
@@ -73,7 +73,7 @@ class ModbusLink:
         except (ModbusException, OSError) as error:
             self.close()
             raise ModbusLinkError(
-                # Without the text of pymodbus, which contains memory addresses.
+                # The text of pymodbus is left out, because it contains memory addresses.
                 f'{self._name}: {what}: no answer within {self._timeout:g} s '
                 f'({type(error).__name__})'
             ) from None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rejector and stop output of the line, which a thread switches when they are due."""
+"""Outputs of the machine, such as rejector and stop, which a thread switches in time."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -17,15 +17,15 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters, Rejec
 from checkweigher_driver.sources import RETRY_TIME, shorten_switch_interval
 
 _CLOSE_TIME = 3.0  # s
-_REFRESH_TIME = 5_000_000  # longest duration of a refresh, ns
+_REFRESH_TIME = 5_000_000  # longest duration of a refresh in ns
 
 
 class OutputPort(ABC):
-    """The outputs and the belt input of a machine. Only one thread uses it.
+    """Device with the outputs and the belt input of a machine. Only one thread uses it.
 
-    All methods except `close` raise OSError or ValueError if the port cannot be reached. `name`
-    identifies these outputs and is the same at each start; `permits` is true if the permit is
-    wired; `stations` is the number of stations beside the rejector.
+    All methods except `close` raise OSError or ValueError if the device cannot be reached. `name`
+    identifies the outputs, and is the same at each start. `permits` is true if the permit output is
+    connected. `stations` is the number of sorting stations in addition to the rejector.
     """
 
     name: str
@@ -34,7 +34,7 @@ class OutputPort(ABC):
 
     @abstractmethod
     def open(self, levels: Levels) -> None:
-        """Connect and set all outputs."""
+        """Connect to the device, and set all outputs."""
 
     @abstractmethod
     def switch(self, levels: Levels) -> None:
@@ -42,27 +42,27 @@ class OutputPort(ABC):
 
     @abstractmethod
     def refresh(self, levels: Levels) -> bool | None:
-        """Write all outputs with a sign of life; return whether the belt runs.
+        """Set all outputs, and send a heartbeat.
 
-        None without a belt input.
+        Return whether the belt runs, or None without a belt input.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Close the port."""
+        """Close the connection."""
 
 
 class MachineOutputs:
     """Outputs that reject items at the times in their verdicts, and stop the line.
 
-    The outputs are safe from `open` until `activate`, and after `safe` or `close`: the rejector is
-    in its safe state, and the stop output is set. The stop output is also set without a fresh
-    permission to run, after a product that the rejector may have missed, and if the record shows
-    items that an earlier run left on the belt. The latter two last until `reset`, or until a stop
-    request that showed the product is taken back.
+    In the safe state the rejector is in the state of the parameter `safe_state`, and the stop
+    output is set. The outputs are in the safe state from `open` until `activate`, and after `safe`
+    or `close`. The stop output is also set without a fresh permission to run, after a product that
+    the rejector may have missed, and if an earlier run left items on the belt. The last two causes
+    hold until `reset`, or until the stop request that shows the product is reset.
 
-    A thread of this object opens the port, and reopens it after a loss. If `port` is None, the
-    machine has no outputs: they are never open, and never in trouble.
+    A thread opens the port, and opens it again after an error. If `port` is None, the machine has
+    no outputs.
     """
 
     def __init__(self, port: OutputPort | None, parameters: OutputParameters) -> None:
@@ -70,9 +70,9 @@ class MachineOutputs:
         self._parameters = parameters
         self._changed = threading.Condition()
         self._control = RejectorControl(parameters)
-        self._port_trouble = ''  # one line while the port does not work, else empty
-        self._thread: threading.Thread | None = None  # the last one
-        self.is_open = False  # whether the outputs were opened, and are not closed
+        self._port_trouble = ''  # reason why the port cannot be used, empty if it can be used
+        self._thread: threading.Thread | None = None
+        self.is_open = False
 
     @contextmanager
     def _change(self) -> Iterator[RejectorControl]:
@@ -86,34 +86,24 @@ class MachineOutputs:
         return self._port is not None
 
     @property
-    def trouble(self) -> str:
-        """One line while the outputs do not work or a product was missed, else empty."""
-        return self._port_trouble or self._control.missed.text
-
-    @property
     def ready(self) -> bool:
-        """Whether the outputs can be switched, if there are any."""
+        """Whether the outputs can be switched, or the machine has none."""
         return not self._port_trouble
 
     def trouble_with(self, source: str) -> str:
-        """Return new or lasting trouble for the stop request in one line, empty if there is none.
+        """Return the text for the stop request in one line, or an empty string without a fault.
 
-        `source` is the trouble of load cell and photo-eyes. A missed product is repeated while
-        there is other trouble, because the stop request shows only the latest text, and must show
-        the product when that trouble is over.
+        `source` is the present fault of load cell and photo-eyes. The text names each fault and
+        also the missed products, because it replaces the text of an earlier stop request.
         """
         with self._changed:
             missed = self._control.missed
-            if missed.state is not Latch.UNTOLD and not (source or self._port_trouble):
+            if missed.state is not Latch.PENDING and not (source or self._port_trouble):
                 return ''
             return '; '.join(filter(None, (source, self._port_trouble, missed.text)))
 
-    def figures(self) -> dict[str, float]:
-        """Return the figures for /diagnostics."""
-        return self._control.figures
-
     def finding(self) -> Finding:
-        """Return the aspect Outputs of the diagnostics."""
+        """Return the finding Outputs."""
         if not self.is_open:
             return conclude('Outputs', 'not open' if self.exist else 'none', [])
         port, missed = self._port_trouble, self._control.missed.text
@@ -123,7 +113,7 @@ class MachineOutputs:
             error_if(bool(missed), missed, 'look for the product; then call reset_stop_request'),
         )
         values: dict[str, float | str] = {
-            **{name.replace(' ', '_'): value for name, value in self.figures().items()},
+            **{name.replace(' ', '_'): value for name, value in self._control.figures.items()},
             'belt_runs': {None: 'unknown', True: 'yes', False: 'no'}[self._control.motion.measured],
         }
         return conclude('Outputs', 'switched as told', concerns, values)
@@ -139,14 +129,14 @@ class MachineOutputs:
             control.make_safe()
 
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
-        """Process a record of the line; None means that reject took its stop request back."""
+        """Process a record of the line. None means that the stop request was reset."""
         now = time.monotonic_ns()
         with self._change() as control:
             match record:
                 case Permission():
-                    control.reject_word.take_permission(record, now)
+                    control.run_permission.take_permission(record, now)
                 case StopRequest() | None:
-                    control.reject_word.take_request(record)
+                    control.run_permission.take_request(record)
                 case _ if not self.is_open:
                     pass
                 case EyeEdge():
@@ -157,23 +147,23 @@ class MachineOutputs:
                     control.verdict(record, now)
 
     def reset(self) -> str:
-        """Let the line run again after missed products; return their text."""
+        """Release the stop after missed products; return the text on these products."""
         with self._change() as control:
             missed = control.missed.text
             control.missed.take(LatchEvent.RESET)
             return missed
 
     def open(self, held: Callable[[], bool] = lambda: False) -> None:
-        """Connect, safe until `activate`; the thread waits for a missing device.
+        """Start the thread that opens and switches the outputs.
 
-        `held` is called each cycle in the thread of the outputs. It returns whether the line has to
-        stop because its load cell or photo-eyes do not work. Raises `ParameterError` if the record
-        of the belt cannot be kept.
+        The thread calls `held` in each cycle. `held` returns whether the line has to stop because
+        of a fault of load cell or photo-eyes. Raises `ParameterError` if the file with the state of
+        the belt cannot be written.
         """
         if self._port is None or self.is_open:
             return
         if self._thread is not None:
-            self._thread.join()  # its last request may still wait for an answer
+            self._thread.join()  # the previous thread may still wait for an answer of the device
         port, wanted = self._port, self._parameters
         record = BeltRecord(record_path(wanted.record, port.name))
         self._control = RejectorControl(wanted, permits=port.permits, stations=port.stations)
@@ -187,7 +177,7 @@ class MachineOutputs:
         self._thread.start()
 
     def close(self) -> None:
-        """Enter the safe state and disconnect."""
+        """Enter the safe state, and close the port."""
         if self._thread is not None and self.is_open:
             with self._change() as control:
                 control.make_safe()
@@ -195,15 +185,15 @@ class MachineOutputs:
             self._thread.join(timeout=_CLOSE_TIME)
 
     def _run(self, port: OutputPort, record: BeltRecord, held: Callable[[], bool]) -> None:
-        """Connect, serve, and connect again after a loss, until the outputs are closed."""
+        """Open the port and switch the outputs until `close`; after an error, begin again."""
         safe = self._control.safe_levels
         while self.is_open:
             try:
-                # The device may have kept older levels, so write the safe state first.
+                # The safe state is written first, because the device may have kept older levels.
                 port.open(safe)
                 self._serve(port, record, held)
                 port.switch(safe)
-            except Exception as error:  # the line has to learn of every failure of the port
+            except Exception as error:  # any failure of the port has to stop the line
                 with self._changed:
                     self._control.disconnect()
                     self._port_trouble = f'the rejector is not reached: {error}'
@@ -214,7 +204,7 @@ class MachineOutputs:
         record.close(self._control.on_belt())
 
     def _serve(self, port: OutputPort, record: BeltRecord, held: Callable[[], bool]) -> None:
-        """Switch and refresh until the outputs are closed."""
+        """Switch and refresh the outputs until `close`."""
         cycle = round(self._parameters.cycle * NANOSECONDS)
         written: Levels | None = None
         next_refresh, dues = time.monotonic_ns(), Switches()
@@ -229,14 +219,14 @@ class MachineOutputs:
                 were_due, wanted = dues, self._control.levels(now)
                 dues = self._control.next_switches(now)
                 next_event = min(dues)
-                # No refresh may be under way when the rejector is due.
+                # A refresh must not delay the switching of the rejector.
                 if next_event - next_refresh >= _REFRESH_TIME:
                     next_event = next_refresh
                 if wanted == written and now < next_event:
                     self._changed.wait((next_event - now) / NANOSECONDS)
                     continue
                 on_belt = self._control.on_belt()
-            record.keep(on_belt)  # before the belt may run
+            record.keep(on_belt)  # the record is on the disk before the belt may run
             if wanted != written:
                 port.switch(wanted)
                 done = time.monotonic_ns()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Decisions on rejector, stop, permit and stations at each moment, without thread or port."""
+"""Control of the rejector: levels of all outputs as a function of time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from checkweigher_driver.line_io.rejector.belt_items import BeltItems
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 from checkweigher_driver.line_io.rejector.missed_products import MissedProducts
 from checkweigher_driver.line_io.rejector.reject_pulses import PulseTimes
-from checkweigher_driver.line_io.rejector.reject_word import RejectWord
+from checkweigher_driver.line_io.rejector.run_permission import RunPermission
 from checkweigher_driver.line_io.rejector.sorter import Sorter
 from checkweigher_driver.line_io.rejector.switching import Levels, Switches, SwitchTiming
 from checkweigher_driver.line_io.rejector.verdict_watch import VerdictWatch
@@ -81,16 +81,17 @@ class OutputParameters(Parameters):
 
 
 class RejectorControl:
-    """Levels of the outputs at each moment, and products that the rejector may have missed.
+    """Levels of the outputs as a function of time, and products that may have been missed.
 
-    `now` is in ns of the monotonic clock throughout. `active` is false in the safe state, and
-    `connected` is false while the port cannot be switched. The line stops without a fresh
-    permission of reject, while it is `held`, and for a missed product.
+    `now` is always a time in ns on the monotonic clock. `active` is false in the safe state.
+    `connected` is false while the outputs cannot be switched. The line has to stop without a fresh
+    permission of the node reject, while `held` is true, and after a missed product.
 
-    Pulses and permits follow from the places of the items. After a belt stop that was not measured,
-    the places are unknown: no item may pass, and the line stops until a person has looked.
-    `permits` is true if the machine has permits. `stations` is the number of stations beside the
-    rejector; in the safe state they rest, because the rejector takes all doubtful items.
+    The times of pulses and permits follow from the positions of the items. After a stop of the belt
+    that no belt input has measured, the positions are unknown. No item may then pass, and the line
+    stops until a person has looked for the items. `permits` is true if the machine has a permit
+    output. `stations` is the number of sorting stations in addition to the rejector. In the safe
+    state the stations are off, because the rejector removes all doubtful items.
     """
 
     def __init__(
@@ -110,7 +111,7 @@ class RejectorControl:
         self._items = BeltItems()
         self._verdicts = VerdictWatch(nanoseconds(parameters.verdict_timeout))
         self.missed = MissedProducts()
-        self.reject_word = RejectWord(self.missed)
+        self.run_permission = RunPermission(self.missed)
         times = PulseTimes(
             duration=nanoseconds(parameters.pulse),
             min_pause=nanoseconds(parameters.min_pause),
@@ -124,7 +125,7 @@ class RejectorControl:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Counts and, in ms, errors of the times at which the rejector was switched."""
+        """Values for the diagnostics: counts, and the timing errors of the rejector in ms."""
         return {
             'rejects': self._rejects,
             **self._sorter.figures,
@@ -134,9 +135,9 @@ class RejectorControl:
         }
 
     def make_safe(self) -> None:
-        """Enter the safe state; all items on the belt are in doubt."""
+        """Enter the safe state. A person has to look for all items on the belt."""
         if self._items:
-            self._doubt('the outputs were made safe', self._items.names())
+            self._report_doubt('the outputs were made safe', self._items.names())
         self.active = False
         self.motion.clear()
         self._verdicts.clear()
@@ -144,29 +145,29 @@ class RejectorControl:
         self._items.clear()
 
     def levels(self, now: int) -> Levels:
-        """Return the levels that the outputs must have now."""
-        to_monotonic, permitted = self._arrivals.clock.look(), self.reject_word.permits(now)
+        """Return the levels that the outputs must have at time `now`."""
+        to_monotonic, permitted = self._arrivals.clock.look(), self.run_permission.permits(now)
         if not self.active:
             return self.safe_levels
-        self._check_silence(now)  # before items are removed
+        self._check_silence(now)  # called first, because the message names the items on the belt
         self._items.leave(self.motion.time.at(now))
         self._check_verdicts(now, to_monotonic)
         reject, *stations = self._sorter.acting(now)
         stop = self.missed.stop(now) or not permitted or self.held
         if self.motion.allow(not stop, now):
-            self._stand()
+            self._report_stop()
         return Levels(reject, stop, self._sorter.permits.given(now), tuple(stations))
 
-    def _stand(self) -> None:
-        """Report the rejected items on a stopped belt, because their places are unknown."""
+    def _report_stop(self) -> None:
+        """Report the rejected items on a stopped belt, because their positions are unknown."""
         self._sorter.permits.clear()
         bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
-        if names := [str(each) for each in bad if not each.told]:
-            self._doubt('the belt was stopped', names)
+        if names := [str(each) for each in bad if not each.reported]:
+            self._report_doubt('the belt was stopped', names)
         for each in bad:
-            each.told = True
+            each.reported = True
 
-    def _doubt(self, why: str, names: Sequence[str] = ()) -> None:
+    def _report_doubt(self, why: str, names: Sequence[str]) -> None:
         self._sorter.permits.clear()
         what = f'look for {", ".join(names)}' if names else 'look for what is on the belt'
         self.missed.add(f'{why} before all had passed the rejector: {what}')
@@ -176,14 +177,14 @@ class RejectorControl:
         return OnBelt(self.motion.released, self._items.names(), self.missed.texts)
 
     def alive(self, begun: int, done: int) -> None:
-        """Process a sign of life that the machine got between two times."""
+        """Process a heartbeat that was sent to the machine between two times."""
         self._check_silence(done)
-        self.motion.sign_of_life(begun)
+        self.motion.heartbeat(begun)
 
     def _check_silence(self, now: int) -> None:
-        """Check for a silence after which the machine has stopped the belt by itself."""
+        """Check whether the machine has stopped the belt because it got no heartbeat."""
         if self.motion.is_silent(now):
-            self._doubt(
+            self._report_doubt(
                 f'the machine had no sign of life for {self._watchdog_time:g} s',
                 self._items.names(),
             )
@@ -193,7 +194,7 @@ class RejectorControl:
         return self._sorter.next_switches(now) if self.active else Switches()
 
     def _check_verdicts(self, now: int, to_monotonic: int | None) -> None:
-        """Eject and stop for an overdue verdict, and for an item that no eye saw leave the belt."""
+        """Eject and stop if a verdict is overdue, or if an item must have passed without one."""
         if self._verdicts.is_overdue(now):
             within = f'{self._verdicts.timeout / NANOSECONDS:.2g} s'
             self._sorter.eject(
@@ -202,12 +203,12 @@ class RejectorControl:
                 'runs, and look behind the rejector',
             )
         for item in self._arrivals.unjudged(self._items, now, self._late_tolerance, to_monotonic):
-            if not item.told:
-                item.told = True
+            if not item.reported:
+                item.reported = True
                 self._sorter.eject(now, f'{item} would be at the rejector by now; look for it')
 
     def edge(self, edge: EyeEdge, now: int) -> None:
-        """Process an edge of the photo-eyes: a product that leaves the belt needs a verdict."""
+        """Process an edge of the photo-eyes."""
         self._verdicts.edge(edge, now)
         self._items.edge(edge)
 
@@ -216,7 +217,7 @@ class RejectorControl:
         self._items.announce(item)
 
     def verdict(self, verdict: Verdict, now: int) -> None:
-        """Process a verdict: schedule a pulse, or permit an accepted item to pass."""
+        """Schedule the pulse for a rejected item, or the permit for an accepted item."""
         self._verdicts.verdict(verdict)
         rejected = verdict.decision != Decision.ACCEPT
         self._rejects += rejected
@@ -226,10 +227,10 @@ class RejectorControl:
             self.missed.add(f'item {verdict.item_id}: the rejector was not active; look for it')
 
     def connect(self, now: int) -> None:
-        """Process a new connection; the port has written the safe state, and the belt stood."""
+        """Process a new connection, after the outputs were in the safe state."""
         self.connected = True
         if self.motion.released and self._items:
-            self._doubt('the connection to the machine was lost', self._items.names())
+            self._report_doubt('the connection to the machine was lost', self._items.names())
         self._sorter.reconnect(now)
 
     def disconnect(self) -> None:
@@ -239,12 +240,12 @@ class RejectorControl:
         self.motion.measured = None
 
     def switched(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> None:
-        """Check the lateness of outputs that were switched between two times."""
+        """Check whether outputs that were switched between two times were late."""
         for text in self._switching.add(before, after, due, begun, done):
             self.missed.add(text)
 
     def belt(self, running: bool | None, now: int) -> None:
-        """Process the belt input, None without one; the pulse schedule stops with the belt."""
+        """Process the state of the belt input, None without one."""
         here = self.motion.measure(running, now)
         if here is not None:
             self._sorter.resume(here)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Digital load cells of the AED family on RS-485 or RS-232: HBM/HBK AED, FIT and AD."""
+"""Digital load cells of the AED family (HBM/HBK AED, FIT and AD) on RS-485 or RS-232."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -16,18 +16,18 @@ from checkweigher_driver.serial.port import SerialError
 from checkweigher_driver.serial.source import SerialParameters, SerialSource
 
 _AS_IT_IS = -1
-_QUIET = 0.03  # s without a byte after which nothing more is on its way
-_STOP_PAUSE = 0.01  # s that the device takes to stop; it does not reply
+_QUIET = 0.03  # time in s without a byte after which no more bytes are expected
+_STOP_PAUSE = 0.01  # time in s that the device needs to stop; the device sends no reply
 _ATTEMPTS = 3
-_PATIENCE = 0.5  # s, for a reply
-_RESET_TIME = 3.0  # s that the device takes to come back; it does not reply
+_PATIENCE = 0.5  # longest wait for a reply in s
+_RESET_TIME = 3.0  # time in s that the device needs to restart; the device sends no reply
 _LONGEST_REPLY = 256  # bytes
 _setting = partial(parameter, _AS_IT_IS, minimum=_AS_IT_IS, maximum=99)
 
 
 @dataclass(frozen=True)
 class AedParameters(SerialParameters):
-    """Parameters of the port, the device and its start-up."""
+    """Parameters of the serial port and of the set-up of the device."""
 
     node: ClassVar[str] = 'aed'
 
@@ -55,7 +55,7 @@ class AedParameters(SerialParameters):
 
 
 class AedSource(SerialSource):
-    """Frames of a three-byte reading and a check byte, which the device streams (COF 8, MSV?0)."""
+    """Load cell that streams frames of a three-byte reading and a check byte (COF 8, MSV?0)."""
 
     parameters = AedParameters
 
@@ -100,7 +100,7 @@ class AedSource(SerialSource):
 
 
 class AedDialogue:
-    """Commands and replies on an open port, one at a time."""
+    """Commands to a device of the AED family on an open port, and its replies."""
 
     def __init__(self, port: serial.Serial) -> None:
         self._port = port
@@ -110,14 +110,14 @@ class AedDialogue:
         self._port.write(f'{command};'.encode())
 
     def stop(self) -> None:
-        """Stop the stream, if there is one, and drop its remaining bytes."""
+        """Stop the stream of readings, and discard its remaining bytes."""
         self.send('STP')
         self._port.flush()
         time.sleep(_STOP_PAUSE)
         self._drain()
 
     def _drain(self) -> None:
-        """Read until the port is quiet, because adapters deliver bytes late."""
+        """Discard bytes until no more bytes arrive, because adapters deliver bytes late."""
         begin = last = time.monotonic()
         while (now := time.monotonic()) - last < _QUIET and now - begin < _PATIENCE:
             if self._port.in_waiting:
@@ -127,14 +127,14 @@ class AedDialogue:
                 time.sleep(_QUIET / 10)
 
     def select(self, address: int) -> None:
-        """Address one device of a bus and silence the others; -1 for the only device."""
+        """Select one device of a bus by its address. With -1, nothing is sent."""
         if address >= 0:
             self.send(f'S{address:02d}')
             self._port.flush()
             self._drain()
 
     def reset(self) -> None:
-        """Restart the device and wait until it replies again; `SerialError` if it does not."""
+        """Restart the device, and wait until it replies. Raises `SerialError` if it does not."""
         self.send('RES')
         begin = time.monotonic()
         while time.monotonic() - begin < 2 * _RESET_TIME:
@@ -146,7 +146,7 @@ class AedDialogue:
         raise SerialError(f'{self._port.name}: the device did not come back after RES')
 
     def ask(self, query: str) -> str:
-        """Return the reply to a query; `SerialError` if there is none, or the device refuses."""
+        """Return the reply to a query. Raises `SerialError` without a valid reply."""
         self.send(f'{query}?')
         reply = self._line()
         if reply == '?':
@@ -159,7 +159,7 @@ class AedDialogue:
         return reply
 
     def order(self, command: str, parameter: str) -> None:
-        """Send a command; if it is refused, `SerialError` names the driver's parameter."""
+        """Send a command. Raises `SerialError`, which names `parameter`, if it is refused."""
         self.send(command)
         reply = self._line()
         if reply != '0':
@@ -167,7 +167,7 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device {said} to {command}; see {parameter}')
 
     def identify(self) -> tuple[str, str]:
-        """Return model and serial number; raise `SerialError` unless an AED replies."""
+        """Return model and serial number. Raises `SerialError` for a device of another kind."""
         for attempt in range(_ATTEMPTS):
             self.stop()
             try:
@@ -179,7 +179,7 @@ class AedDialogue:
             fields = [field.strip(' "') for field in reply.split(',')]
             if len(fields) >= 3 and all(fields[:3]) and ''.join(fields[:3]).isprintable():
                 while attempt and self._line():
-                    attempt -= 1  # a late reply could be taken for the reply to the next query
+                    attempt -= 1  # late replies to earlier attempts are discarded
                 return ' '.join(fields[:2]), fields[2]
         raise SerialError(
             f'{self._port.name}: replied {reply!r} to IDN?, which is no load cell of the AED '
@@ -187,7 +187,7 @@ class AedDialogue:
         )
 
     def _line(self) -> str:
-        """Return a reply without its end, empty if none comes in time."""
+        """Return a reply without its line end, or an empty string without a reply."""
         line = b''
         end = time.monotonic() + _PATIENCE
         while not line.endswith(b'\n') and len(line) < _LONGEST_REPLY and time.monotonic() < end:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Load-cell amplifiers that send a line of text for each value without a request."""
+"""Load-cell amplifiers that send a line of text for each reading."""
 
 from dataclasses import dataclass
 import math
@@ -21,7 +21,7 @@ _INT32 = np.iinfo(np.int32)
 
 @dataclass(frozen=True)
 class AsciiParameters(SerialParameters):
-    """Parameters of the port and the format of a line."""
+    """Parameters of the serial port and of the format of a line."""
 
     node: ClassVar[str] = 'ascii'
 
@@ -49,7 +49,7 @@ class AsciiParameters(SerialParameters):
 
 
 class AsciiSource(SerialSource):
-    """Lines such as ``S+0125785``."""
+    """Amplifier that sends lines such as ``S+0125785``."""
 
     parameters = AsciiParameters
 
@@ -69,23 +69,24 @@ class AsciiSource(SerialSource):
 
 
 def _command(text: str) -> bytes:
-    r"""Return the bytes of a command in which \r and \n stand for CR and LF."""
+    r"""Return the bytes of a command, in which \r and \n are replaced by CR and LF."""
     return text.replace(r'\r', '\r').replace(r'\n', '\n').encode()
 
 
 class LineDecoder(Decoder):
-    """Readings from a stream of lines; its division into reads does not change them.
+    """Decoder of a stream of lines.
 
-    `pattern` is the regular expression of a whole line without its end; its first group is the
-    number. There is no checksum, so the pattern should fix the number of digits. Otherwise a line
-    that lost a digit is read as another number. One count is 1 in the last of the `decimals` digits
-    after the point. Raises ValueError if the pattern is not a regular expression or has no group.
+    `pattern` is a regular expression that matches a whole line without its line end. The first
+    group of the pattern matches the number. The pattern should fix the number of digits, because
+    without a checksum a line that has lost a digit would be read as another number. One count is 1
+    in the last of the `decimals` digits after the decimal point. Raises ValueError if the pattern
+    is invalid.
 
-    Lines end with CR, LF or both. A line that is not a reading counts as one lost value, or as
-    several if it is longer than the line before. Bytes before the first end of a line are skipped.
+    Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
+    several if it is longer than the previous reading. Bytes before the first line end are skipped.
     """
 
-    waiting = 0  # a line is returned as soon as it is complete
+    waiting = 0  # every complete line is returned at once
 
     def __init__(self, pattern: str, decimals: int = 0) -> None:
         try:
@@ -96,22 +97,22 @@ class LineDecoder(Decoder):
             raise ValueError(f'pattern: {pattern!r} has no group for the number')
         self._scale = 10.0**decimals
         self._data = b''
-        self._begun = False  # whether an end of a line has come
-        self._lost: int | None = None  # since the last reading, None before the first
+        self._begun = False  # whether a line end was found
+        self._lost: int | None = None  # number of readings lost since the last valid reading
 
     @property
     def missing(self) -> int:
-        """Number of bytes until the next line is complete, if it is as long as the line before."""
+        """Number of bytes until the next line is complete, if it is as long as the last line."""
         return max(self.frame_bytes - len(self._data), 1)
 
     def feed(self, data: bytes) -> Decoded:
-        """Process the next bytes of the stream and return the readings that they complete."""
+        """Process the next bytes of the stream; return the readings that are complete now."""
         self._data += data
         *lines, rest = _ENDS.split(self._data)
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # Only the beginning of a line that is too long is kept. The line is refused at its end.
+        # Of a line that is too long, only the beginning is kept until the line is refused.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []

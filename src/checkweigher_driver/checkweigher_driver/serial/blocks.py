@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of the values of a device, numbered and stamped."""
+"""Blocks of samples with index and stamp, from the readings of a device."""
 
 from collections.abc import Iterator, Sequence
 import math
@@ -14,15 +14,15 @@ from checkweigher_driver.serial.sample_clock import SampleClock
 
 
 class BlockMaker:
-    """Maker of blocks. The index continues over breaks and jumps by the number of lost samples.
+    """Conversion of reads to blocks of samples.
 
-    Blocks are held back while their stamps are in doubt. At the start this takes a second, and an
-    item on the belt waits for its samples. After late reads, it ends with the next read in time.
-    After a step of the host's clock or an undetected loss of samples it takes a second, so an item
-    on the belt gets no mass in time, and is a fault.
+    The index continues after a break of the connection, and jumps by the number of lost samples.
+    Blocks are held back while their stamps are uncertain. At the start this takes 1 s. After late
+    reads it takes until the next read in time. After a step of the clock of the host or an
+    undetected loss of samples it takes 1 s, so an item on the belt becomes a fault.
 
-    `latency`, s, is the time from a sample to the earliest moment at which a read can return it;
-    `limits` are the limits of the converter in counts.
+    `latency` is the shortest time in s from a sample to the read that returns it. `limits` are the
+    limits of the converter in counts.
     """
 
     def __init__(self, sample_rate: float, latency: float, limits: tuple[int, int]) -> None:
@@ -31,13 +31,13 @@ class BlockMaker:
         self._limits = limits
         self._clock = SampleClock(sample_rate, latency=latency)
         self._held: list[tuple[int, NDArray[np.int32]]] = []
-        self.index = 0  # of the next sample
+        self.index = 0  # index of the next sample
         self._lost = self._samples = 0
 
     def resume(self, reads: Sequence[Read]) -> None:
-        """Continue after a break with the index that fits the time of the next reads.
+        """Increase the index by the number of samples that were lost in a break.
 
-        The read with the smallest delay decides.
+        The number of samples is computed from the time of the next read with the smallest delay.
         """
         index, least = self.index - 1, math.inf
         for read in reads:
@@ -46,7 +46,7 @@ class BlockMaker:
         self._jump(max(1, math.floor(least * self._rate / NANOSECONDS)))
 
     def blocks(self, read: Read) -> Iterator[SampleBlock]:
-        """Yield the blocks that can be sent now; a new one begins after each gap of the index."""
+        """Yield the blocks that can be sent now. A new block begins after each gap."""
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)
         counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)
@@ -68,5 +68,5 @@ class BlockMaker:
         self._lost += lost
 
     def figures(self) -> dict[str, float]:
-        """Return the counts of samples and losses, and the figures of their clock."""
+        """Return values on samples, losses and the clock for the diagnostics."""
         return {'samples': self._samples, 'samples lost': self._lost, **self._clock.figures()}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The interface of decoders, which turn the bytes of a serial stream into readings."""
+"""Interface of the decoders, which convert the bytes of a serial stream to readings."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,31 +11,30 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Values in the order of the stream, arrays of shape (n,)."""
+    """Readings in the order of the stream, as arrays of shape (n,)."""
 
     counts: NDArray[np.int32]
-    overflow: NDArray[np.bool_]  # the device reports that its converter or scale was exceeded
-    # Number of values lost before each reading, at least 1 if bytes were skipped there.
-    lost: NDArray[np.int64]
+    overflow: NDArray[np.bool_]  # whether the device reports an overflow of converter or scale
+    lost: NDArray[np.int64]  # number of readings that were lost before each reading
 
 
 class Decoder(ABC):
-    """Decoder of a stream of bytes; its division into reads does not change the readings."""
+    """Decoder of a stream of bytes. The readings do not depend on the sizes of the reads."""
 
-    frame_bytes = 0  # size of a reading on the wire, 0 while it is not known
-    skipped_bytes = 0  # bytes so far that belong to no reading
-    bad_frames = 0  # readings so far that were refused
+    frame_bytes = 0  # size of a reading in bytes; 0 as long as it is unknown
+    skipped_bytes = 0  # number of bytes so far that belong to no reading
+    bad_frames = 0  # number of readings so far that were refused
 
     @abstractmethod
     def feed(self, data: bytes) -> Decoded:
-        """Process the next bytes of the stream and return the readings that they complete."""
+        """Process the next bytes of the stream; return the readings that are complete now."""
 
     @property
     @abstractmethod
     def waiting(self) -> int:
-        """Number of complete readings that are not returned yet."""
+        """Number of received readings that `feed` has not returned yet."""
 
     @property
     @abstractmethod
     def missing(self) -> int:
-        """Number of bytes until the next reading is complete, at least 1; it may be an estimate."""
+        """Estimated number of bytes until the next reading is complete, at least 1."""

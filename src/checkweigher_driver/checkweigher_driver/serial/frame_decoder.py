@@ -1,19 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Readings from the binary frames of a digital load cell: three bytes, a check, perhaps CR LF.
+"""Decoder of the binary frames of a digital load cell.
 
-A frame is a 24-bit two's complement number, most significant byte first, then the XOR of its bytes
-or a status byte, then CR LF on some models. CR and LF occur inside frames, too, so they do not
-delimit frames.
+A frame is a 24-bit two's complement number with the most significant byte first, then the XOR of
+its bytes or a status byte, then CR LF on some models. CR and LF also occur inside frames, so they
+do not delimit frames.
 
-Without CR LF, the XOR does not show where a frame begins. If the signal changes slowly, three of
-four places look right: in A B C X A B C X with X = A ^ B ^ C, each byte is the XOR of the three
-before it, and the place one byte later is wrong only if A changes. But at a wrong place, a change d
-of the count becomes 256 d or more, give or take 255. So of the places that look right over some
-frames, the true one has the smallest changes from frame to frame. A frame without CR LF is returned
-only if it and the next four are good and no other place has smaller changes, so a disturbed byte
-costs the frames before it, too. A wrong place is accepted only if the signal does not change for
-four frames. Frames with CR LF both inside and at their end are treated in the same way.
+Without CR LF, the XOR does not show where a frame begins. If the signal changes slowly, frames seem
+valid at wrong places: in A B C X A B C X with X = A ^ B ^ C, each byte is the XOR of the three
+bytes before it, and a place one byte late looks wrong only if A changes. But at a wrong place, a
+change d of the reading becomes 256 d or more, with an error of at most 255. Of the places at which
+several frames seem valid, the true place therefore has the smallest changes from frame to frame. A
+frame without CR LF is returned only if it and the next four frames are valid, and if no other place
+has smaller changes. A wrong byte therefore also discards the frames before it. A wrong place is
+accepted only if the signal does not change for four frames. Frames with CR LF both inside and at
+their end are treated in the same way.
 """
 
 import math
@@ -25,16 +26,22 @@ from checkweigher_driver.serial.decoder import Decoded, Decoder
 
 TRAILERS = ('auto', 'crlf', 'none')
 
-_WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame
-_RUN = 5  # good frames in a row at the true place
-_CLEARLY, _TINY = 8, 64  # ratio and counts by which another place must be smoother
-_AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # bytes needed to find the size
-_OVERFLOW = 0b0111  # net, gross and converter overflow
-_UNUSED = 0b1100_0000  # bits of the status byte
+_WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame with and without CR LF
+_RUN = 5  # number of consecutive valid frames that are needed to find a place
+_CLEARLY, _TINY = 8, 64  # ratio and difference in counts of changes that are much smaller
+_AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # number of bytes that are needed to find the frame size
+_OVERFLOW = 0b0111  # status bits of net, gross and converter overflow
+_UNUSED = 0b1100_0000  # status bits that are always 0
 
 
 class _Places:
-    """Frames of one size, as if one began at each byte of some data."""
+    """Properties of the frames of one size that could begin at each byte of the data.
+
+    `counts` has the readings of the frames. The other attributes are boolean: `good` marks valid
+    frames, and `doubtful` marks frames that may seem valid at a wrong place. `run` marks places at
+    which five consecutive frames are valid. `begins` marks places of this kind that are certain,
+    and `slipped` marks places that are less likely than another place.
+    """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
         n = max(len(data) - size + 1, 0)
@@ -49,15 +56,15 @@ class _Places:
         self.overflow: NDArray[np.bool_] = (
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
-        # For the run of frames from each byte: whether all are good, and the sum of their changes.
-        # Other places are checked only within this run, whose bytes have all come.
+        # At each place, `run` is true if four consecutive frames are valid, and `change` is the sum
+        # of the changes of their readings. Other places are compared over the same bytes.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
         self.run = run[:k] & self.good[last]
-        # Two measures. A run does not begin while the changes at another place are as small. After
-        # that, only a place with much smaller changes counts, because a slip makes the changes 256
-        # times as large.
+        # A place is not accepted while the changes at another place are as small. An accepted place
+        # is rejected only if the changes at another place are much smaller, because the changes at
+        # a wrong place are 256 times as large.
         self.slipped, unsure = np.zeros(k, bool), np.zeros(k, bool)
         all_change = change[:k] + np.abs(
             self.counts[last] - self.counts[size * (_RUN - 2) : size * (_RUN - 2) + k]
@@ -67,7 +74,7 @@ class _Places:
             self.slipped |= run[other] & (_CLEARLY * change[other] + _TINY < change[:k])
             unsure |= run[other] & (change[other] <= all_change)
         self.begins = self.run & ~unsure
-        # A frame with CR LF inside can be misplaced and still look good.
+        # A frame with CR LF inside may seem valid at a wrong place.
         if size == _WITH_TRAILER:
             inside = (data[: n + 2] == ord('\r')) & (data[1 : n + 3] == ord('\n'))
             self.doubtful = inside[:n] | inside[1 : n + 1] | inside[2 : n + 2]
@@ -77,7 +84,7 @@ class _Places:
     def _runs(
         self, size: int, frames: int, places: int
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Return whether a number of frames in a row are good, and the sum of their changes."""
+        """Return whether consecutive frames are valid, and the sum of their changes."""
         starts = range(0, size * frames, size)
         run = np.logical_and.reduce([self.good[i : i + places] for i in starts])
         change = np.zeros(places, np.int64)
@@ -87,19 +94,16 @@ class _Places:
 
 
 class FrameDecoder(Decoder):
-    """Readings from frames; the division of the stream into reads does not change them.
+    """Decoder of binary frames.
 
-    With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
-    and a disturbed byte inside a frame cannot be detected. `trailer` is 'crlf' if CR LF follows,
-    'none' if not, or 'auto' to find out. Without a checksum, `trailer` must not be 'none', because
-    the bounds of frames could not be found.
+    If `checksum` is true, the fourth byte of a frame is the XOR of the other bytes. If it is false,
+    the fourth byte is the status of the device, and wrong bytes cannot be detected. `trailer` is
+    'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without a
+    checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
 
-    After a bad frame the search continues from its second byte, up to the first place at which five
-    frames in a row are good.
-
-    The number of lost values is the number of skipped bytes, rounded up to whole frames. It is
-    right for disturbed bytes and for the loss of less than a frame, and too small otherwise. Only
-    the clock of the samples can show a loss of whole frames.
+    After an invalid frame, the decoder searches for the next place at which five consecutive frames
+    are valid. The number of lost readings is computed from the number of skipped bytes, rounded up
+    to whole frames. A loss of whole frames is detected only by the clock of the samples.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:
@@ -108,25 +112,25 @@ class FrameDecoder(Decoder):
         self.frame_bytes = {'none': _WITHOUT, 'crlf': _WITH_TRAILER, 'auto': unknown}[trailer]
         self._data = np.zeros(0, np.uint8)
         self._synchronised = False
-        self._since_frame = 0  # bytes skipped since the last frame
-        self._begun = False  # whether there was a frame
+        self._since_frame = 0  # number of bytes skipped since the last frame
+        self._begun = False  # whether a frame was found
 
     @property
     def waiting(self) -> int:
-        """Number of whole frames that wait for the frames after them."""
+        """Number of received frames that are not returned yet, because later frames are needed."""
         return len(self._data) // (self.frame_bytes or _WITH_TRAILER)
 
     @property
     def missing(self) -> int:
-        """Number of bytes until the next frame is complete."""
+        """Estimated number of bytes until the next frame is complete."""
         size = self.frame_bytes or _WITH_TRAILER
         return size - len(self._data) % size
 
     def feed(self, data: bytes) -> Decoded:
-        """Process the next bytes of the stream and return the readings that they complete."""
+        """Process the next bytes of the stream; return the readings that are complete now."""
         self._data = np.concatenate((self._data, np.frombuffer(data, np.uint8)))
         position = 0 if self.frame_bytes else self._find_size()
-        found: list[tuple[int, int]] = []  # first byte and number of the frames
+        found: list[tuple[int, int]] = []  # position of the first byte, and number of frames
         lost: list[int] = []
         places = _Places(self._data, self.frame_bytes or _WITHOUT, self._checksum)
         while self.frame_bytes:
@@ -139,8 +143,8 @@ class FrameDecoder(Decoder):
                 self._synchronised = True
                 size = self.frame_bytes
                 if places.doubtful[begin : begin + _RUN * size : size].any():
-                    # If bytes were lost within this run, it may look good at a wrong place. Only
-                    # the place after it is certain.
+                    # If bytes were lost within these five frames, they may seem valid at a wrong
+                    # place. Only the place after them is certain.
                     self._skip(_RUN * size)
                     position += _RUN * size
             number, broken = self._follow(places, position)
@@ -159,12 +163,12 @@ class FrameDecoder(Decoder):
         return self._decoded(places, found, lost)
 
     def _find_size(self) -> int:
-        """Set the frame size if it is clear, and return the number of skipped bytes."""
+        """Set the frame size if the data determines it; return the number of skipped bytes."""
         with_trailer, without = (
             _Places(self._data, size, True) for size in (_WITH_TRAILER, _WITHOUT)
         )
         looked_at = max(len(self._data) - _AHEAD + 1, 0)
-        # Frames with CR LF may look like frames without. The reverse needs CR LF at six places.
+        # Frames with CR LF may look like frames without, but hardly the other way round.
         for position in range(looked_at):
             if with_trailer.run[position : position + _WITH_TRAILER].any():
                 self.frame_bytes = _WITH_TRAILER
@@ -179,7 +183,7 @@ class FrameDecoder(Decoder):
 
     @staticmethod
     def _first(mask: NDArray[np.bool_], begin: int) -> int:
-        """Return the first true position from `begin` on, or the end."""
+        """Return the first position at or after `begin` that is true in `mask`, or the end."""
         rest = mask[begin:]
         return begin + int(rest.argmax()) if rest.any() else max(len(mask), begin)
 
@@ -188,7 +192,7 @@ class FrameDecoder(Decoder):
         self._since_frame += number
 
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
-        """Return the number of good frames that follow, and whether a bad frame ends them."""
+        """Return the number of valid frames from a position, and whether an invalid one follows."""
         k = len(places.run)
         good = places.good.copy()
         good[:k] &= ~places.doubtful[:k] | (places.run & ~places.slipped)

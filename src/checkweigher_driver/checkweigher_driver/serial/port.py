@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Opening of a serial port, with the reason of a failure in words."""
+"""Opening of a serial port, with error messages for a technician."""
 
 import errno
 import grp
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import serial
 
-_READ_TIMEOUT = 0.1  # s, after which a read returns the bytes so far
+_READ_TIMEOUT = 0.1  # s
 _WRITE_TIMEOUT = 1.0  # s
 _NO_PORT = 'there is no such port; is the device plugged in?'
 _IN_USE = 'another program has the port open'
@@ -23,11 +23,11 @@ _REASONS: dict[int | None, str] = {
 
 
 class SerialError(ValueError):
-    """Error of a port or of the device on it; the message is one line for a technician."""
+    """Error of a serial port or of its device. The message is one line for a technician."""
 
 
 def open_port(name: str, baud_rate: int) -> serial.Serial:
-    """Open a serial port for this process alone; `SerialError` names the reason of a failure."""
+    """Open a serial port for exclusive use. Raises `SerialError` with the reason of a failure."""
     try:
         return serial.Serial(
             name, baud_rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
@@ -37,7 +37,7 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
 
 
 def reason_of(name: str, error: Exception) -> str:
-    """Return the reason of an error of a port, for a technician."""
+    """Return the reason of an error of a serial port, for a technician."""
     # pyserial wraps some errors in others.
     number = getattr(error, 'errno', None) or getattr(error.__context__, 'args', (None,))[0]
     if number in (errno.EACCES, errno.EPERM):

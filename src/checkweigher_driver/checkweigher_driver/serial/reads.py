@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads of a serial port that complete values."""
+"""Reading of a device on a serial port."""
 
 from collections.abc import Iterator
 import threading
@@ -13,25 +13,25 @@ from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.port import SerialError
 
-_RATE_PERIOD = 5.0  # s over which the rate is measured, longer than a stall of the machine
+_RATE_PERIOD = 5.0  # time in s over which the rate is measured
 _RATE_TOLERANCE = 0.05
-_RESUMING = 0.1  # s of signal after a break that determine the index
+_RESUMING = 0.1  # duration in s of the signal after a break that determines the index
 
 
 class Read(NamedTuple):
-    """One read of the port that completed values."""
+    """Read of the port that has completed one or more readings."""
 
     values: Decoded
-    at: int  # ns, arrival of the last value
-    size: int  # bytes
+    at: int  # time in ns at which the last reading has arrived
+    size: int  # number of bytes
 
 
 class ValueReader:
-    """Reader of one device until `closed` is set; port and decoder are new after a break.
+    """Reader of one device, which ends when `closed` is set.
 
-    `rate` is the nominal number of values per second, and `in_block` the number of values in a
-    read. The device counts as silent after `timeout` s without a value. `comes` is true while
-    values come. `trouble` reports a rate that differs from the nominal one.
+    `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings in a read. The
+    device counts as silent after `timeout` s without a reading. `comes` is true while readings
+    arrive. `trouble` is a text if the measured sample rate differs from the nominal one.
     """
 
     def __init__(self, rate: float, in_block: int, timeout: float, closed: threading.Event) -> None:
@@ -44,12 +44,12 @@ class ValueReader:
         self.figures = {'bytes skipped': 0, 'bad frames': 0}
 
     def reads(self, port: serial.Serial, decoder: Decoder) -> Iterator[Read]:
-        """Yield the reads that complete values; `SerialError` if none come for too long."""
+        """Yield the reads that complete readings. Raises `SerialError` if the device is silent."""
         self.comes, self.trouble = False, ''
-        began, number = 0.0, 0  # of the measurement of the rate
+        began, number = 0.0, 0  # start in s and number of readings of the measurement of the rate
         last_value, idle_bytes = time.monotonic(), 0
         while not self._closed.is_set():
-            # Until the frame size is known, assume one byte for each value.
+            # As long as the frame size is unknown, it is assumed to be one byte.
             rest = (self._in_block - 1) * max(decoder.frame_bytes, 1)
             skipped, bad = decoder.skipped_bytes, decoder.bad_frames
             data = port.read(rest + decoder.missing)
@@ -70,7 +70,7 @@ class ValueReader:
                 self._check_rate(number / (last_value - began))
                 began, number = last_value, 0
             self.comes = True
-            # Values that wait in the decoder came after the last of these.
+            # Readings that wait in the decoder have arrived after these readings.
             at = now - round(decoder.waiting * NANOSECONDS / self._rate)
             yield Read(values, at, len(data))
 
@@ -86,9 +86,9 @@ class ValueReader:
         return f'no bytes come {during}; check its supply and the cable'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
-        """Return the reads after a break, up to one that did not wait in the port.
+        """Return the first reads after a break, up to a read that did not wait in the port.
 
-        The arrival of values that waited is unknown.
+        The time of arrival of readings that waited in the port is unknown.
         """
         first, number = [], 0
         for read in reads:

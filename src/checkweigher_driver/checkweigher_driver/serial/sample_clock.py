@@ -1,17 +1,18 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The time of each sample, from its index and from the times of the reads.
+"""Estimation of the time of each sample from its index and from the times of the reads.
 
-Bus, operating system and scheduler can make a read late, never early. So the true line of time over
-index lies below all points (index of the last sample of a read, time of the read). Its estimate is
-the line below all points with the smallest mean distance, which is the edge of their lower convex
-hull over the middle of the window (Zhang, Liu and Xia, INFOCOM 2002). The points do not show a
-delay that every read has, such as the time of a frame on the wire. It is given as `latency`.
+Bus, operating system and scheduler can make a read late, but never early. The true line of time
+over index therefore lies below all points (index of the last sample of a read, time of the read).
+The estimate is the line below all points that has the smallest mean distance from the points. This
+line is an edge of the lower convex hull of the points, namely the edge at the middle of the window
+(Zhang, Liu and Xia, INFOCOM 2002). A delay of all reads, such as the transmission time of a frame,
+is given as `latency`.
 
-Two events break the line. If a read is too early, the clock of the host stepped back or the index
-ran ahead, and a new line begins at once. If all reads are late for a while, samples were lost
-without notice or the clock of the host stepped forward, and a new line begins with the late reads.
-Until then the stamps are in doubt, and `settled` is false.
+Two events require a new line. If a read is too early, the clock of the host was set back or the
+index is too large. A new line then begins at once. If all reads are late for a while, samples were
+lost without notice or the clock of the host was set forward. A new line then begins with the late
+reads. Until then the stamps are uncertain, and `settled` is false.
 """
 
 from collections import deque
@@ -21,26 +22,27 @@ from itertools import pairwise
 
 from checkweigher_core.records import NANOSECONDS
 
-_WINDOW = 60.0  # s of signal for the fit of the line
-_BUCKET = 1.0  # s of points, reduced to their hull
-_REFIT = 0.25  # s
-_WARM_UP = 1.0  # s before the line is trusted, and longest time in doubt after late reads
+_WINDOW = 60.0  # duration in s of the signal to which the line is fitted
+_BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
+_REFIT = 0.25  # time in s between two fits
+_WARM_UP = 1.0  # time in s after which a new line is used, and after which late reads begin one
 _WARM_UP_READS = 20
-_MAX_DRIFT = 0.02  # relative error of the nominal rate
-_KNOWN_DRIFT = 300e-6  # relative change of the rate once it is known
-_KNOWN_AFTER = 20.0  # s
-_SHIFT = 5_000_000  # ns; one read earlier than this, or all reads later, begin a new line
-# Equal to the segmenter's clock_tolerance; beyond it, an item on the belt is a fault, ClockJump.
-_STEP = 20_000_000  # ns
-_SLEW = 2e-3  # relative rate at which stamps approach the line
-_WARM_UP_SLEW = 0.5
+_MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
+_KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
+_KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
+_SHIFT = 5_000_000  # time in ns by which reads must be too early or too late for a new line
+_SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
+_WARM_UP_SLEW = 0.5  # largest relative rate before the clock is settled
+# Largest gradual correction of the stamps in ns. A larger step exceeds the parameter
+# clock_tolerance of the segmenter, so that the item on the belt becomes a fault.
+_STEP = 20_000_000
 
-_Point = tuple[int, float]  # index; lateness against the nominal rate, ns
+_Point = tuple[int, float]  # index, and delay in ns relative to the nominal sample rate
 
 
 @dataclass(slots=True)
 class _Line:
-    """Line of the lateness against the nominal rate, in ns, over the index."""
+    """Line of the delay relative to the nominal sample rate in ns over the index."""
 
     index: int
     offset: float
@@ -64,15 +66,14 @@ def _lower_hull(points: Sequence[_Point]) -> list[_Point]:
 
 
 class SampleClock:
-    """Stamps of samples from a line that is fitted to the times of their reads.
+    """Estimator of the stamps of samples, by a line that is fitted to the times of the reads.
 
-    The true rate may be off by 2 % from `sample_rate`, Hz; `latency`, s, is the time from a sample
-    to the earliest moment at which a read can return it.
+    The true sample rate may differ by 2 % from `sample_rate` in Hz. `latency` is the shortest time
+    in s from a sample to the read that returns it.
 
-    The clock is causal: a stamp depends only on the reads so far. Stamps grow with the index, in
-    the order of the calls. Once settled, they approach the line at a rate of at most 0.2 %, except
-    at a step beyond 20 ms, which they follow at once. Call `add` before `stamp`, with growing
-    indices.
+    A stamp depends only on earlier reads, and increases with the index. In a settled clock, the
+    stamps approach the line at a relative rate of at most 0.2 %, or follow it at once if they
+    differ by more than 20 ms. `add` must be called before `stamp`, with increasing indices.
     """
 
     def __init__(self, sample_rate: float, *, latency: float = 0.0) -> None:
@@ -83,14 +84,14 @@ class SampleClock:
         self._origin = 0, 0  # index and time of the first read
         self._steps = 0
         self._shifts = 0
-        self._lateness = (0.0, 0.0)  # mean and maximum of the last bucket, ns
+        self._delays = (0.0, 0.0)  # mean and maximum delay of the reads of the last bucket in ns
         self._out: _Line | None = None
         self._begin(())
 
     def _begin(self, points: Sequence[_Point]) -> None:
         self._buckets: deque[list[_Point]] = deque()
         self._bucket: list[_Point] = list(points)
-        self._bucket_lateness: list[float] = []  # ns, of the reads of the bucket
+        self._bucket_delays: list[float] = []  # delays of the reads of this bucket in ns
         self._fit: _Line | None = None
         self._reads = len(points)
         self._from = points[0][0] if points else 0
@@ -103,7 +104,7 @@ class SampleClock:
 
     @property
     def settled(self) -> bool:
-        """Whether stamps may be used: the line is old enough and not in doubt."""
+        """Whether the stamps may be used, because the line is old enough and certain."""
         return (
             self._fit is not None
             and not self._in_doubt
@@ -112,7 +113,7 @@ class SampleClock:
         )
 
     def add(self, first_index: int, count: int, host_ns: int) -> None:
-        """Add a read of samples that returned at `host_ns`, on the clock of the stamps."""
+        """Add a read of `count` samples that has returned at time `host_ns` in ns."""
         if self._out is None:
             self._origin = first_index, host_ns
         index = first_index - self._origin[0]
@@ -138,7 +139,7 @@ class SampleClock:
         self._extend(point, late)
 
     def _extend(self, point: _Point, late: float) -> None:
-        self._bucket_lateness.append(max(late, 0.0))
+        self._bucket_delays.append(max(late, 0.0))
         if not self._reads:
             self._from = point[0]
         self._reads += 1
@@ -150,7 +151,7 @@ class SampleClock:
             self._refit()
 
     def _is_lasting(self, point: _Point) -> bool:
-        """Return whether reads stay late for longer than after a stall, which ends with a burst."""
+        """Return whether reads stay late, unlike after a stall of the machine."""
         first, enough = self._late[0], _WARM_UP * self._rate
         elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
         return (
@@ -168,9 +169,9 @@ class SampleClock:
         self._begin(points)
 
     def _close_bucket(self) -> None:
-        lateness = self._bucket_lateness
-        self._lateness = sum(lateness) / len(lateness), max(lateness)
-        self._bucket_lateness = []
+        delays = self._bucket_delays
+        self._delays = sum(delays) / len(delays), max(delays)
+        self._bucket_delays = []
         self._buckets.append(_lower_hull(self._bucket))
         self._bucket = []
         oldest = self._end - _WINDOW * self._rate
@@ -191,7 +192,7 @@ class SampleClock:
         self._next_fit = hull[-1][0] + round(_REFIT * self._rate)
 
     def _follow(self, index: int) -> None:
-        """Move the stamps towards the line, beginning with a sample."""
+        """Move the stamps of the samples from `index` on towards the line."""
         assert self._fit is not None
         target = self._fit.at(index)
         if self._out is None or abs(target - self._out.at(index)) > _STEP:
@@ -203,17 +204,17 @@ class SampleClock:
         self._out = _Line(index, now, self._fit.slope + min(max(pull, -limit), limit))
 
     def stamp(self, index: int) -> int:
-        """Return the time of a sample, ns; a read must have come before."""
+        """Return the stamp of a sample in ns. `add` must have been called."""
         assert self._out is not None
         x = index - self._origin[0]
         return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))
 
     def figures(self) -> dict[str, float]:
-        """Return the figures for /diagnostics.
+        """Return values for the diagnostics.
 
-        ``clock drift ppm`` is the relative slowness of the device's clock, ``clock offset ms`` the
-        distance of the stamps from the line, ``read jitter ms`` and ``latest read ms`` the mean and
-        the maximum lateness of a read in the last second.
+        ``clock drift ppm`` is the relative error of the sample period, and ``clock offset ms`` is
+        the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms`` are the
+        mean and the maximum delay of a read in the last second.
         """
         drift = offset = 0.0
         if self._fit is not None and self._out is not None:
@@ -222,8 +223,8 @@ class SampleClock:
         return {
             'clock drift ppm': 1e6 * drift,
             'clock offset ms': 1e-6 * offset,
-            'read jitter ms': 1e-6 * self._lateness[0],
-            'latest read ms': 1e-6 * self._lateness[1],
+            'read jitter ms': 1e-6 * self._delays[0],
+            'latest read ms': 1e-6 * self._delays[1],
             'clock steps': self._steps,
             'clock shifts': self._shifts,
         }

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A load cell on a serial port, which is read by blocking reads and reopened after a break."""
+"""Load cell on a serial port, which is opened again after a break of the connection."""
 
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -24,14 +24,14 @@ from checkweigher_driver.serial.port import SerialError, open_port, reason_of
 from checkweigher_driver.serial.reads import Read, ValueReader
 from checkweigher_driver.sources import RETRY_TIME, Source
 
-BITS_PER_BYTE = 10  # 8N1: one start bit, eight data bits, one stop bit
-_BROKEN = (OSError, termios.error)  # errors of a port that is gone
+BITS_PER_BYTE = 10  # one start bit, eight data bits, one stop bit
+_BROKEN = (OSError, termios.error)  # exceptions of a port that has disappeared
 _reading = partial(parameter, minimum=-(2**31), maximum=2**31 - 1)
 
 
 @dataclass(frozen=True)
 class SerialParameters(Parameters):
-    """Parameters that all load cells on serial ports share."""
+    """Parameters of all load cells on serial ports."""
 
     port: str = parameter('', 'device file, best one of /dev/serial/by-id')
     baud_rate: int = parameter(
@@ -75,7 +75,7 @@ class SerialParameters(Parameters):
     )
 
     def check_complete(self, bytes_per_value: int) -> None:
-        """Raise ParameterError if a parameter is missing or the baud rate is too low."""
+        """Raise ParameterError if a parameter is missing, or if the baud rate is too low."""
         if not self.port:
             raise ParameterError(f'{self.node}.port: empty, must name a port such as /dev/ttyUSB0')
         for name in ('counts_per_kg', 'capacity', 'weigh_length'):
@@ -90,11 +90,11 @@ class SerialParameters(Parameters):
 
 
 class SerialSource(Source):
-    """Values that a device streams over a serial port.
+    """Load cell that streams readings over a serial port.
 
-    The constructor opens the port and starts up the device, so that it reports a wrong set-up. If
-    the port disappears and comes back, the source opens it again, starts the device again, and
-    continues with the index that fits the time. An item on the belt has then lost samples.
+    The constructor opens the port and sets up the device. If the port disappears and returns, the
+    source opens it again and sets up the device again. The index then increases by the number of
+    samples that were lost in the meantime.
     """
 
     paced = False
@@ -106,7 +106,7 @@ class SerialSource(Source):
         self._closed = threading.Event()
         self._reading = False
         self._port: serial.Serial | None = None
-        self._broken = ''  # the last break, until values come again
+        self._broken = ''  # text on the last break, valid until readings arrive again
         self._breaks = 0
         rate, latency = parameters.sample_rate, parameters.delay + frame_time
         in_block = max(1, round(parameters.block_duration * rate))
@@ -125,17 +125,17 @@ class SerialSource(Source):
         """Return a decoder for a new stream."""
 
     def _start_up(self, port: serial.Serial) -> tuple[str, str]:
-        """Prepare the device for streaming; return its model and serial number, if any."""
+        """Set up the device for streaming; return model and serial number, empty if unknown."""
         return '', ''
 
     def _begin(self, port: serial.Serial) -> None:
         """Start the stream of the device."""
 
     def _end(self, port: serial.Serial) -> None:
-        """Ask the device to stop its stream."""
+        """Stop the stream of the device."""
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield blocks until `close`; `SerialError` if another device answers after a break."""
+        """Yield blocks until `close`. Raises `SerialError` if a break ends with another device."""
         self._reading = True
         try:
             while not self._closed.is_set():
@@ -171,7 +171,7 @@ class SerialSource(Source):
         self._let_go()
 
     def _open_again(self) -> None:
-        """Open the port as soon as possible, unless the source is closed."""
+        """Open the port as soon as possible. Return if the source was closed."""
         while not self._closed.wait(RETRY_TIME):
             try:
                 identity = self._open()
@@ -192,7 +192,7 @@ class SerialSource(Source):
                 self._end(port)
 
     def close(self) -> None:
-        """Stop the device and close the port; the iterator ends within a tenth of a second.
+        """Stop the device and close the port. The iterator ends within 0.1 s.
 
         A closed source cannot be iterated again.
         """
@@ -201,7 +201,7 @@ class SerialSource(Source):
             self._let_go()
 
     def _stream(self) -> Iterator[Event]:
-        """Yield the blocks of one stream of the device, from its beginning to a break."""
+        """Yield the blocks of one stream of the device, until the connection breaks."""
         port = self._port
         assert port is not None
         self._begin(port)
@@ -217,7 +217,7 @@ class SerialSource(Source):
 
     @property
     def trouble(self) -> str:
-        """Present trouble in one line."""
+        """Present fault of the device in one line, empty without a fault."""
         if not self._reader.comes:
             return self._broken
         return self._reader.trouble and (
@@ -226,5 +226,5 @@ class SerialSource(Source):
         )
 
     def figures(self) -> dict[str, float]:
-        """Return the counts of samples, losses and breaks, and the figures of their clock."""
+        """Return values on samples, losses, breaks and the clock for the diagnostics."""
         return {**self._blocks.figures(), **self._reader.figures, 'breaks': self._breaks}

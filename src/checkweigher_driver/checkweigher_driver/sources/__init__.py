@@ -1,9 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sources of samples and photo-eye edges: the interface of all devices.
-
-A load cell without photo-eyes is joined with an `EdgeSource`.
-"""
+"""Interface of the sources of samples and of photo-eye edges."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -16,15 +13,15 @@ from checkweigher_core.parameters import Parameters
 from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
-RETRY_TIME = 0.3  # s between attempts to reach a device
+RETRY_TIME = 0.3  # time in s between attempts to open a device
 _SWITCH_INTERVAL = 0.0005  # s
 
 
 def shorten_switch_interval() -> None:
-    """Let the threads of this process take turns more often, at the cost of more switches.
+    """Shorten the thread switch interval of the interpreter.
 
-    Threads that time photo-eyes or switch the rejector need this, because their wait for the
-    interpreter adds to the uncertainty.
+    With the default interval, threads that time photo-eyes or switch the rejector would wait too
+    long for the lock of the interpreter.
     """
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))
 
@@ -32,7 +29,7 @@ def shorten_switch_interval() -> None:
 class Device(ABC):
     """Common interface of the sources of samples and of edges.
 
-    `parameters` of the class is its parameter set. The constructor raises ValueError if the device
+    `parameters` is the class of the parameter set. The constructor raises ValueError if the device
     cannot be opened; the message is one line for a technician.
     """
 
@@ -43,44 +40,44 @@ class Device(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the device, from any thread; a blocking read then ends soon."""
+        """Close the device. A blocking read then ends soon. Any thread may call this."""
 
     @property
     def trouble(self) -> str:
-        """Present trouble in one line, empty if there is none. Any thread may read it."""
+        """Present fault of the device in one line, empty without one. Any thread may read it."""
         return ''
 
     def figures(self) -> dict[str, float]:
-        """Return figures for a technician, counted since the opening. Any thread may call it."""
+        """Return values for the diagnostics since the opening. Any thread may call this."""
         return {}
 
 
 class Source(Device):
-    """A machine, a recording or a simulation."""
+    """Source of samples and edges: a machine, a recording or a simulation."""
 
-    # Whether the reader has to keep the pace of the stamps. A source of hardware is not paced,
-    # because its iterator blocks until there is an event.
+    # Whether the caller has to wait until each event is due. For hardware this is false, because
+    # its iterator blocks until an event occurs.
     paced: ClassVar[bool]
-    # Operator's settings during a run of a simulated machine, because it has no switches.
+    # Settings that the operator of a simulated machine may change while it runs.
     operation: ClassVar[type[Parameters] | None] = None
     load_cell: LoadCell
-    start_stamp: int  # ns, of the first event of the stream or of the opening
+    start_stamp: int  # stamp in ns of the first event of the stream, or of the opening
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
         """Yield events in canonical order until the stream ends.
 
-        An edge of a source of hardware may come before the block of earlier samples, which is
-        yielded when it is full.
+        With hardware, an edge may be yielded before a block of earlier samples, which is yielded
+        when it is complete.
         """
 
     def operate(self, operation: Any) -> None:
-        """Apply the operator's settings, an instance of `operation`, from any thread."""
+        """Apply the operator's settings, an instance of `operation`. Any thread may call this."""
 
 
 @dataclass(frozen=True, slots=True)
 class EyesLost:
-    """Loss of the eyes, which were last read at `stamp`, ns."""
+    """Loss of the photo-eyes, which were last read at `stamp` in ns."""
 
     stamp: int
     text: str
@@ -88,7 +85,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """Return of the eyes at `stamp`, ns. Their state at the return is not an edge."""
+    """Return of the photo-eyes at `stamp` in ns, after a loss."""
 
     stamp: int
 
@@ -97,19 +94,19 @@ EyeEvent = EyeEdge | EyesLost | EyesBack
 
 
 class EdgeSource(Device):
-    """Photo-eyes that are read beside the load cell."""
+    """Photo-eyes that are connected separately from the load cell."""
 
     def __init__(self, parameters: Any) -> None:
         self._closing = threading.Event()  # ends `events`
 
     def close(self) -> None:
-        """Let `events` end soon."""
+        """End the iterator `events` soon."""
         self._closing.set()
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges as they come, stamped on the clock of the samples; block in between."""
+        """Yield edges when they occur, with stamps on the clock of the samples."""
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
-        """Return the edges that belong to a block, for eyes whose edges are tied to samples."""
+        """Return the edges that belong to a block, if the edges are tied to samples."""
         return []

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded line as a source, and recorded photo-eyes beside a load cell on a port."""
+"""Recorded line as a source, and recorded photo-eyes for a real load cell."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from checkweigher_recording.bags.reading import read_bag
 
 @dataclass(frozen=True)
 class BagParameters(Parameters):
-    """Recording that is replayed."""
+    """Bag that is replayed."""
 
     node: ClassVar[str] = 'bag'
 
@@ -26,14 +26,14 @@ class BagParameters(Parameters):
     )
 
     def read(self) -> Recording:
-        """Return the recording; `ParameterError` if none is named, `BagError` if it is damaged."""
+        """Return the recording. Raises `ParameterError` without a path, `BagError` if damaged."""
         if not self.path:
             raise ParameterError(f'{self.node}.path: empty, must name a bag')
         return read_bag(Path(self.path), self.namespace or None)
 
 
 class BagSource(Source):
-    """Bag that is read as a whole before the first event, so a damaged bag starts no line."""
+    """Bag that is read completely before the first event, so that damage is detected first."""
 
     parameters = BagParameters
     paced = True
@@ -44,16 +44,16 @@ class BagSource(Source):
         self.start_stamp = next(iter(self._recording)).stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield the bag's events in canonical order."""
+        """Yield the events of the bag in canonical order."""
         return iter(self._recording)
 
     def close(self) -> None:
-        """Do nothing: the bag has been read and closed."""
+        """Do nothing, because the bag is closed already."""
 
 
 @dataclass(frozen=True)
 class ReplayedParameters(BagParameters):
-    """Recording with the edges."""
+    """Bag whose edges are replayed."""
 
     node: ClassVar[str] = 'replayed'
 
@@ -61,10 +61,10 @@ class ReplayedParameters(BagParameters):
 
 
 class ReplayedEyes(EdgeSource):
-    """Edges of a bag whose samples a device sends, to try a port without photo-eyes.
+    """Edges of a bag for a device that sends the samples of the same bag.
 
-    Each edge comes between the same samples as in the recording. The device has to begin with the
-    first sample of the bag.
+    A load cell on a serial port can thus be tested without photo-eyes. Each edge is sent between
+    the same samples as in the bag. The device must begin with the first sample of the bag.
     """
 
     parameters = ReplayedParameters
@@ -77,12 +77,12 @@ class ReplayedEyes(EdgeSource):
         super().__init__(parameters)
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield no edges, and end after `close`; all edges come from `follow`."""
+        """Yield nothing, and end after `close`, because `follow` returns all edges."""
         self._closing.wait()
         yield from ()
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
-        """Return the edges before the end of a block."""
+        """Return the edges up to the end of a block that were not returned yet."""
         found = []
         while self._edges and self._edges[0][1] < block.first_index + len(block.counts):
             edge, position = self._edges.pop(0)

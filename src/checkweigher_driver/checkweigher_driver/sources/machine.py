@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A load cell and photo-eyes on different wires, as one source."""
+"""Load cell and photo-eyes that are connected separately, as one source."""
 
 from collections.abc import Callable, Iterator
 import queue
@@ -17,15 +17,15 @@ from checkweigher_driver.sources import (
     shorten_switch_interval,
 )
 
-_END_PATIENCE = 2.0  # s for a thread to end
+_END_PATIENCE = 2.0  # longest wait in s for the end of a thread
 
 
 class MachineSource(Source):
-    """Samples of one device and edges of another, in the order in which they come.
+    """Samples of one device and edges of another device, in the order of their arrival.
 
-    Each device is read in its own thread. While the eyes are not read, samples are withheld, so
-    that an item on the belt becomes a fault, even if no edge was missed. Both devices must use the
-    same clock.
+    Each device is read in its own thread. Both must use the same clock. While the photo-eyes cannot
+    be read, samples are withheld. An item on the belt then becomes a fault, even if no edge was
+    missed.
     """
 
     paced = False
@@ -35,14 +35,14 @@ class MachineSource(Source):
         self._eyes = eyes
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = False
-        self._blind = ''  # why the eyes are not read
-        self._gap = False  # after a loss of any length, at least one block is withheld
+        self._blind = ''  # why the photo-eyes cannot be read
+        self._gap = False  # whether no block was withheld yet after a loss of the photo-eyes
         self._withheld = 0
         self.load_cell = samples.load_cell
         self.start_stamp = samples.start_stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield events as they come; raise the error that ends a device."""
+        """Yield events when they occur. Raise an error that ends a device."""
         shorten_switch_interval()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
@@ -92,11 +92,11 @@ class MachineSource(Source):
 
     @property
     def trouble(self) -> str:
-        """Trouble of the devices, in one line."""
+        """Present faults of both devices in one line, empty without a fault."""
         return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
 
     def figures(self) -> dict[str, float]:
-        """Return the figures of both devices."""
+        """Return the values of both devices for the diagnostics."""
         return {
             **self._samples.figures(),
             **self._eyes.figures(),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated line as a source."""
+"""Simulated line as a source."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from checkweigher_recording.simulation.simulator import (
 
 @dataclass(frozen=True)
 class LiveSimulationParameters(SimulationParameters):
-    """Machine, belt and products of a simulated line that runs now."""
+    """Parameters of the simulated machine, belt and products, and the time of the first sample."""
 
     start_time: int = parameter(
         0,
@@ -31,10 +31,7 @@ class LiveSimulationParameters(SimulationParameters):
 
 
 class SimulatorSource(Source):
-    """A line that exists only in the computer; with ``count`` 0 it runs without end.
-
-    Each stream begins now, or at `start_time`, but never before the end of the previous stream.
-    """
+    """Simulated line. Each stream begins after the end of the previous stream."""
 
     parameters = LiveSimulationParameters
     operation = OperationParameters
@@ -42,22 +39,23 @@ class SimulatorSource(Source):
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self._simulation = Simulation(parameters)
+        self._simulation.start = self._start
         self._now = parameters.start_time == 0
         self.load_cell = self._simulation.load_cell
         self.start_stamp = parameters.start_time * NANOSECONDS or time.time_ns()
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield the line's events in canonical order."""
-        if self._now:
-            self.start_stamp = max(self.start_stamp, time.time_ns())
-        self._simulation.start = self.start_stamp
+        """Yield the events of the line in canonical order."""
         for event in self._simulation:
-            self.start_stamp = event.stamp + NANOSECONDS  # of the next stream
+            self.start_stamp = event.stamp + NANOSECONDS  # earliest start of the next stream
             yield event
+
+    def _start(self) -> int:
+        return max(self.start_stamp, time.time_ns()) if self._now else self.start_stamp
 
     def operate(self, operation: OperationParameters) -> None:
         """Apply the operator's settings."""
         self._simulation.operation = operation
 
     def close(self) -> None:
-        """Do nothing: nothing is open."""
+        """Do nothing, because a simulation has no device."""

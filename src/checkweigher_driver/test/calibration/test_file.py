@@ -10,11 +10,7 @@ import pytest
 
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.whole_file import OutputError
-from checkweigher_driver.calibration.file import (
-    read_calibration,
-    replace_version,
-    write_version,
-)
+from checkweigher_driver.calibration.file import read_calibration, replace_version, write_version
 from checkweigher_driver.calibration.static_calibration import CalibrationPoint, calibrate
 
 POINTS = [CalibrationPoint(0.0, 1000.0, 2.0), CalibrationPoint(1.0, 5000.0, 2.0)]

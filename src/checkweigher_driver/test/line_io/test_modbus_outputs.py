@@ -14,7 +14,7 @@ from checkweigher_driver.line_io.modbus_link import ModbusLink
 
 
 def run(outputs, plc):
-    wait_for(lambda: outputs.trouble == '', 'the connection')
+    wait_for(lambda: outputs.trouble_with('') == '', 'the connection')
     outputs.activate()
     permit(outputs)
     released(plc)
@@ -38,19 +38,19 @@ def test_the_rejector_is_switched_when_it_is_due(plc):
         for number, due in enumerate(dues):
             outputs.take(reject(number + 1, due))
             outputs.take(reject(100 + number, due + 300 * MS, Decision.ACCEPT))
-        wait_for(lambda: outputs.figures()['switches'] >= 10, 'the pulses')
-        figures = outputs.figures()
-        assert outputs.trouble == ''
+        wait_for(lambda: outputs.finding().values['switches'] >= 10, 'the pulses')
+        figures = outputs.finding().values
+        assert outputs.trouble_with('') == ''
     seen = [(when, on) for when, on in plc.switches(REJECTOR) if when > dues[0] - 50 * MS]
     assert [on for _, on in seen[:10]] == [True, False] * 5
     wanted = [due + length for due in dues for length in (0, 200 * MS)]
     late = [when - due for (when, _), due in zip(seen, wanted, strict=False)]
     print(f'switched {min(late) / MS:.3f} to {max(late) / MS:.3f} ms after it was due; {figures}')
     # Never early; and how late it was it knows itself.
-    stated = figures['largest switch error ms'] + figures['switch uncertainty ms']
+    stated = figures['largest_switch_error_ms'] + figures['switch_uncertainty_ms']
     assert 0 < min(late) <= max(late) <= (stated + 0.5) * MS
     assert figures['rejects'] == 5
-    assert figures['late rejects'] == figures['output losses'] == 0
+    assert figures['late_rejects'] == figures['output_losses'] == 0
 
 
 def test_outputs_are_safe_before_they_are_active_and_after(plc):
@@ -90,7 +90,7 @@ def test_trouble_of_load_cell_or_eyes_stops_the_line_that_has_permission(plc):
         released(plc, False)
         trouble.clear()
         released(plc)
-        assert outputs.trouble == ''
+        assert outputs.trouble_with('') == ''
 
 
 def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_stops_the_line(plc):
@@ -100,15 +100,15 @@ def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_st
         due = time.time_ns() + 300 * MS
         outputs.take(reject(1, due))
         plc.kill()
-        wait_for(lambda: 'not reached' in outputs.trouble, 'the loss')
+        wait_for(lambda: 'not reached' in outputs.trouble_with(''), 'the loss')
         wait_for(lambda: time.time_ns() > due + 50 * MS, 'the missed pulse')
         plc.log.unlink()
         plc.start()
-        wait_for(lambda: 'look behind it' in outputs.trouble, 'the stop')
+        wait_for(lambda: 'look behind it' in outputs.trouble_with(''), 'the stop')
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
         assert plc.switches(REJECTOR)[0][1] is True
         assert [on for _, on in plc.switches(RELEASE)] == [False]
-        assert outputs.figures()['output losses'] == 1
+        assert outputs.finding().values['output_losses'] == 1
 
 
 def test_an_emptied_record_of_a_bad_product_holds_the_belt_until_a_person_has_looked(plc, tmp_path):
@@ -146,5 +146,5 @@ def test_the_belt_input_holds_the_rejector_back(plc):
         assert plc.state(REJECTOR) is False
         link.write_register(1, 0)
         wait_for(lambda: plc.state(REJECTOR) is True, 'the pulse')
-        assert outputs.trouble == ''
+        assert outputs.trouble_with('') == ''
     link.close()

@@ -30,7 +30,7 @@ def control(**parameters):
 
 
 def permit(outputs, now, *, run=True):
-    outputs.reject_word.take_permission(Permission(0, run), now)
+    outputs.run_permission.take_permission(Permission(0, run), now)
 
 
 def trouble(text):
@@ -93,14 +93,14 @@ def test_a_missed_product_stops_the_line_until_a_request_that_shows_it_is_taken_
     outputs, now = control(), time.monotonic_ns()
     outputs.missed.add('item 7')
     assert outputs.levels(now) == STOP
-    outputs.reject_word.take_request(None)
+    outputs.run_permission.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.reject_word.take_request(trouble('item 7'))
-    outputs.reject_word.take_request(StopRequest(StopReason.NOT_READY, 0))
-    outputs.reject_word.take_request(None)
+    outputs.run_permission.take_request(trouble('item 7'))
+    outputs.run_permission.take_request(StopRequest(StopReason.NOT_READY, 0))
+    outputs.run_permission.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.reject_word.take_request(trouble('item 7'))
-    outputs.reject_word.take_request(None)
+    outputs.run_permission.take_request(trouble('item 7'))
+    outputs.run_permission.take_request(None)
     assert outputs.levels(now) == RUN
 
 
@@ -255,14 +255,16 @@ def silence(outputs, now):
 def test_a_reject_node_that_was_started_again_takes_back_nothing_that_it_has_not_shown():
     outputs, now = control(), time.monotonic_ns()
     outputs.missed.add('item 6')
-    outputs.reject_word.take_request(trouble('item 6'))
+    outputs.run_permission.take_request(trouble('item 6'))
     silence(outputs, now)
-    outputs.reject_word.take_request(None)
+    outputs.run_permission.take_request(None)
     assert outputs.levels(now) == STOP
     outputs.missed.take(LatchEvent.RESET)
-    outputs.reject_word.take_request(StopRequest(StopReason.UNCONFIRMED_REJECT, 0, text='check it'))
+    outputs.run_permission.take_request(
+        StopRequest(StopReason.UNCONFIRMED_REJECT, 0, text='check it')
+    )
     silence(outputs, now)
-    outputs.reject_word.take_request(None)
+    outputs.run_permission.take_request(None)
     permit(outputs, now + FOREVER)
     assert outputs.levels(now) == STOP
     assert outputs.missed.text.startswith('UnconfirmedReject: ')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Denoising of weigh windows, which are padded and shrunk in wavelet bands."""
+"""Denoising of weigh windows by wavelet shrinkage after padding."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +9,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, Parameters, check_cost, parameter
 from checkweigher_core.records import WeighWindow
@@ -30,19 +29,19 @@ from checkweigher_dsp.denoising.window_batch import (
     padded_length,
 )
 from checkweigher_dsp.items.failures import PRINTED, Failures
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-# Ways to pad a window, see `Denoiser` and `pad`.
 _gain = partial(parameter, minimum=0, maximum=10)
 _threshold = partial(parameter, unit='threshold_unit', minimum=0)
 
-PADDINGS = ('continuation', 'level', 'mirror', 'signal')
+PADDINGS = ('continuation', 'level', 'mirror', 'signal')  # described at `Denoiser` and `pad`
 METHODS = ('shrinkage', 'soft', 'hard')
 
 
 @dataclass(frozen=True)
 class DenoiseParameters(Parameters):
-    """The shrinkage table of the machine, and the padding around a window."""
+    """Parameters of the denoiser: the shrinkage table of the machine and the padding."""
 
     node: ClassVar[str] = 'denoise'
 
@@ -141,45 +140,46 @@ class DenoiseParameters(Parameters):
 
     @cached_property
     def table(self) -> ShrinkageTable:
-        """The shrinkage table; ValueError if its columns do not fit together."""
+        """Shrinkage table. `ValueError` is raised if its columns do not fit together."""
         return ShrinkageTable(
             self.speeds,
             (self.gamma5, self.gamma6, self.gamma7),
             (self.lambda5, self.lambda6, self.lambda7),
         )
 
-    def platform(self, speed: NDArray[np.float64]) -> tuple[Any, Any]:
-        """Return natural frequency in Hz and damping ratio of the empty platform.
+    def platform(self, speed: Array) -> tuple[Any, ...]:
+        """Return the natural frequency in Hz and the damping ratio of the empty platform.
 
-        Both are floats, or (windows, 1) like the belt speeds in m/s if they depend on the speed.
+        `speed`, (windows, 1), are belt speeds in m/s. A result is a float if it does not depend on
+        the speed, otherwise it has the shape of `speed`.
         """
-        frequency, damping = (
+        return tuple(
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
             for values in (self.natural_frequency, self.damping_ratio)
         )
-        return frequency, damping
 
 
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
-    """Return the largest time per window in s, for windows of at most half the stretch.
+    """Return the longest computing time per window in s, for windows of at most half the stretch.
 
-    The coefficients were measured with blocks of one sample, on one core of a computer of 2024.
+    The coefficients were measured with blocks of one sample on one core of a computer of 2024.
     """
     return (iterations + 1) * (2e-4 + 3e-7 * stretch + 1e-5 * prediction_order)
 
 
 class Denoiser:
-    """Stage that denoises weigh windows by the shrinkage for their belt speed.
+    """Stage that denoises weigh windows by the wavelet shrinkage for their belt speed.
 
-    The wavelet of level 7 is much longer than any window, so the result depends mainly on the
-    padding around the window. The paper leaves it open; docs/method.md compares several methods.
-    With ``continuation``, an own derivation, the response of the platform to the level of the
-    window is subtracted from the signal, which leaves the disturbance from the empty belt before t1
-    up to t3. The disturbance is extrapolated to both sides by linear prediction, the level is
-    added, and the result is denoised. A wrong level would leave a step, so the level is estimated
-    again from the denoised signal. If t1 and t2 are uncertain, they are estimated from the signal.
-    Finally the rise is restored as the share of the product on the belt, by t1 and t2 of the
-    photo-eyes.
+    The wavelet of level 7 is much longer than any window. So the result depends mainly on the
+    padding around the window, which the paper does not specify. docs/method.md compares several
+    methods.
+
+    The padding ``continuation`` is an own derivation. The response of the platform to the load is
+    subtracted from the signal. The remaining disturbance is extrapolated to both sides by linear
+    prediction, the load is added as a constant, and the result is denoised. A wrong load would
+    leave a step in the disturbance, so the load is estimated again from the denoised signal. If t1
+    and t2 are uncertain, they are estimated from the signal. Finally the rise of the load is
+    restored by the times of the photo-eyes.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
@@ -187,17 +187,17 @@ class Denoiser:
         self._failures = failures
 
     def denoise(self, window: WeighWindow) -> WeighWindow:
-        """Return the window with its `denoised` signal; a fault is returned unchanged.
+        """Return a window with its `denoised` signal. A fault is returned unchanged.
 
-        The signal covers t1..t3 with ``continuation``, otherwise t2..t3, and is NaN elsewhere.
+        The signal begins at t1 with the padding ``continuation`` and at t2 with other paddings, and
+        ends at t3. It is NaN elsewhere.
         """
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
-        """Denoise many windows at once, bit for bit as one at a time.
+        """Denoise many windows at once, with the same results to the last bit as one by one.
 
-        Windows of equal shape are denoised in batches of limited memory. A hundred windows at a
-        time are fast.
+        Windows of equal shape are denoised together in batches, which limit the memory.
         """
         return self._failures.together(
             self._denoise_all,
@@ -223,11 +223,8 @@ class Denoiser:
         return result
 
 
-def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
-    """Denoise windows of equal shape.
-
-    The result has the columns of ``batch.force``, kg; NaN before t1 or t2, see `Denoiser`.
-    """
+def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> Array:
+    """Denoise windows of equal shape. The result in kg has the shape of ``batch.force``."""
     begin = batch.begin
     result = np.full(batch.force.shape, math.nan)
     if parameters.surround == 'continuation':
@@ -241,7 +238,7 @@ def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[
     return result
 
 
-def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
+def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> Array:
     force, begin = batch.force, batch.begin
     count = force.shape[-1] - begin
     length = padded_length(parameters.stretch, count)
@@ -255,7 +252,7 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
     found = np.mean(force[:, begin:], axis=-1, keepdims=True)
     for _ in range(parameters.iterations + 1):
         level = found
-        # Both are proportional to the inverse square root of the moving mass.
+        # Frequency and damping are proportional to the inverse square root of the moving mass.
         moving = parameters.moving_mass
         ease = np.sqrt(moving / (moving + np.maximum(level, 0.0)))
         platform = natural_frequency * ease, damping_ratio * ease
@@ -276,7 +273,7 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
 
 def _noise_remover(
     measured: slice, batch: WindowBatch, parameters: DenoiseParameters
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+) -> Callable[[Array], Array]:
     """Return the function that denoises the padded windows of a batch."""
     if parameters.method == 'shrinkage':
         details = parameters.table.at(batch.belt_speed, parameters.threshold_unit)
@@ -290,19 +287,18 @@ def _noise_remover(
 
 
 def pad(
-    samples: NDArray[np.float64],
-    min_length: int,
-    method: str = 'level',
-    before: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], int]:
-    """Pad windows (..., n) on both sides to a length that suits the transform.
+    samples: Array, min_length: int, method: str = 'level', before: Array | None = None
+) -> tuple[Array, int]:
+    """Pad windows (..., n) on both sides to a length that suits the wavelet transform.
 
-    Returns the windows in the middle of their padding, (..., m), and the position of their first
-    sample. The length m is a multiple of 128, at least `min_length` and ``2 n``. At t3 no later
-    sample exists yet, so every method makes up the padding after the window. With ``level``, both
-    sides are the Hann-weighted mean of the window. With ``mirror``, the window is repeatedly
-    reflected at its ends. With ``signal``, the signal `before`, (..., k), precedes the window and
-    its level follows. If `before` is too short, its first sample is repeated.
+    Returns the padded windows, (..., m), and the position of the first sample of a window. The
+    length m is a multiple of 128, and at least `min_length` and ``2 n``.
+
+    With the method ``level``, both sides are filled with the Hann-weighted mean of the window. With
+    ``mirror``, the window is repeatedly reflected at its ends. With ``signal``, the left side is
+    the signal `before`, (..., k), and the right side is the mean; if `before` is too short, its
+    first sample is repeated. No method uses samples after the window, because they do not exist
+    yet.
 
     Examples
     --------

@@ -1,51 +1,50 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Correction of the times at which products enter, from the signal itself.
+r"""Correction of the times at which products enter, by a fit to the signal.
 
-Polled photo-eyes measure t1 and t2 to about a millisecond. If the load is removed from the signal a
-millisecond early or late, a hump as long as the rise remains, which a low-pass cannot distinguish
-from load. The shape of the hump is known, so its size can be fitted unless the disturbance n hides
-it: [own derivation]
+Polled photo-eyes measure t1 and t2 with an error of about a millisecond. If the load is removed
+from the signal at a wrong time, a hump as long as the rise of the load remains. A low-pass filter
+cannot distinguish this hump from a load. But its shape is known, so its size can be fitted to the
+signal: [own derivation]
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
-y is the signal, M r the response r of the platform to a load of about M, and m the unknown error of
-M. An edge that may lie anywhere within +-u has the variance u^2 / 3. The
-signals in this equation are block means. A prediction-error filter makes n white.
+y is the signal, r the response of the platform to a load of 1, M the approximate load, m the
+unknown error of M, and n the disturbance. An edge that is uniformly distributed within +-u has the
+variance u^2 / 3. The signals are block means. A prediction-error filter makes n white.
 """
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import block_responses
 from checkweigher_dsp.denoising.window_batch import WindowBatch
+from checkweigher_dsp.signal import Array
 
-# Least number of white samples to which the three unknowns are fitted.
-_LEAST_SAMPLES = 8
-# The first round uses the variance of the whole signal for n, the next one that of the residual.
+_LEAST_SAMPLES = 8  # least number of white samples for the fit of the three unknowns
+# The variance of n is that of the whole signal in the first round, and then that of the residual.
 _ROUNDS = 2
-# Largest shift of an edge, as a multiple of the uncertainty.
-_FURTHEST = 2.0
+_FURTHEST = 2.0  # largest shift of an edge as a multiple of the uncertainty
 
 
 class EntryFit:
     """Fit of the times at which the products of a batch enter.
 
-    Each of t1 and t2 may be off by `uncertainty` u in s, above 0. `level` is M in kg. Frequency in
-    Hz and damping ratio are of the platform with that load. These three are (windows, 1).
+    `uncertainty` u, above 0, is the largest error of t1 and t2 in s. `level`, (windows, 1), is M in
+    kg. The natural frequency in Hz and the damping ratio, (windows, 1), are those of the platform
+    with the load.
     """
 
     def __init__(
         self,
         batch: WindowBatch,
         uncertainty: float,
-        level: NDArray[np.float64],
-        natural_frequency: NDArray[np.float64],
-        damping_ratio: NDArray[np.float64],
+        level: Array,
+        natural_frequency: Array,
+        damping_ratio: Array,
     ) -> None:
         self._batch = batch
         self._uncertainty = uncertainty
@@ -55,7 +54,7 @@ class EntryFit:
         self._platform_taps = np.empty((0, 3))
         if count < _LEAST_SAMPLES:
             return
-        # The blocks end with the signal; those before the entry contain no load.
+        # The last block ends with the signal. The blocks before the entry contain no load.
         empty = max((batch.entry - batch.force.shape[-1]) // batch.block + count, 0)
         interval = batch.time[:, 1:2] - batch.time[:, :1]
         width = batch.block * interval
@@ -68,44 +67,36 @@ class EntryFit:
         self._rows[:, 2:, empty:] = responses[1:].swapaxes(0, 1)
         self._platform_taps = platform_taps(width, natural_frequency, damping_ratio)
 
-    def times(
-        self, taps: NDArray[np.float64] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the times of entry as corrected by `shift`, in s.
+    def times(self, taps: Array | None) -> tuple[Array, Array]:
+        """Return the corrected time of each sample since t1 in s and the corrected rise time.
 
-        Returns the time since t1 for the columns of the batch, (windows, n), and t2 - t1,
-        (windows, 1).
+        The times are (windows, n), and the rise time t2 - t1 is (windows, 1). See `shift` for the
+        parameter.
         """
         shift, batch = self.shift(taps), self._batch
         t1, t2 = shift[:, :1], shift[:, 1:]
         return batch.time - t1, batch.rise_time + t2 - t1
 
-    def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
-        """Return the delays of t1 and t2 relative to the photo-eyes: (windows, 2), s.
+    def shift(self, taps: Array | None) -> Array:
+        """Return the delays of t1 and t2 relative to the photo-eyes in s, (windows, 2).
 
-        `taps`, (windows, p + 1), are the prediction-error filters of the disturbance, for means of
-        the same blocks. If they are None or of order 0, filters for a platform under white forces
-        are used.
+        `taps`, (windows, p + 1), are prediction-error filters for the block means of the
+        disturbance. If they are None or p is 0, filters for a platform under white forces are used.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
         for number, (rows, own) in enumerate(zip(self._rows, filters, strict=False)):
             if rows.shape[-1] - len(own) + 1 >= _LEAST_SAMPLES:
-                # All rows at once; samples that mix two rows are dropped.
+                # All rows are filtered at once. Outputs that mix two rows are discarded.
                 white = np.convolve(rows.ravel(), own)[: rows.size].reshape(rows.shape)
                 shift[number] = _fit(white[:, len(own) - 1 :], self._uncertainty)
         return shift
 
 
-def platform_taps(
-    interval: NDArray[np.float64],
-    natural_frequency: NDArray[np.float64],
-    damping_ratio: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the filters that whiten the motion of platforms under white forces.
+def platform_taps(interval: Array, natural_frequency: Array, damping_ratio: Array) -> Array:
+    """Return the filters, (windows, 3), that whiten the motion of platforms under white forces.
 
-    The filters are (windows, 3). The interval of the samples in s, the frequency in Hz and the
-    damping ratio are (windows, 1).
+    The sampling interval in s, the natural frequency in Hz and the damping ratio are (windows, 1).
 
     Examples
     --------
@@ -121,16 +112,17 @@ def platform_taps(
     return taps
 
 
-def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
-    """Estimate the shifts of t1 and t2 in s from a signal in white noise; 0 if not possible.
+def _fit(white: Array, uncertainty: float) -> tuple[float, float]:
+    """Estimate the shifts of t1 and t2 in s, which are 0 if the signal does not determine them.
 
-    The rows of `white` (4, n) are response, signal, and its derivatives to the two times.
+    The rows of `white`, (4, n), are the response, the signal, and the derivatives of the signal
+    with respect to the two times. The noise is white.
     """
-    # Plain floats, because arithmetic on arrays of two numbers takes many times as long.
+    # Floats are used, because arithmetic on arrays of two numbers takes many times as long.
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()
     if not size > 0:
         return 0.0, 0.0
-    # The size of the response is free, so only the part orthogonal to it depends on the times.
+    # The error of the load is free, so only the part orthogonal to the response is used.
     signal, one, two = (share / size for share in shares)
     power -= signal * shares[0]
     b1, b2 = seen[0] - signal * shares[1], seen[1] - signal * shares[2]

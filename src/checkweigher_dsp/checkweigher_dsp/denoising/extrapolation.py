@@ -1,50 +1,50 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Extrapolation of a disturbance beyond the ends of the signal, by linear prediction.
+"""Extrapolation of a disturbance beyond the ends of a signal by linear prediction.
 
-Most of the disturbance of a belt is lines: the rollers, the motor, the oscillation of the platform.
-They continue before and after the known samples, and an autoregressive model of these samples
-predicts them. Only the lowest bands of the signal matter, so block means at `PREDICTION_RATE` are
-modelled, for which an order of some tens spans the period of a slow line.
+The disturbance of a belt consists mainly of spectral lines, caused by the rollers, the motor and
+the oscillation of the platform. These continue before and after the known samples, so an
+autoregressive model of the samples predicts them. The model describes block means at the rate
+`PREDICTION_RATE`, because only the lowest bands of the signal matter. At this rate, an order of
+some tens spans the period of a slow line.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # Hz
-# Least number of block means to which a model is fitted, as a multiple of its order.
-_LEAST_RATIO = 3
-_PREDICTED_AT_ONCE = 4  # samples, see `predict`
+_LEAST_RATIO = 3  # least number of block means as a multiple of the order of a model
+_PREDICTED_AT_ONCE = 4  # maximum number of samples per step of `predict`
 
 
 def extrapolate(
-    disturbances: NDArray[np.float64], before: int, after: int, order: int, block: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Continue disturbances to both sides.
+    disturbances: Array, before: int, after: int, order: int, block: int
+) -> tuple[Array, Array]:
+    """Extrapolate disturbances to both sides.
 
-    The model is fitted by Burg's method, so it is stable: the continuation decays or persists, but
-    does not grow. The same model is used backward in time. [own derivation]
+    The models are fitted by Burg's method. They are stable, so the extrapolation does not grow. The
+    same model is used forward and backward in time. [own derivation]
 
     Parameters
     ----------
     disturbances : ndarray, (windows, n) float64
-        Signals without the load, kg.
+        Signals without the load in kg.
     before, after : int
-        Number of samples to put before the first and after the last one.
+        Numbers of samples to add before the first and after the last sample.
     order : int
-        Order of the models, lowered if n is too small for it; below 1 the continuation is 0.
+        Order of the models. It is reduced if n is too small. With order 0, the added samples are 0.
     block : int
-        Number of samples in one block of the models.
+        Number of samples in a block.
 
     Returns
     -------
     extrapolated : ndarray, (windows, before + n + after) float64
-        kg.
+        Extrapolated signals in kg.
     taps : ndarray, (windows, p + 1) float64
-        Prediction-error filters of the block means, beginning with the leading 1; only that 1 if
-        the continuation is 0.
+        Prediction-error filters of the block means, which begin with 1. The order p is 0 if the
+        added samples are 0.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def extrapolate(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result, np.ones((windows, 1))
-    # The blocks are aligned to the end from which the signal is continued.
+    # The blocks are aligned to the end from which the signal is extrapolated.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
@@ -69,7 +69,7 @@ def extrapolate(
     return result, taps
 
 
-def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
+def block_means(signal: Array, block: int) -> Array:
     """Return the means (..., n // block) of successive blocks of signals (..., n).
 
     Samples before the first full block are ignored.
@@ -84,20 +84,18 @@ def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     return np.asarray(used.reshape(*signal.shape[:-1], count, block).mean(axis=-1))
 
 
-def predict(
-    signals: NDArray[np.float64], taps: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
-    """Predict the next samples from the known ones and, further on, from predicted ones.
+def predict(signals: Array, taps: Array, count: int) -> Array:
+    """Predict the next `count` samples of signals.
 
-    Each window has m signals, (windows, m, n), with the same model, given by its prediction-error
-    filter `taps`, (windows, p + 1), beginning with the leading 1. Its order p is at most n. The
-    result is (windows, m, count).
+    Each window has m signals, (windows, m, n), that share a model. `taps`, (windows, p + 1), are
+    the prediction-error filters, which begin with 1. The order p is at most n. The result is
+    (windows, m, count).
 
     Notes
     -----
-    A few samples are predicted at a time, each as a weighted sum of the last p known ones. All at
-    once would not work: the impulse response of a model of lines grows far beyond the signal before
-    it decays, so rounding errors would hide the result.
+    A few samples are predicted at a time, as weighted sums of the p samples before them. All
+    samples cannot be predicted at once, because the impulse response of a model of spectral lines
+    grows far beyond the signal before it decays. Rounding errors would then hide the result.
 
     Examples
     --------
@@ -110,7 +108,7 @@ def predict(
     while 2 * weights.shape[1] <= min(order, _PREDICTED_AT_ONCE):
         weights = _twice_as_far(weights)
     windows, width, _ = weights.shape
-    # One row per time, so that the samples of a step are contiguous in memory.
+    # Each row is one time, so that the samples of a step are contiguous in memory.
     result = np.empty((windows, order + -(-count // width) * width, signals.shape[1]))
     result[:, :order] = signals[..., signals.shape[-1] - order :].swapaxes(1, 2)
     for k in range(order, result.shape[1], width):
@@ -118,10 +116,11 @@ def predict(
     return result[:, order : order + count].swapaxes(1, 2)
 
 
-def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights (windows, 2 n, p) of the last p samples in the next 2 n, from those for n.
+def _twice_as_far(weights: Array) -> Array:
+    """Return the weights (windows, 2 n, p) that predict 2 n samples from the last p samples.
 
-    The first half of the next 2 n samples gives n of the p samples that predict the second half.
+    The given weights (windows, n, p) predict n samples. They are applied twice: n of the p samples
+    that predict the second half are the predicted samples of the first half.
     """
     width, order = weights.shape[1:]
     further = weights[..., order - width :] @ weights
@@ -129,12 +128,12 @@ def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([weights, further], axis=1)
 
 
-def _between_centres(means: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Return the samples after the first block, interpolated between the block centres.
+def _between_centres(means: Array, block: int) -> Array:
+    """Return the samples after the first block, interpolated linearly between block centres.
 
-    The centres have the values `means` (..., blocks), and the last sample is at the last centre.
+    The values at the centres are `means` (..., blocks). The last sample is at the last centre.
     """
-    # The centre of a block of an even number of samples lies between two of them.
+    # The centre of a block with an even number of samples lies between two samples.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block
     samples = means[..., :-1, np.newaxis] + np.diff(means)[..., np.newaxis] * share
     return samples.reshape(*means.shape[:-1], -1)[..., 1 + (block - 1) // 2 :]

@@ -1,51 +1,49 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Load on the belt while a product enters, and the response of the platform.
+r"""Load on the belt while a product enters, and the response of the platform to it.
 
-Between t1 and t2 a product moves onto the belt at constant speed, so the share of it that rests
-there rises linearly from 0 to 1. The assumed platform responds to that rise by ringing.
+Between t1 and t2 a product moves onto the belt at constant speed. So the share of its weight that
+rests on the belt rises linearly from 0 to 1. The platform responds to this rise with ringing.
 """
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-_SHORTEST_RISE = 1e-9  # s, short enough for a step
-_SHORTEST_FITTED_RISE = 1e-4  # s, of a rise whose ends are fitted; rounding hides a shorter one
+from checkweigher_dsp.signal import Array
+
+_SHORTEST_RISE = 1e-9  # rise time in s that is used for a step
+_SHORTEST_FITTED_RISE = 1e-4  # shortest rise time in s for derivatives without rounding errors
 
 
-def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
-    """Return the share of a product that rests on the belt: 0 up to t1, 1 from t2 on.
+def load_share(time: Array, rise_time: Any) -> Array:
+    """Return the share of a product that rests on the belt, which is 0 up to t1 and 1 after t2.
 
-    `time` (..., n) is the time since t1, and `rise_time` is t2 - t1, both in s. If `rise_time` is
-    not positive, the share is a step.
+    `time`, (..., n), is the time since t1 in s. `rise_time` is t2 - t1 in s; if it is not positive,
+    the share is a step.
 
     Examples
     --------
     >>> load_share(np.array([-0.1, 0.0, 0.05, 0.3]), 0.1).tolist()
     [0.0, 0.0, 0.5, 1.0]
     """
-    share: NDArray[np.float64] = time / np.maximum(rise_time, _SHORTEST_RISE)
-    np.maximum(share, 0.0, out=share)
-    return np.minimum(share, 1.0, out=share)
+    return np.clip(time / np.maximum(rise_time, _SHORTEST_RISE), 0.0, 1.0)
 
 
-def load_response(
-    time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
-) -> NDArray[np.float64]:
-    r"""Return the response of a platform at rest to a product that enters, per kg of product.
+def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any) -> Array:
+    r"""Return the response of a platform at rest to a product of unit mass that enters.
 
-    The platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`. Its response to a load
-    that rises by 1 per second from time 0 on is
+    The equation of the platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`. The
+    response to a load that rises by 1 per second from time 0 on is
 
     .. math:: r(t) = t - \frac{2 \xi}{\omega} - \frac{1}{\omega_d} e^{-\xi \omega t}
        \sin(\omega_d t - 2 \arcsin \xi),\quad \omega_d = \omega \sqrt{1 - \xi^2}
 
-    and its response to a rise to 1 that ends after D is (r(t) - r(t - D)) / D. [own derivation]
+    and the response to a rise to 1 within the time D is (r(t) - r(t - D)) / D. [own derivation]
 
-    `time` (..., n) is the time since t1 in s. D = t2 - t1 in s, the natural frequency in Hz and xi,
-    below 1, are floats or (..., 1). The response is 0 up to t1 and about 1 from t2 on.
+    `time`, (..., n), is the time since t1 in s. The rise time D = t2 - t1 in s, the natural
+    frequency in Hz and the damping ratio xi, below 1, are floats or (..., 1). The response is 0 up
+    to t1 and about 1 after t2.
 
     Examples
     --------
@@ -63,19 +61,20 @@ def load_response(
     np.sin(swing, out=swing)
     swing *= np.exp(-damping_ratio * omega * since)
     swing /= damped
-    since -= np.sin(angle) / damped  # 2 xi / omega, and exactly the swing at 0
+    since -= np.sin(angle) / damped  # This equals 2 xi / omega, and cancels the swing at time 0.
     since -= swing
     return (since[0] - since[1]) / rise_time
 
 
 def block_responses(
-    time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
-) -> NDArray[np.float64]:
-    r"""Return the means of a response between successive times, and their derivatives to t1 and t2.
+    time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any
+) -> Array:
+    r"""Return the block means of a response, and their derivatives with respect to t1 and t2.
 
-    The three rows, (3, ..., n), are the mean of `load_response` in each block, and its partial
-    derivatives to t1 and to t2, 1/s. `time` (..., n + 1) contains the bounds of the blocks at equal
-    intervals; see `load_response` for the other parameters. [own derivation]
+    The rows of the result, (3, ..., n), are the mean of `load_response` in each block, and its
+    partial derivatives with respect to t1 and t2 in 1/s. `time`, (..., n + 1), contains the bounds
+    of the blocks, at equal intervals. See `load_response` for the other parameters. [own
+    derivation]
 
     With the pole :math:`p = -\xi \omega + i \omega_d` and :math:`q = 1 - i \xi \omega / \omega_d`
     the response r and its integral are
@@ -106,8 +105,8 @@ def block_responses(
     )
 
 
-def _since_both_ends(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
-    """Return the times (2, ...) since a rise began and since it ended, not below 0, s."""
+def _since_both_ends(time: Array, rise_time: Any) -> Array:
+    """Return the times in s since a rise began and since it ended, (2, ...), not below 0."""
     since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
     since[0] = time
     np.subtract(time, rise_time, out=since[1])

@@ -16,7 +16,7 @@ SHRUNK_LEVELS = (5, 6, 7)
 
 @dataclass(frozen=True, slots=True)
 class ShrinkageTable:
-    """Shrinkage of the detail bands 5 to 7 by belt speed; details 1 to 4 are removed.
+    """Shrinkage of the wavelet bands 5 to 7 for each belt speed. Bands 1 to 4 are removed.
 
     Raises
     ------
@@ -24,8 +24,8 @@ class ShrinkageTable:
         If the columns differ in length or the speeds do not ascend.
     """
 
-    speeds: tuple[float, ...]  # m/s, ascending
-    # gamma and lambda of levels 5, 6 and 7, each with one value per speed; see `at` for the unit.
+    speeds: tuple[float, ...]  # belt speeds in m/s, ascending
+    # Gains gamma and thresholds lambda of levels 5, 6 and 7, each with one value per speed.
     gains: tuple[tuple[float, ...], ...]
     thresholds: tuple[tuple[float, ...], ...]
 
@@ -37,11 +37,11 @@ class ShrinkageTable:
                 raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
 
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
-        """Return the shrinkage of levels 1 to 7 at a belt speed, None for a level that is removed.
+        """Return the shrinkage of levels 1 to 7 at a belt speed; None for a level to remove.
 
-        It is interpolated linearly between the speeds of the table, and constant outside. `speed`
-        is in m/s, a float or (windows, 1), and so are gains and thresholds. `unit` is the unit of
-        the thresholds, expressed in the unit of the signal.
+        Gains and thresholds are interpolated linearly between the speeds of the table, and constant
+        beyond them. They have the shape of `speed`, the belt speed in m/s as a float or
+        (windows, 1). `unit` is the unit of the thresholds in the unit of the signal.
 
         Examples
         --------
@@ -59,7 +59,7 @@ class ShrinkageTable:
         return *[None] * (LEVELS - len(SHRUNK_LEVELS)), *shrunk
 
 
-# Long et al., Table 1, at 30, 45, 60, 75 and 90 m/min.
+# Table 1 of Long et al. for 30, 45, 60, 75 and 90 m/min.
 TABLE_1 = ShrinkageTable(
     speeds=(0.5, 0.75, 1.0, 1.25, 1.5),
     gains=(
@@ -74,9 +74,9 @@ TABLE_1 = ShrinkageTable(
     ),
 )
 
-# Found on simulated passes of a machine like the paper's, with the disturbance extrapolated around
-# the window. On a faster belt the window is shorter, so more of the disturbance is in band 7. No
-# threshold improved on the gain alone; docs/method.md has the figures.
+# These gains were found by simulation of a machine like that of Long et al., with an extrapolated
+# disturbance as padding. The gain of band 7 increases with the belt speed, because the windows
+# become shorter. Thresholds brought no improvement; docs/method.md contains the results.
 UNTRAINED = ShrinkageTable(
     speeds=TABLE_1.speeds,
     gains=((0.0,) * 5, (0.0,) * 5, (0.1, 0.25, 0.5, 0.8, 1.0)),

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Denoising by shrinkage of stationary wavelet coefficients.
 
-On a periodic stretch each band of the stationary wavelet transform (SWT) is a circular
-convolution, and the method keeps only four bands: the approximation and three details. So analysis
-and synthesis need one FFT per band instead of the full transform, and none for a band without a
-threshold. They agree with ``pywt.swt`` and ``pywt.iswt`` (``norm=False``) up to rounding.
+On a periodic signal each band of the stationary wavelet transform (SWT) is a circular convolution.
+The method keeps only the approximation and three details. So each of these bands needs one FFT
+instead of the full transform, and a band without a threshold needs none. The results agree with
+``pywt.swt`` and ``pywt.iswt`` (``norm=False``) except for rounding.
 """
 
 from collections.abc import Sequence
@@ -18,26 +18,31 @@ import numpy as np
 from numpy.typing import NDArray
 import pywt
 
+from checkweigher_dsp.signal import Array
+
 WAVELET = 'db16'
 LEVELS = 7
 
 
 @dataclass(frozen=True, slots=True)
 class Shrinkage:
-    """Gain and threshold of one detail band; arrays have one value per stretch."""
+    """Gain and threshold of one detail band.
 
-    gain: Any  # gamma, 1, or (windows, 1); 0 removes the band
-    # lambda, or (windows, 1), in the unit of the signal, for coefficients scaled as by
-    # ``pywt.swt(norm=False)``. With the float 0 the band needs no transform.
+    The gain gamma and the threshold lambda are floats or (windows, 1). The threshold is in the unit
+    of the signal, for coefficients that are scaled as by ``pywt.swt(norm=False)``. A band whose
+    threshold is the float 0 needs no transform.
+    """
+
+    gain: Any
     threshold: Any
 
     @property
     def is_linear(self) -> bool:
-        """Whether the band is only multiplied by its gain."""
+        """Whether the coefficients of the band are only multiplied by the gain."""
         return isinstance(self.threshold, float) and self.threshold == 0
 
 
-def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[np.float64]:
+def shrink(coefficients: Array, shrinkage: Shrinkage) -> Array:
     r"""Apply the shrinkage soft threshold.
 
     .. math:: d' = \operatorname{sgn}(d) \gamma (|d| - \lambda) \text{ if } |d| \ge \lambda,
@@ -57,12 +62,13 @@ def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[n
 
 @lru_cache(maxsize=8)
 def band_responses(length: int) -> NDArray[np.complex128]:
-    r"""Return the frequency responses of the SWT bands on a circle of `length` samples.
+    r"""Return the frequency responses of the SWT bands for a periodic signal of `length` samples.
 
-    The length is a multiple of ``2**LEVELS``. The responses are read-only, (LEVELS + 1, length // 2
-    + 1): details 1 to `LEVELS`, then the approximation. The filters of level j are those of level 1
-    with :math:`2^{j-1} - 1` zeros between their taps (algorithme a trous), so that with the
-    transforms H, G of the filters of an orthogonal wavelet
+    The length is a multiple of ``2**LEVELS``. The read-only result has the shape (LEVELS + 1,
+    length // 2 + 1). Its rows are the details 1 to `LEVELS` and the approximation. The filters of
+    level j are those of level 1 with :math:`2^{j-1} - 1` zeros between their taps (algorithme a
+    trous). With the Fourier transforms H and G of the filters of an orthogonal wavelet, the
+    responses of the details are
 
     .. math:: W_{d_j}(f) = G(2^{j-1} f) \prod_{i<j} H(2^{i-1} f)
 
@@ -87,17 +93,17 @@ def band_responses(length: int) -> NDArray[np.complex128]:
 
 
 def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.complex128]:
-    """Return the transform of taps wrapped around a circle, which may be shorter than the taps."""
+    """Return the Fourier transform of the taps of a filter, wrapped to `length` samples."""
     wrapped = np.zeros(length)
     np.add.at(wrapped, np.arange(len(taps)) % length, taps)
     return np.fft.fft(wrapped)
 
 
 @lru_cache(maxsize=8)
-def _syntheses(length: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return the responses of the inverse transform, and the share of each band in the gain."""
+def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
+    """Return the responses of the inverse SWT bands, and the part of each band in a unity gain."""
     responses = band_responses(length)
-    # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
+    # The inverse averages the 2**j shifted bases of level j, which explains the powers of two.
     scales = 2.0 ** -np.array([*range(1, LEVELS + 1), LEVELS])
     syntheses = responses.conj() * scales[:, None]
     powers = (responses * syntheses).real
@@ -105,28 +111,27 @@ def _syntheses(length: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]
     return syntheses, powers
 
 
-def denoise_periodic(
-    stretch: NDArray[np.float64], details: Sequence[Shrinkage | None]
-) -> NDArray[np.float64]:
-    """Denoise periodic stretches: shrink their detail bands, keep their approximation.
+def denoise_periodic(stretch: Array, details: Sequence[Shrinkage | None]) -> Array:
+    """Denoise periodic signals by shrinkage of the detail bands.
 
-    A band without a threshold is one gain at each frequency; only the others are transformed.
+    A band without a threshold is applied as a gain at each frequency. Only bands with a threshold
+    are transformed.
 
     Parameters
     ----------
     stretch : ndarray, (..., n) float64
-        n is a multiple of ``2**LEVELS``; the end continues at the beginning.
+        Periodic signals, with n a multiple of ``2**LEVELS``.
     details : sequence of Shrinkage or None
-        Shrinkage of each of the `LEVELS`; None removes the band.
+        Shrinkage of each of the `LEVELS` bands. None removes a band.
 
     Returns
     -------
     ndarray, (..., n) float64
-        In the unit of `stretch`.
+        Denoised signals in the unit of `stretch`.
 
     References
     ----------
-    Long et al. (see docs/method.md), section 2: db16, 7 levels, details 1 to 4 set to 0.
+    Long et al. (see docs/method.md), section 2: db16, 7 levels, details 1 to 4 are set to 0.
 
     Examples
     --------
@@ -147,7 +152,7 @@ def denoise_periodic(
     result = spectrum * gain
     shrunk = {band: each for band, each in kept if not each.is_linear}
     if shrunk:
-        # One more axis, for the bands, before the axis of time.
+        # The bands are an additional axis before the time axis.
         numbers = list(shrunk)
         bands = np.fft.irfft(spectrum[..., np.newaxis, :] * responses[numbers], length)
         for k, shrinkage in enumerate(shrunk.values()):
@@ -157,22 +162,18 @@ def denoise_periodic(
 
 
 def threshold_universally(
-    stretch: NDArray[np.float64],
-    *,
-    hard: bool,
-    measured: slice = slice(None),
-    each_level: bool = False,
-) -> NDArray[np.float64]:
-    r"""Denoise by hard (HTF) or soft (STF) thresholding of all details, for comparison.
+    stretch: Array, *, hard: bool, measured: slice = slice(None), each_level: bool = False
+) -> Array:
+    r"""Denoise periodic signals by hard or soft thresholding of all details, for comparison.
 
-    The threshold is the universal one, :math:`\lambda = \sigma \sqrt{2 \ln n}` with
-    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. A soft threshold reduces a coefficient that
-    exceeds it by lambda, a hard one leaves it unchanged.
+    The universal threshold is :math:`\lambda = \sigma \sqrt{2 \ln n}` with
+    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. Coefficients below the threshold are set to
+    0. A soft threshold (STF) reduces the other coefficients by lambda, and a hard threshold (HTF)
+    leaves them unchanged.
 
-    Only the part `measured` of the stretch determines sigma, and its length is n, because the
-    padding around it contains no noise. With `each_level`, sigma is computed for each level, for
-    noise that is not white; otherwise from level 1 only. Stretches and result are as in
-    `denoise_periodic`.
+    sigma and n are computed from the part `measured` of the signal, because the padding around it
+    contains no noise. With `each_level`, sigma is computed for each level, for noise that is not
+    white. Otherwise it is computed from level 1. Signal and result are as in `denoise_periodic`.
 
     References
     ----------
@@ -195,7 +196,7 @@ def threshold_universally(
     for band in range(LEVELS):
         coefficients = np.fft.irfft(spectrum * responses[band], length)
         if each_level or band == 0:
-            # The filters of a level are causal here; their centre is half their length later.
+            # The causal filters of a level delay the signal by half their length.
             centre = taps // 2 * (2 ** (band + 1) - 1)
             centred = np.roll(coefficients, -centre, axis=-1)
             threshold = factor * np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)
@@ -207,4 +208,4 @@ def threshold_universally(
     return np.fft.irfft(result, length)
 
 
-_NORMAL_MEDIAN = 0.6745  # of |x| for a normal x with standard deviation 1
+_NORMAL_MEDIAN = 0.6745  # median of |x| for a standard normal variable x

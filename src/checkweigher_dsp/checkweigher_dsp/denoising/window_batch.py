@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches of windows: arrays of windows of equal shape, to denoise them at once.
+"""Batches of weigh windows of equal shape, which are denoised at once.
 
-A single window is a batch of one. All operations are along the last axis or element by element, so
-the result of a window is the same in any batch, bit for bit.
+A single window is a batch of one. All operations are element by element or along the last axis. So
+the result of a window is the same in any batch, to the last bit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,50 +11,48 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow, seconds
 from checkweigher_dsp.denoising.extrapolation import PREDICTION_RATE
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
+from checkweigher_dsp.signal import Array
 
 _PERIOD = 2**LEVELS
-# Samples before t2 are used in multiples of this, so that there are few shapes.
+# The number of used samples before t2 is a multiple of this number, which limits the variety of
+# shapes.
 _LEAD_STEP = 16
-_SAMPLES_AT_ONCE = 2**20  # of padded windows in a batch
+_SAMPLES_AT_ONCE = 2**20  # maximum number of samples of the padded windows of a batch
 
 
 @dataclass(frozen=True, slots=True)
 class WindowBatch:
-    """Windows of equal shape, with the signal before them."""
+    """Windows of equal shape, from the empty belt before t1 up to t3."""
 
-    positions: tuple[int, ...]  # in the list of windows that were sorted into batches
-    # (windows, n): signal in kg, from the empty belt before t1 up to t3, and time since t1 in s.
-    force: NDArray[np.float64]
-    time: NDArray[np.float64]
-    rise_time: NDArray[np.float64]  # (windows, 1), t2 - t1, s
-    belt_speed: NDArray[np.float64]  # (windows, 1), m/s
+    positions: tuple[int, ...]  # positions in the list of windows
+    force: Array  # signal in kg, (windows, n)
+    time: Array  # time since t1 in s, (windows, n)
+    rise_time: Array  # t2 - t1 in s, (windows, 1)
+    belt_speed: Array  # belt speed in m/s, (windows, 1)
     entry: int  # column of the first sample at or after t1
     begin: int  # column of the first sample at or after t2
-    block: int  # samples in one block of the prediction
+    block: int  # number of samples in a block of the extrapolation
 
     @property
-    def share(self) -> NDArray[np.float64]:
-        """Share of the product on the belt at each sample, (windows, n) float64."""
+    def share(self) -> Array:
+        """Share of the product on the belt at each sample, (windows, n)."""
         return load_share(self.time, self.rise_time)
 
 
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
-    """Sort consistent windows by shape into batches, in the order of their first windows.
+    """Sort consistent windows by shape into batches.
 
-    A padded window has at least `min_length` samples, at most half of them before t2.
+    A padded window has at least `min_length` samples, of which at most half are before t2.
     """
     times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}
     for position, (window, (lead, time)) in enumerate(zip(windows, times, strict=True)):
-        # First sample from t1 on, but not after t2.
         entry = min(int(time.searchsorted(0.0)), lead)
-        # No rate of a real load cell is above the limit.
         block = round(min(window.sample_rate, MAX_SAMPLE_RATE) / PREDICTION_RATE)
         shape = entry, lead, min(max(1, block), len(time) + 1), len(time)
         shapes.setdefault(shape, []).append(position)
@@ -80,7 +78,7 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
 def _in_parts(
     shapes: Mapping[tuple[int, ...], list[int]], min_length: int
 ) -> Iterator[tuple[tuple[int, ...], list[int]]]:
-    """Yield the positions of each shape, in parts that limit the memory of a batch."""
+    """Yield the positions of the windows of each shape, in parts that limit the memory."""
     for shape, positions in shapes.items():
         _, begin, _, count = shape
         most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))
@@ -89,12 +87,12 @@ def _in_parts(
 
 
 def padded_length(min_length: int, count: int) -> int:
-    """Return the length of a padded window of `count` samples, a multiple of 128."""
+    """Return the length of a padded window of `count` samples, which is a multiple of 128."""
     return _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
 
 
-def _used_time(window: WeighWindow, min_length: int) -> tuple[int, NDArray[np.float64]]:
-    """Return the number of samples used before t2, and the time of all used samples in s."""
+def _used_time(window: WeighWindow, min_length: int) -> tuple[int, Array]:
+    """Return the number of used samples before t2, and the times of all used samples in s."""
     begin, count = window.window_begin, window.window_end - window.window_begin
     room = (padded_length(min_length, count) - count) // 2
     known = begin - min(max(window.empty_begin, 0), begin)
@@ -103,25 +101,24 @@ def _used_time(window: WeighWindow, min_length: int) -> tuple[int, NDArray[np.fl
 
 
 def rise_time(window: WeighWindow) -> float:
-    """Return t2 - t1 in s, 0 if unknown."""
+    """Return the rise time t2 - t1 in s, or 0 if it is unknown."""
     if window.t1 is None or window.t2 is None:
         return 0.0
     return max(window.t2 - window.t1, 0) / NANOSECONDS
 
 
 def transit(window: WeighWindow) -> float:
-    """Return t3 - t1 in s, NaN if unknown."""
+    """Return the transit t3 - t1 in s, or NaN if it is unknown."""
     if window.t1 is None or window.t3 is None:
         return math.nan
     return seconds(window.t3 - window.t1)
 
 
-def time_since_entry(
-    window: WeighWindow, begin: int = 0, end: int | None = None
-) -> NDArray[np.float64]:
-    """Return the time since t1 in s of the samples from position `begin` up to `end`.
+def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None) -> Array:
+    """Return the time since t1 in s of the samples with positions in [begin, end).
 
-    The first sample of the window lies within one sample after t2, even if its stamp is wrong.
+    The sample at ``window_begin`` is taken to be within one interval after t2, even if its stamp is
+    wrong.
     """
     first, interval = window.window_begin, 1 / window.sample_rate
     after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
@@ -130,10 +127,10 @@ def time_since_entry(
     return since + np.arange(begin - first, end - first, dtype=np.float64) * interval
 
 
-def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the denoised signal of a window in kg and the load on the belt, (n,) each.
+def denoised_pass(window: WeighWindow) -> tuple[Array, Array]:
+    """Return the denoised signal of a window in kg and the share of the product on the belt.
 
-    Both cover t1 or t2 up to t3. The load is the share of the product, which is 1 from t2 on.
+    Both are (n,), from the first denoised sample up to t3. The share is 1 after t2.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))
@@ -145,7 +142,7 @@ def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def is_consistent(window: WeighWindow) -> bool:
-    """Return whether the fields of a window without reasons are consistent."""
+    """Return whether the fields of a window that is not a fault are consistent."""
     numbers = window.zero, window.zero_counts, window.zero_std_dev, window.counts_per_kg
     return (
         0 <= window.window_begin < window.window_end <= len(window.counts) <= MAX_WINDOW

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of the mass in weigh windows by the chosen estimator."""
+"""Estimation of the mass in weigh windows by the chosen estimator."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
@@ -63,21 +63,21 @@ _AllParameters: Any = make_dataclass('_AllParameters', _SETS, bases=(_OwnParamet
 
 @dataclass(frozen=True)
 class IdentifierParameters(_AllParameters, _OwnParameters):
-    """The estimator of the mass, and a set of parameters for each of `ESTIMATORS`."""
+    """Parameters of the identifier, with a set of parameters for each of `ESTIMATORS`."""
 
     @property
     def chosen(self) -> EstimatorParameters:
-        """The parameters of the chosen estimator."""
+        """Parameters of the chosen estimator."""
         return cast(EstimatorParameters, getattr(self, self.estimator))
 
     def with_set(self, estimator: str, parameters: EstimatorParameters) -> Self:
-        """Return a copy with other parameters of one estimator."""
+        """Return a copy with different parameters of one estimator."""
         changes: dict[str, Any] = {estimator: parameters}
         return replace(self, **changes)
 
     @property
     def basis(self) -> str:
-        """The estimator and a hash of its parameters, for which alone learned state is valid."""
+        """Name of the estimator with a hash of its parameters, to which learned state belongs."""
         values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
         return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
 
@@ -85,13 +85,14 @@ class IdentifierParameters(_AllParameters, _OwnParameters):
 class Identifier:
     """Stage that estimates the mass in each denoised window.
 
-    With `IdentifierParameters.learn` it learns from each window for later ones. `known` is the
-    state that was learned before; it is ignored unless estimator and parameters are the same.
+    With `IdentifierParameters.learn`, the stage learns from each window and weighs later windows by
+    the result. `known` is a state that was learned before. It is ignored if it belongs to another
+    estimator or to other parameters.
 
     Attributes
     ----------
     learned : LearnedKinds
-        State that was learned so far. It depends only on the windows and their order.
+        State that has been learned so far. It depends only on the windows and their order.
 
     Examples
     --------
@@ -116,15 +117,15 @@ class Identifier:
 
     @property
     def needs_denoised(self) -> bool:
-        """Whether the estimator reads the denoised signal; the others weigh the raw one."""
+        """Whether the estimator uses the denoised signal instead of the raw signal."""
         return self._estimator.needs_denoised
 
     def estimate(self, window: WeighWindow) -> MassEstimate:
-        """Return the mass in a window with its uncertainty, or the reasons why there is none."""
+        """Return the mass in a window with its uncertainty, or the reasons for no mass."""
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        """Estimate many masses at once, bit for bit as one at a time."""
+        """Estimate many masses at once, with the same results to the last bit as one by one."""
         refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
         loads: Iterator[LoadEstimate | MassEstimate] = iter(
@@ -134,7 +135,7 @@ class Identifier:
         return self._failures.each(self._weigh, self._failed, windows, found)
 
     def learn(self) -> None:
-        """Learn from the last window now; otherwise this delays the next estimate."""
+        """Learn from the last window at once, so that this does not delay the next estimate."""
         lesson, self._lesson = self._lesson, None
         if lesson is not None:
             self.learned = learn(self.learned, *lesson, self._parameters.learning)
@@ -147,9 +148,9 @@ class Identifier:
         return self._record(window, (Reason.STAGE_FAILED.value,))
 
     def _weigh(self, window: WeighWindow, load: LoadEstimate | MassEstimate) -> MassEstimate:
-        """Return the mass of a window, by the learned weights if they are trusted."""
+        """Return the mass of a window, with the learned weights if they are trusted."""
         if isinstance(load, MassEstimate):
-            return load  # a refusal or a failure
+            return load  # the window was refused, or the estimator failed
         estimate = self._estimate(window, load)
         if not estimate.reasons and not is_plausible(window):
             return self._record(window, (Reason.BAD_SIGNAL.value,), zero=estimate.zero)
@@ -161,17 +162,17 @@ class Identifier:
         if better is load:
             return estimate
         if not self._known.calibrated:
-            # The gain comes from the estimator, whose variance includes its uncertainty.
+            # The learned weights take their gain from the estimator, with its uncertainty.
             better = replace(better, variance=better.variance + load.variance)
         learned = self._estimate(window, better)
         return estimate if learned.reasons else learned
 
     def _refuse(self, window: WeighWindow) -> MassEstimate | None:
-        """Return an estimate with the reasons why a window cannot be weighed, None if it can."""
+        """Return an estimate with the reasons why a window cannot be weighed, or None."""
         if window.reasons:
             return self._record(window, window.reasons)
         count = len(window.denoised)
-        # An estimator of the raw signal does not need denoise before it.
+        # An estimator that uses the raw signal does not need the denoiser.
         complete = count == len(window.counts) or (count == 0 and not self.needs_denoised)
         if not is_consistent(window) or not complete:
             return self._record(window, (Reason.BAD_WINDOW.value,))
@@ -202,7 +203,7 @@ class Identifier:
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
         stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
         limit = self._parameters.max_relative_std_dev * abs(mass)
-        # A mass or a variance that is NaN is not certain.
+        # This is False if the mass or the variance is NaN.
         certain = variance >= 0 and math.sqrt(variance) <= limit < math.inf
         if not (stable and certain and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
@@ -223,10 +224,10 @@ class Identifier:
         )
 
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
-        """Return the variance of a mass, kg^2.
+        """Return the variance of a mass in kg^2.
 
-        After training, it is the variance of the training passes, which includes the noise of their
-        zero. Only the excess of the present zero's variance over theirs is added.
+        After training, it is the variance on the training passes, which includes that of their
+        zero. If the variance of the present zero is larger, the difference is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

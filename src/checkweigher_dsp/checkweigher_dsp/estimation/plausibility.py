@@ -1,26 +1,26 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Check of the signal of a window against the noise of its own empty belt.
+r"""Check of the signal of a window by the noise of the empty belt before it.
 
-Platform and product add only smooth components to a signal. Above a quarter of the sample rate
-there is little but the white noise of the electronics, which does not depend on the load. A
-high-pass filter, scaled to keep the variance of white noise, shows the converter alone. [own
-derivation] If the converter works, the filtered signal e
+Platform and product add only smooth components to a signal. Above a quarter of the sample rate, the
+signal contains mainly the white noise of the electronics, which does not depend on the load. A
+high-pass filter, scaled to keep the variance of white noise, separates this noise. [own derivation]
+If the converter works, the filtered signal e has four properties:
 
-- is no calmer under a load: its variance from t2 to t3 is at least that on the empty belt. The
-  ratio has an F distribution; because e is correlated, a sample counts as 1 over the sum of its
-  squared correlations in degrees of freedom, 0.48 for white noise;
-- has no steps from t1 to t3 except those explained by the noise and by the product, which strikes
-  the belt in proportion to load and speed, and changes the slope of the load at t1, t2 and t3;
-- never repeats itself: with white noise of s counts, nothing predicts more than a share
-  p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings occurs
-  twice in at most N^2 p^w / 2 of all windows;
-- seldom stands still: of n blocks of w readings, more than m = n p^(w-1) consist of one value by
-  chance. By the bound of Chernoff there are k > m of them in at most (m / k)^k exp(k - m) of all
-  windows. This shows a limit that the load crosses again and again.
+- Its variance under a load, from t2 to t3, is not below the variance on the empty belt. The ratio
+  of the two has an F distribution. The samples of e are correlated, so the degrees of freedom per
+  sample are 1 divided by the sum of the squared correlations, which is 0.48 for white noise.
+- It has no steps from t1 to t3, except those that the noise and the product explain. The product
+  causes an impact in proportion to load and speed, and a change of the slope at t1, t2 and t3.
+- It does not repeat itself. With white noise of s counts, no prediction is right for more than a
+  share p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings
+  occurs twice in at most N^2 p^w / 2 of all windows.
+- It is seldom constant. Of n blocks of w readings, at most m = n p^(w-1) are expected to consist of
+  one value. By the Chernoff bound, k > m such blocks occur in at most (m / k)^k exp(k - m) of all
+  windows. More of them show that the load repeatedly crosses the limit of a converter.
 
-Noise below 0.3 counts is hidden by the rounding. Then, and if no empty belt is seen, only the steps
-are judged. A converter that shows no noise at all is not judged.
+Rounding hides noise below 0.3 counts. With such noise, or without an empty belt, only the steps are
+checked. A converter without any noise is not checked.
 """
 
 from functools import lru_cache, reduce
@@ -31,36 +31,36 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
+from checkweigher_dsp.signal import Array
 
-# The seventh difference, equalised above a quarter of the sample rate. It reduces a line at a
-# twentieth of the sample rate, at which a platform may ring, to 2e-5.
+# The filter is a seventh difference, equalised above a quarter of the sample rate. It reduces an
+# oscillation at 1/20 of the sample rate, at which a platform may ring, to 2e-5.
 _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.array([5, 2])] * 3)
-_EDGE = len(_FILTER) - 1  # samples at each end that it cannot filter
+_EDGE = len(_FILTER) - 1  # number of samples at each end that cannot be filtered
 _GAIN = math.sqrt(_FILTER @ _FILTER)
-_STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e from a step of 1
-# Largest e from a change of the slope by 1 per sample.
+_STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e after a step of 1
+# Largest e after a change of the slope by 1 per sample.
 _SLOPE_GAIN = float(np.max(np.abs(np.cumsum(np.cumsum(_FILTER))))) / _GAIN
-_QUARTILE = 0.3186  # of the absolute values of a normal distribution, standard deviations
-_ROUNDING = 1 / 12  # counts^2
-_FEWEST = 24  # filtered samples of the empty belt that show its noise
-# Largest share of sound windows that the first and the third rule refuse by chance.
-_CHANCE = 1e-5
-_CALM = -4.26  # the same as a standard normal deviate
-_OUTLIER = 3.0  # standard deviations; larger values of the empty belt are clipped
-_LAGS = 20  # of the correlation of e
-_BLOCKS = 2, 4, 8  # readings
-_STEP = 7.0  # standard deviations of the noise
-_STRIKE = 2e-3  # s/m, step by the strike of a product: share of the load per m/s
+_QUARTILE = 0.3186  # first quartile of the absolute value of a standard normal variable
+_ROUNDING = 1 / 12  # variance of the rounding error in counts^2
+_FEWEST = 24  # least number of filtered samples of the empty belt
+_CHANCE = 1e-5  # largest share of valid windows that a rule refuses by chance
+_CALM = -4.26  # standard normal deviate with the probability `_CHANCE`
+_OUTLIER = 3.0  # limit of the samples of the empty belt in standard deviations
+_LAGS = 20  # number of lags of the correlation of e
+_BLOCKS = 2, 4, 8  # lengths of blocks in readings
+_STEP = 7.0  # smallest step in standard deviations of the noise
+_STRIKE = 2e-3  # step due to the impact of a product, as a share of the load per m/s of speed
 
 
 def is_plausible(window: WeighWindow) -> bool:
-    """Return whether a consistent window may be the signal of a product on the belt."""
+    """Return whether the signal of a consistent window can be that of a product on the belt."""
     begin, end = window.window_begin, window.window_end
     entry = int(np.searchsorted(time_since_entry(window, 0, end), 0.0))
     first = min(window.empty_begin, entry)
     counts = window.counts[first:end].astype(np.int64)
     counts -= counts[0]
-    step = int(np.gcd.reduce(counts)) or 1  # above 1 if the lowest bits are always 0
+    step = int(np.gcd.reduce(counts)) or 1  # This is above 1 if the lowest bits are always 0.
     counts //= step
     rapid = np.convolve(counts, _FILTER)[_EDGE:-_EDGE] / _GAIN
     empty, loaded = rapid[: max(entry - first - _EDGE, 0)], rapid[entry - first :]
@@ -69,13 +69,9 @@ def is_plausible(window: WeighWindow) -> bool:
         return True
     typical = float(np.sort(np.abs(known))[len(known) // 4] / _QUARTILE) ** 2
     if not typical:
-        return True  # a converter that shows no noise
+        return True  # The converter has no noise.
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
-    explained = np.full(len(loaded), _STRIKE * window.belt_speed * load * _STEP_GAIN)
-    # A scale without lag shows corners where the load begins to rise, is complete, and falls.
-    for corner in (0, begin - entry, end - entry):
-        near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
-        explained[near] += load / max(begin - entry, 1) * _SLOPE_GAIN
+    explained = _impact(load, window.belt_speed, begin - entry, end - entry, len(loaded))
     if np.any(np.abs(loaded) > np.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), explained)):
         return False
     if typical < 2 * _ROUNDING or known is loaded:
@@ -87,10 +83,23 @@ def is_plausible(window: WeighWindow) -> bool:
     return not (calmer or _is_repeated(counts, predicted) or _stands_still(level, predicted))
 
 
-def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
-    """Return whether a signal has less variance than the empty belt, by an F test.
+def _impact(load: float, speed: float, entered: int, leaves: int, count: int) -> Array:
+    """Return the largest e that a product causes in each of `count` samples after t1, (count,).
 
-    The cube roots of Paulson (1942) turn the ratio into a standard normal deviate.
+    `load` is in counts and `speed` in m/s. `entered` and `leaves` are the samples at t2 and t3.
+    """
+    largest = np.full(count, _STRIKE * speed * load * _STEP_GAIN)
+    # The slope of the load changes where the load begins to rise, is complete, and begins to fall.
+    for corner in (0, entered, leaves):
+        near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
+        largest[near] += load / max(entered, 1) * _SLOPE_GAIN
+    return largest
+
+
+def _is_calmer(level: Array, empty: Array) -> bool:
+    """Return whether an F test shows that a signal has less variance than the empty belt.
+
+    The approximation of Paulson (1942) converts the ratio to a standard normal deviate.
     """
     if not len(level):
         return False
@@ -103,7 +112,7 @@ def _is_calmer(level: NDArray[np.float64], empty: NDArray[np.float64]) -> bool:
 
 
 def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
-    """Return whether too many blocks of readings consist of one value for chance."""
+    """Return whether more blocks of readings are constant than chance explains."""
     for width in _BLOCKS:
         blocks = level[: len(level) // width * width].reshape(-1, width)
         found = np.count_nonzero(np.ptp(blocks, axis=1) == 0)
@@ -115,7 +124,7 @@ def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
 
 
 def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
-    """Return whether a sequence of readings occurs twice that is too long for chance."""
+    """Return whether a sequence of readings that is too long for chance occurs twice."""
     length = math.ceil(math.log(2 * _CHANCE / len(counts) ** 2) / math.log(predicted))
     if length >= len(counts):
         return False
@@ -125,5 +134,5 @@ def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
 
 @lru_cache(maxsize=64)
 def _factors(length: int) -> NDArray[np.int64]:
-    """Return random factors (length,) by which a sequence of readings is hashed to a number."""
+    """Return random factors, (length,), whose products with readings add up to a hash."""
     return np.random.Generator(np.random.PCG64(length)).integers(-(2**62), 2**62, length)

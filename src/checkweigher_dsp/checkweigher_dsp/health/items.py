@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items at each stage: faults, convergence, computing time, timing of verdicts."""
+"""Findings on the items at each stage: faults, convergence, computing time and verdicts."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -21,24 +21,26 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
 from checkweigher_core.records.reasons import Reason
 
-_TOO_MANY_FAILED = 0.05  # share of the last items
-_FEWEST_FAILED = 2
-_ALL_FAIL = 5  # in a row
-_BUSY = 0.5  # share of the time
-_BUSY_SPAN = 10.0  # s
+_TOO_MANY_FAILED = 0.05  # share of failed items that causes a warning
+_FEWEST_FAILED = 2  # least number of failed items that causes a warning
+_ALL_FAIL = 5  # number of successive failed items that causes an error
+_BUSY = 0.5  # share of the time that causes a warning
+_BUSY_SPAN = 10.0  # period of the measurement in s
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
-_RECENT = 10  # items
-_USUAL = 300
-_FEWEST_USUAL = 30
-_FREQUENCY_CHANGE = 0.2  # relative; a product of a tenth of the moving mass lowers it by 5 %
-_SWINGS = 0.5  # damping ratio
-_UNCERTAIN = 0.5  # share of max_relative_std_dev
-_MAX_EDGES = 200
-_NO_MASSES = 3  # items in a row
+_RECENT = 10  # number of recent items
+_USUAL = 300  # largest number of items for the usual value
+_FEWEST_USUAL = 30  # least number of items for the usual value
+# Relative change of the natural frequency that causes a warning. A product with a tenth of the
+# moving mass lowers the frequency by 5 %.
+_FREQUENCY_CHANGE = 0.2
+_SWINGS = 0.5  # damping ratio above which the frequency is not defined
+_UNCERTAIN = 0.5  # share of max_relative_std_dev that causes a warning
+_MAX_EDGES = 200  # maximum number of stored edges
+_NO_MASSES = 3  # number of successive items without a mass that causes an error
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
-    """Return the concerns about failed items: an error for many in a row, a warning for a share."""
+    """Return an error for successive failed items, and a warning for a large share of them."""
     in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
     hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
     return [
@@ -52,7 +54,7 @@ def failures(items: RecentItems, what: str) -> list[Concern | None]:
 
 
 class FaultWatch:
-    """Statistics of the items at the segmenter and their faults, by reason."""
+    """Statistics of the items at the segmenter, with the number of faults of each reason."""
 
     def __init__(self) -> None:
         self._items = RecentItems()
@@ -60,7 +62,7 @@ class FaultWatch:
         self._reasons: Counter[str] = Counter()
 
     def add(self, now: float, reasons: Sequence[str]) -> None:
-        """Add an item and its reasons."""
+        """Add an item with the reasons of its fault, at `now` in s."""
         self._count += 1
         self._items.add(now, reasons)
         self._reasons.update(reasons)
@@ -80,7 +82,7 @@ class FaultWatch:
 
 
 class WorkloadWatch:
-    """Statistics of the time that a stage takes per window."""
+    """Statistics of the computing time of a stage per window."""
 
     def __init__(self) -> None:
         self._taken = RecentValues(_BUSY_SPAN)
@@ -114,7 +116,7 @@ class WorkloadWatch:
 
 
 class ConvergenceWatch:
-    """Uncertainty of the estimates, and changes of the platform."""
+    """Statistics of the uncertainty of the masses and of the natural frequency of the platform."""
 
     def __init__(self) -> None:
         self._items = RecentItems()
@@ -124,18 +126,21 @@ class ConvergenceWatch:
         self._usual = RecentValues(60 * MINUTE, _USUAL)
 
     def add(self, now: float, estimate: MassEstimate) -> None:
-        """Add the estimate of a window without faults."""
+        """Add the estimate of a window that is not a fault, at `now` in s."""
         self._items.add(now, [reason for reason in estimate.reasons if reason in _NOT_CONVERGED])
         if estimate.weighed and estimate.mass > 0:
             self._relative.add(now, estimate.std_dev / estimate.mass)
-            # The frequency is meaningless if no oscillation is left in the signal.
+            # The frequency is not defined if the signal contains no oscillation.
             if estimate.damping_ratio < _SWINGS:
                 self._frequency.add(now, estimate.natural_frequency)
                 self._damping.add(now, estimate.damping_ratio)
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence; `max_relative_std_dev` is as in the identifier."""
+        """Return the aspect Convergence.
+
+        `max_relative_std_dev` is the parameter of the identifier.
+        """
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -168,10 +173,10 @@ class ConvergenceWatch:
 
 
 class VerdictTiming:
-    """Latency of verdicts after their outfeed edges, and their margin before the reject times."""
+    """Statistics of the latency of the verdicts and of the margin before their reject times."""
 
     def __init__(self) -> None:
-        self._edges: dict[int, float] = {}  # arrival of outfeed edges by stamp
+        self._edges: dict[int, float] = {}  # arrival times of outfeed edges in s, by stamp
         self._latency = RecentValues()
         self._margin = RecentValues()
         self._late = RecentValues()
@@ -179,13 +184,13 @@ class VerdictTiming:
         self._counts: Counter[str] = Counter()
 
     def add_edge(self, now: float, stamp: int) -> None:
-        """Add the arrival of an outfeed edge at `now`, s."""
+        """Add an outfeed edge that arrived at `now` in s; its stamp is in ns."""
         self._edges[stamp] = now
         if len(self._edges) > _MAX_EDGES:
             del self._edges[next(iter(self._edges))]
 
     def add(self, now: float, verdict: Verdict) -> None:
-        """Add a verdict that was published at `now`, s."""
+        """Add a verdict that was published at `now` in s."""
         self._counts.update((verdict.decision.name, *verdict.reasons))
         missing = () if verdict.estimate_id else (Reason.NO_ESTIMATE.value,)
         self._masses.add(now, missing)
@@ -195,13 +200,12 @@ class VerdictTiming:
         if came is None or verdict.t3 is None:
             return
         self._latency.add(now, now - came)
-        if (
-            verdict.reject_at is not None and not missing
-        ):  # without a mass it waits until the last moment
+        # A verdict without a mass always waits until the last moment.
+        if verdict.reject_at is not None and not missing:
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the aspect Verdicts; the parameters are as in the reject stage."""
+        """Return the aspect Verdicts. The arguments are parameters of the reject stage."""
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         latency, margin = 1e3 * self._latency.median, self._margin.smallest
@@ -230,7 +234,7 @@ class VerdictTiming:
         return conclude('Verdicts', well, concerns, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the aspect Line; `missing` is the name of a missing stage, empty if none."""
+        """Return the aspect Line. `missing` is the name of a stage that does not run, or empty."""
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
@@ -258,13 +262,17 @@ class RejectorWatch:
         self._count = 0
 
     def add_strays(self, now: float, count: int) -> None:
-        """Add edges of the eye behind the rejector that were near no reject time."""
+        """Add a number of edges of the eye behind the rejector that belong to no item."""
         if count:
             self._strays.add(now, count)
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector; `confirmed` tells whether an eye is behind the rejector."""
+        """Return the aspect Rejector.
+
+        `request` is the present stop request, and `confirmed` whether an eye is behind the
+        rejector.
+        """
         self._strays.forget(now)
         values: Values = {
             'reject_eye_strays': self._count,

@@ -20,7 +20,7 @@ _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 def learning_finding(
     known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
-    """Return the aspect Learning; `trouble` is the reason why the record cannot be kept."""
+    """Return the aspect Learning. `trouble` is why the learned state cannot be stored, or empty."""
     if not on:
         return Finding('Learning', Level.OK, 'off')
     concerns = [
@@ -43,7 +43,7 @@ def learning_finding(
 
 
 def describe(kind: ItemKind) -> str:
-    """Return a description of the state of learning for one speed and length."""
+    """Return a description of the learned state for one belt speed and length."""
     text = counted(kind.items, 'item')
     taught = kind.fit
     if taught is None:

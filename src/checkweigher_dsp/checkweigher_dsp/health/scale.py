@@ -1,11 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Fitness of the scale to weigh: its zero, and the noise of the empty belt."""
+"""Findings on the scale: its zero and the noise of the empty belt."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.health.findings import (
     MINUTE,
@@ -17,27 +16,29 @@ from checkweigher_core.health.findings import (
 )
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.segmentation.zero_tracking import Zero
+from checkweigher_dsp.signal import Array
 
-_HOUR = 3600.0  # s
-_DRIFT_SPAN = 1800.0  # s
-_DRIFT_PERIOD = 10.0  # s, between two readings of the drift
-_SHORTEST_DRIFT = 300.0  # s, below which noise of the zero may look like a drift
-_WARM_UP = 1800.0  # s
-_NEAR_LIMIT = 0.75  # share of zero_range
-_UPDATE_PATIENCE = 120.0  # s of products without a reading of the empty belt
-_SPECTRUM = 1024  # points
-_FEWEST_SAMPLES = 64
-_LOWEST_FREQUENCY = 2.0  # Hz, below which a variation is drift
-_RECENT_SEGMENTS = 5
-_USUAL_SEGMENTS = 300
-_FEWEST_USUAL = 20
-_NOISY = 3.0  # times the usual noise, which halves at half the belt speed
+_HOUR = 3600.0  # one hour in s
+_DRIFT_SPAN = 1800.0  # longest period for the measurement of the drift in s
+_DRIFT_PERIOD = 10.0  # interval between two readings for the drift in s
+_SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
+_WARM_UP = 1800.0  # warm-up time of a load cell in s
+_NEAR_LIMIT = 0.75  # share of zero_range that causes a warning
+_UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
+_SPECTRUM = 1024  # number of samples of a spectrum
+_FEWEST_SAMPLES = 64  # least number of samples of a segment
+_LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz, above a drift
+_RECENT_SEGMENTS = 5  # number of recent segments
+_USUAL_SEGMENTS = 300  # largest number of segments for the usual noise
+_FEWEST_USUAL = 20  # least number of segments for the usual noise
+_NOISY = 3.0  # ratio to the usual noise that causes a warning
 
 
 class ZeroWatch:
-    """Distance of the tracked zero from calibration, and its drift.
+    """Statistics of the distance of the zero from calibration, and of its drift.
 
-    Beyond a distance of `zero_range`, kg, nothing is weighed. `began` is the start of the line, s.
+    `zero_range` is the largest permitted distance in kg. `began` is the time in s at which the line
+    was started.
     """
 
     def __init__(
@@ -50,13 +51,13 @@ class ZeroWatch:
         self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
-        self._missed_since = math.inf  # s, first product after the last update
+        self._missed_since = math.inf  # time in s of the first product after the last update
         self._drift = RecentValues(_DRIFT_SPAN)
         self._noted = -math.inf
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
-        """Add the zero at `now`, s; `item` tells whether it comes with an item."""
-        if zero.counts != self._zero.counts:  # also if it is the first one
+        """Add the zero at `now` in s; `item` is whether an item is weighed at this time."""
+        if zero.counts != self._zero.counts:  # This is also the case for the first zero.
             self._updated, self._missed_since = now, math.inf
         elif item:
             self._missed_since = min(self._missed_since, now)
@@ -73,7 +74,7 @@ class ZeroWatch:
 
     @property
     def drift(self) -> float:
-        """Drift of the zero, kg/h; NaN while its noise may be larger."""
+        """Drift of the zero in kg/h, or NaN until the period is long enough."""
         return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
@@ -117,9 +118,10 @@ class ZeroWatch:
 
 
 class BeltNoiseWatch:
-    """Noise of the empty belt, and its strongest frequency.
+    """Statistics of the noise of the empty belt and its strongest frequency.
 
-    `limit` is the largest standard deviation in kg; with 0, noise is only compared with its past.
+    `limit` is the largest standard deviation in kg. With 0, the noise is only compared with the
+    usual noise.
     """
 
     def __init__(self, sample_rate: float, limit: float) -> None:
@@ -130,8 +132,8 @@ class BeltNoiseWatch:
         self._power = np.zeros(_SPECTRUM // 2 + 1)
         self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
-    def add(self, now: float, force: NDArray[np.float64]) -> None:
-        """Add a segment of empty belt, (n,) in kg. A short one is ignored."""
+    def add(self, now: float, force: Array) -> None:
+        """Add a segment of the empty belt, (n,) in kg. A short segment is ignored."""
         if len(force) < _FEWEST_SAMPLES:
             return
         force = force[-_SPECTRUM:]
@@ -144,7 +146,7 @@ class BeltNoiseWatch:
 
     @property
     def frequency(self) -> float:
-        """Frequency of the strongest line, Hz; NaN if there is none."""
+        """Frequency of the strongest spectral line in Hz, or NaN without noise."""
         lowest = math.ceil(_LOWEST_FREQUENCY * _SPECTRUM / self._rate)
         if not self._power[lowest:].any():
             return math.nan

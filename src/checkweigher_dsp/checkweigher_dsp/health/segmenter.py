@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Health of the line at the segmenter: samples, clock, eyes, zero, noise, items."""
+"""Findings of the segmenter: samples, clock, photo-eyes, zero, noise and items."""
 
 import math
 
@@ -14,27 +14,29 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MILLI = 1e3
-# ms; products that enter differently change the median of a few items by a third of this.
+# Change of the lag in ms that causes an error. Differences between products cause changes of up to
+# a third of this value.
 _CHANGED = 1.5
-_LARGE = 2.0  # ms
-_MANY_UNCHECKED = 0.5  # share of the items
-_FEWEST = 10  # items
+_LARGE = 2.0  # lag in ms that causes a warning
+_MANY_UNCHECKED = 0.5  # share of unchecked items that causes a warning
+_FEWEST = 10  # least number of items
 
 
 class SegmenterWatch:
-    """Statistics of the inputs and outputs of a segmenter whose node `began` at a time, s."""
+    """Statistics of a segmenter whose node was started at the time `began` in s."""
 
     def __init__(self, parameters: SegmenterParameters, began: float) -> None:
         self._parameters = parameters
         self._began = began
         self._load_cell: LoadCell | None = None
-        self._samples: SampleWatch  # set with the first load cell, like the next two
+        # The first load cell sets these three.
+        self._samples: SampleWatch
         self._zero: ZeroWatch
         self._noise: BeltNoiseWatch
         self._eyes = EyeWatch()
         self._edge_check: EdgeCheck | None = None
         self._items = FaultWatch()
-        self._end: tuple[bool, str] | None = None  # whether the stream ended well, and its message
+        self._end: tuple[bool, str] | None = None  # whether the stream has succeeded, and a message
         self._stream_began = began
 
     def begin_stream(self, now: float, load_cell: LoadCell) -> None:
@@ -52,11 +54,11 @@ class SegmenterWatch:
         self._noise = BeltNoiseWatch(load_cell.sample_rate, self._parameters.max_belt_noise)
 
     def end_stream(self, *, well: bool, text: str = '') -> None:
-        """End the stream, after which no samples are expected."""
+        """End the stream. `well` is whether it succeeded, and `text` the message of the source."""
         self._end = well, text
 
     def add(self, now: float, event: SampleBlock | EyeEdge) -> None:
-        """Add a block or an edge; the load cell must be known."""
+        """Add a block of samples or an edge; the load cell must be known."""
         if isinstance(event, SampleBlock):
             self._samples.add(now, event)
         else:
@@ -64,7 +66,7 @@ class SegmenterWatch:
             self._eyes.add(now, event)
 
     def add_window(self, now: float, window: WeighWindow, segmenter: Segmenter) -> None:
-        """Add a window that was cut."""
+        """Add a window of the segmenter."""
         self._items.add(now, window.reasons)
         self._edge_check = segmenter.cutter.edge_check
         self._zero.add(now, segmenter.zero_keeper.zero, item=True)
@@ -76,12 +78,12 @@ class SegmenterWatch:
         self._noise.add(now, window.force[begin : max(entry, begin)])
 
     def look(self, now: float, segmenter: Segmenter) -> None:
-        """Add the zero and the noise of an idle belt, which has no windows."""
+        """Add the zero and the noise of an idle belt, because it produces no windows."""
         self._zero.add(now, segmenter.zero_keeper.zero, item=False)
         self._noise.add(now, segmenter.idle_belt() / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects; `offset_of_clocks` is the time of day minus `now`, s."""
+        """Return all aspects. `offset_of_clocks` is the time of day in s minus `now`."""
         self._eyes.look(now)
         if self._load_cell is None:
             missing = error_if(
@@ -102,7 +104,7 @@ class SegmenterWatch:
         ]
 
     def _stream(self, now: float) -> Finding:
-        """Return the aspect Samples; no samples are missing after the end of a stream."""
+        """Return the aspect Samples. After the end of a stream, samples are not missing."""
         finding = self._samples.finding(now, now - self._stream_began)
         if self._end is None:
             return finding
@@ -123,7 +125,7 @@ def edges_finding(check: EdgeCheck) -> Finding:
         'items_unchecked': check.unchecked,
     }
     side = 'later' if change > 0 else 'earlier'
-    # If the lag is too large to be learned, each item is a FAULT.
+    # Each item is a fault if the lag is too large to be learned.
     too_large = math.isnan(check.learned) and check.checked >= _FEWEST
     beyond = lag if too_large else reference
     is_large = not check.is_stated and abs(beyond) > _LARGE

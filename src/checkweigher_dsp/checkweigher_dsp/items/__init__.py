@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items on the belt: their edges, their tracking, the queue of edges."""
+"""Tracking of the items on the belt by the edges of the photo-eyes."""

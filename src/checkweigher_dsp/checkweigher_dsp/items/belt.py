@@ -1,23 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State of item tracking: the items on the belt, and those that have left it."""
+"""State of item tracking: the items on the belt and the items that have left it."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_OVERDUE = 1.5  # transits after its entry, when an item without an outfeed edge is overdue
-_TOO_EARLY = 0.1  # share of a transit by which an edge may be early
+_OVERDUE = 1.5  # An item is overdue after this number of transits without an outfeed edge.
+_TOO_EARLY = 0.1  # largest share of a transit by which an edge may be early
 _KNOWN_ITEMS = 16
-_MOST_ITEMS = 100  # on the belt; more can only be chatter of an eye
+_MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
 
 
 class UsualTransit:
-    """Time that items take from eye to eye, with parameters as in `ItemTracker`."""
+    """Usual time that an item takes from eye to eye. `ItemTracker` describes the parameters."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -25,21 +26,25 @@ class UsualTransit:
         self.forget()
 
     def forget(self) -> None:
-        """Discard the speed of the belt."""
-        self.value: int | None = None  # ns, of the last whole item
+        """Discard the usual transit, because the belt speed may have changed."""
+        self.value: int | None = None  # transit of the last item with all edges, in ns
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
-        """Return the expected transit of an item, ns; None if unknown.
+        """Return the expected transit of an item in ns, or None if it is unknown.
 
-        Before the first whole item, it is computed from the length of this item.
+        Before the first item with all edges, the transit is computed from the time that this item
+        needed to enter.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
         return self.value
 
     def learn(self, item: TrackedItem, transit: int) -> None:
-        """Update the transit by a whole item, or by an outlier that the next item confirms."""
+        """Update the usual transit by the transit of an item in ns.
+
+        A transit that differs from the usual one is an outlier, unless the next item confirms it.
+        """
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
             transit <= _OVERDUE * usual and usual <= _OVERDUE * transit for usual in known
@@ -50,19 +55,19 @@ class UsualTransit:
             self.value, self._outlier = transit, None
 
     def has_passed(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether an item must have left before `stamp`."""
+        """Return whether an item must have left the belt by the time `stamp` in ns."""
         transit = self.of(item)
         return transit is not None and stamp - item.entered >= _OVERDUE * transit + item.length
 
     def ends(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether the t4 of an item is expected at about `stamp`."""
+        """Return whether an item is expected to clear the outfeed eye at about `stamp` in ns."""
         transit = self.of(item)
         if transit is None or not item.length:
             return False
         return abs(stamp - item.entered - item.length - transit) < _TOO_EARLY * transit
 
     def is_early(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether an item cannot have reached the outfeed eye at `stamp`."""
+        """Return whether `stamp`, in ns, is too early for an item to reach the outfeed eye."""
         transit = self.of(item)
         return (
             transit is not None
@@ -71,41 +76,40 @@ class UsualTransit:
         )
 
 
+@dataclass(eq=False)
 class Belt:
     """State of item tracking, which `checkweigher_dsp.items.transitions` updates by each edge.
 
-    `unloaded(since, stamp)` returns whether the scale shows that all items that entered after
-    `since` have left by `stamp`, both in ns.
+    The function `unloaded` has two arguments, the times `since` and `stamp` in ns. It returns
+    whether the scale shows that all items that entered after `since` had left by `stamp`.
     """
 
-    def __init__(
-        self,
-        eyes: Eyes,
-        transit: UsualTransit,
-        count: int,
-        unloaded: Callable[[int, int], bool] = lambda since, stamp: False,
-    ) -> None:
-        self.eyes = eyes
-        self.transit = transit
-        self.unloaded = unloaded
-        self.count = count
-        self.items: list[TrackedItem] = []  # ENTERING or ON_BELT, in the order of their entry
+    eyes: Eyes
+    transit: UsualTransit
+    count: int  # number of the last item
+    unloaded: Callable[[int, int], bool] = lambda since, stamp: False
+
+    def __post_init__(self) -> None:
+        self.items: list[TrackedItem] = []  # items on the belt in the order of their entry
         self.given_up: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.abandoned: deque[TrackedItem] = deque()
-        # Items that block an eye; an item that is longer than the belt blocks both.
+        # Items that block an eye. An item that is longer than the belt blocks both eyes.
         self.at_infeed: TrackedItem | None = None
         self.at_outfeed: TrackedItem | None = None
-        self.covered = False  # whether an unknown or abandoned item is at the outfeed eye
+        self.covered = False  # whether an unknown or abandoned item blocks the outfeed eye
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        self.begun: TrackedItem | None = None  # item of the last t1, even by an earlier clock
-        self.freed: int | None = None  # ns, last departure of an unknown item
-        self.cleared_first: int | None = None  # ns, t2 before any t1; may only be a state
+        self.begun: TrackedItem | None = None  # item of the last t1, kept when the clock changes
+        self.freed: int | None = None  # time of the last departure of an unknown item, in ns
+        # Time in ns of a clearing edge before any blocking edge of the infeed eye. Such an edge may
+        # only show the initial state of the eye.
+        self.cleared_first: int | None = None
         self.clock_is_new = False  # whether the infeed eye had no edge since the clock changed
-        self.runs_on = False  # whether abandoned items are still there, as only the clock jumped
+        # Abandoned items are still on the belt if only the clock has jumped.
+        self.runs_on = False
         self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
-        self.unsettled: deque[TrackedItem] = deque()  # whose numbers may still change
-        self.finished: list[TrackedItem] = []  # to be reported
+        self.unsettled: deque[TrackedItem] = deque()  # items whose numbers may still change
+        self.finished: list[TrackedItem] = []  # items to report at the next call
 
     @property
     def only_entering(self) -> bool:
@@ -121,7 +125,7 @@ class Belt:
         return item
 
     def remove_newest(self) -> TrackedItem:
-        """Remove and return the newest item, which was only a flicker."""
+        """Remove and return the newest item, because it was only a flicker of the eye."""
         item = self.items.pop()
         self.recent.remove(item)
         self.unsettled.remove(item)
@@ -129,7 +133,7 @@ class Belt:
         return item
 
     def put(self, item: TrackedItem) -> None:
-        """Add an item to the belt. If another one is there, none of them can be weighed."""
+        """Add an item to the belt, on which no item can be weighed beside another one."""
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
         self.items.append(item)
@@ -150,12 +154,15 @@ class Belt:
             item.state = state
 
     def take_finished(self) -> list[TrackedItem]:
-        """Return the items that were finished since the last call."""
+        """Return the items that have been finished since the last call."""
         finished, self.finished = self.finished, []
         return finished
 
     def miss(self, item: TrackedItem, stamp: int) -> None:
-        """Give up an item that was removed from `items`, because its t3 is missing."""
+        """Give up an item at a time in ns, because its outfeed edge is missing.
+
+        The caller has removed the item from `items`.
+        """
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
         if item is self.at_infeed:
@@ -164,37 +171,34 @@ class Belt:
         self.finished.append(item)
 
     def give_up_overdue(self, stamp: int) -> None:
-        """Give up items that must have left before `stamp` according to the usual transit."""
+        """Give up the items that must have left by `stamp`, in ns, at the usual transit."""
         while self.items and self.transit.has_passed(self.items[0], stamp):
             self.miss(self.items.pop(0), stamp)
 
     def give_up_unloaded(self, stamp: int) -> None:
-        """Give up all items if the scale shows that nothing is left on the belt.
+        """Give up all items if the scale shows at `stamp`, in ns, that the belt is empty.
 
-        Otherwise, if the transit is unknown or wrong, each t3 would be assigned to the previous
-        item as long as products come.
+        Otherwise a wrong or unknown transit would have a lasting effect: each outfeed edge would be
+        assigned to the item before the correct one.
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
         self.fault_all(Reason.MISSING_EDGE)
-        for item in self.items:
-            item.state = State.GONE
+        _set_state(self.items, State.GONE)
         self.finished += self.items
         self.items, self.at_infeed, self.freed = [], None, stamp
 
     def expire(self, stamp: int) -> None:
-        """Give up items that must have left by `stamp`, even on the slowest belt."""
+        """Give up the items that must have left by `stamp`, in ns, even on the slowest belt."""
         while self.items and stamp - self.items[0].entered > self.transit.max_transit:
             item = self.items.pop(0)
             self.miss(item, item.entered + self.transit.max_transit)
 
     def abandon(self, reason: Reason) -> None:
         """Give up all items with a reason, because the stream has ended."""
-        for item in (*self.abandoned, *([self.at_outfeed] if self.at_outfeed is not None else [])):
-            item.state = State.GONE
+        _set_state(filter(None, (*self.abandoned, self.at_outfeed)), State.GONE)
         self.fault_all(reason)
-        for item in self.items:
-            item.state = State.ABANDONED
+        _set_state(self.items, State.ABANDONED)
         self.finished += self.items
         self.abandoned, self.items = deque(self.items), []
         self.runs_on = reason is Reason.CLOCK_JUMP
@@ -202,11 +206,13 @@ class Belt:
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Discard all times; if the clock may have gone back, also the known edges and items."""
+        """Discard all times, because the clock has changed.
+
+        The known edges and items are also discarded if the clock may have gone back.
+        """
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
-        for item in self.given_up:
-            item.state = State.ABANDONED
+        _set_state(self.given_up, State.ABANDONED)
         self.abandoned += self.given_up
         self.given_up.clear()
         self.transit.forget()
@@ -215,12 +221,12 @@ class Belt:
             self.eyes.forget_clock()
 
     def fault_all(self, reason: Reason) -> None:
-        """Fault all items on the belt."""
+        """Add a reason why no item on the belt can be weighed."""
         for item in self.items:
             item.fault(reason)
 
     def clear(self, edge: EyeEdge) -> None:
-        """Remove the item at an eye. At the outfeed eye, the items behind it are then alone."""
+        """Remove the item at the eye of an edge. Items behind it at the outfeed are then alone."""
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
             return
@@ -230,10 +236,14 @@ class Belt:
                 item.left_before = edge.stamp
 
     def drop_given_up(self) -> bool:
-        """Drop the items that were given up. Returns whether a leaving item may be one of them."""
+        """Remove the given-up items. Returns whether one of them may be leaving now."""
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
-        for item in (*self.given_up, *self.abandoned):
-            item.state = State.GONE
+        _set_state((*self.given_up, *self.abandoned), State.GONE)
         self.given_up.clear()
         self.abandoned.clear()
         return ambiguous
+
+
+def _set_state(items: Iterable[TrackedItem], state: State) -> None:
+    for item in items:
+        item.state = state

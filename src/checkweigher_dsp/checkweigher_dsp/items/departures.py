@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Departures from the belt: the item of each outfeed edge, and the time of the last departure."""
+"""Departures from the belt: assignment of outfeed edges to items, and times of departures."""
 
 import math
 
@@ -9,7 +9,7 @@ from checkweigher_dsp.items.item import TrackedItem
 
 
 def departure_before(belt: Belt, stamp: int) -> int | None:
-    """Return the departure of the item ahead of one that enters at `stamp`, None if unknown."""
+    """Return the departure in ns of the item ahead of one that enters at `stamp`, or None."""
     if belt.covered:
         return None
     if belt.at_outfeed is not None:
@@ -18,7 +18,7 @@ def departure_before(belt: Belt, stamp: int) -> int | None:
 
 
 def last_departure(belt: Belt, stamp: int) -> int | None:
-    """Return the time of the last departure before `stamp` according to the eyes."""
+    """Return the time in ns of the last departure before `stamp`, or None if it is unknown."""
     items = *belt.given_up, belt.left_last
     departures = [belt.freed, *(item.departure for item in items if item is not None)]
     last = max((each for each in departures if each is not None), default=None)
@@ -26,23 +26,26 @@ def last_departure(belt: Belt, stamp: int) -> int | None:
 
 
 def is_next_departure(belt: Belt, stamp: int) -> bool:
-    """Return whether the next item is due to leave now, so that its t3 and a t4 were lost."""
+    """Return whether the next item on the belt is expected to clear the outfeed eye at `stamp`.
+
+    If so, the edge with which this item blocked the eye was lost.
+    """
     if not belt.items or belt.items[0] is belt.at_infeed:
         return False
     return belt.transit.ends(belt.items[0], stamp)
 
 
 def is_none_due(belt: Belt, stamp: int) -> bool:
-    """Return whether no item on the belt can be at the outfeed eye yet."""
+    """Return whether no item on the belt can have reached the outfeed eye at `stamp` in ns."""
     return all(
         _is_entering(belt, item, stamp) or belt.transit.is_early(item, stamp) for item in belt.items
     )
 
 
 def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
-    """Remove and return the item of an outfeed edge, and give up the items before it.
+    """Remove and return the item that an outfeed edge belongs to, and give up the items before it.
 
-    It is the item whose transit is nearest to the usual one.
+    The edge belongs to the item whose transit would be nearest to the usual transit.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

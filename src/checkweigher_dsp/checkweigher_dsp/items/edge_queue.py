@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Queue of the photo-eye edges, in the order of their stamps."""
+"""Queue of the photo-eye edges in the order of their time stamps."""
 
 from bisect import bisect_left, insort
 from collections.abc import Callable, Iterable
@@ -14,22 +14,22 @@ _STAMP = attrgetter('stamp')
 
 
 class EdgeQueue:
-    """Edges that wait for the samples of their time, sorted by stamp.
+    """Edges that wait for the samples of the same time, sorted by time stamp.
 
-    Waiting delays no window, since a window needs the samples up to t3 anyway. An edge that is more
-    than `lateness`, ns, behind another one is a stray: it waits for the next samples, because these
-    show whether it is late or the clock has gone back.
+    The queue does not delay a window, because a window needs the samples up to its last edge. An
+    edge whose stamp is more than `lateness`, in ns, before the newest stamp is a stray. A stray
+    waits for the next samples, which show whether the edge is late or the clock has gone back.
     """
 
     def __init__(self, lateness: int) -> None:
         self._lateness = lateness
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
-        self._newest = -math.inf  # largest stamp by the present clock
+        self._newest = -math.inf  # largest stamp since the clock last changed, in ns
 
     @property
     def is_empty(self) -> bool:
-        """Whether no edge waits; strays do not count."""
+        """Whether no edge waits, apart from strays."""
         return not self._edges
 
     def add(self, edge: EyeEdge) -> None:
@@ -41,24 +41,23 @@ class EdgeQueue:
             insort(self._edges, edge, key=_STAMP)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
-        """Add edges of the present clock."""
+        """Add edges without a check whether they are strays."""
         self._edges = sorted([*edges, *self._edges], key=_STAMP)
         self._newest = max([self._newest, *(edge.stamp for edge in self._edges[-1:])])
 
     def admit_strays(self) -> None:
-        """Add the strays as late edges: the clock has not gone back."""
-        if self._strays:
-            strays, self._strays = self._strays, []
-            self.put_back(strays)
+        """Add the strays as late edges, because the clock has not gone back."""
+        strays, self._strays = self._strays, []
+        self.put_back(strays)
 
     def pop_while(self, condition: Callable[[EyeEdge], bool]) -> list[EyeEdge]:
-        """Remove and return the first edges, as long as they meet a condition."""
+        """Remove and return the edges before the first edge that does not meet a condition."""
         popped = list(takewhile(condition, self._edges))
         del self._edges[: len(popped)]
         return popped
 
     def drop_after(self, stamp: int) -> None:
-        """Remove the edges after a time, ns."""
+        """Remove the edges after a time in ns."""
         if self._newest > stamp:
             self._edges = [edge for edge in self._edges if edge.stamp <= stamp]
             self._newest = self._edges[-1].stamp if self._edges else -math.inf
@@ -70,7 +69,7 @@ class EdgeQueue:
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Remove and return the edges of the new clock, which has jumped to `stamp`."""
+        """Remove and return the edges after a jump of the clock to the time `stamp` in ns."""
         if forward:
             position = bisect_left(self._edges, stamp, key=_STAMP)
             new, self._edges = self._edges[position:], self._edges[:position]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Photo-eyes: repeated edges, chatter, and edges that only show the state at start-up."""
+"""State of the photo-eyes, with tests for repeated edges, chatter and start-up."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
@@ -9,30 +9,30 @@ from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_dsp.items.item import TrackedItem
 
 _LONG_AGO = -(2**62)  # ns
-_REMEMBERED = 64  # latest edges, to detect one that comes twice
+_REMEMBERED = 64  # number of edges that are kept to detect repeated edges
 
 
 @dataclass(slots=True)
 class Switch:
     """Change of the state of an eye."""
 
-    stamp: int  # ns
-    previous: EyeEdge | None  # of the same eye
-    there: TrackedItem | None  # the item that blocked this eye until now
-    blocked: bool  # whether an item blocks the eye now
+    stamp: int  # time in ns
+    previous: EyeEdge | None  # previous edge of the same eye
+    there: TrackedItem | None  # item that blocked the eye before the change
+    blocked: bool  # whether an item blocks the eye after the change
 
 
 class Eyes:
-    """Latest edges of both eyes; `debounce` and `max_transit` in ns, as in `ItemTracker`."""
+    """Latest edges of both eyes. The parameters are described at `ItemTracker`."""
 
     def __init__(self, debounce: int, max_transit: int) -> None:
         self.debounce = debounce
-        self.origin: int | None = None  # ns, start of the stream, when an eye may show its state
-        self.newest: int | None = None  # ns, stamp of the youngest edge by the present clock
+        self.origin: int | None = None  # start of the stream in ns
+        self.newest: int | None = None  # largest stamp in ns since the clock last changed
         self._max_transit = max_transit
         self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # faster to search than a deque
-        self.youngest: dict[Eye, EyeEdge] = {}
-        self.latest: dict[Eye, EyeEdge] = {}  # by arrival, late ones included
+        self.youngest: dict[Eye, EyeEdge] = {}  # edge with the largest stamp
+        self.latest: dict[Eye, EyeEdge] = {}  # edge that arrived last
         self._first: dict[Eye, int] = {}
 
     @property
@@ -41,7 +41,7 @@ class Eyes:
         return any(edge.blocked for edge in self.youngest.values())
 
     def is_new(self, edge: EyeEdge) -> bool:
-        """Record an edge and return whether it is new."""
+        """Store an edge and return whether it has not come before."""
         if edge in self._known:
             return False
         self._known[edge] = None
@@ -57,9 +57,9 @@ class Eyes:
         return previous
 
     def flickers(self, switch: Switch) -> bool:
-        """Return whether an edge is chatter: too soon after the previous one of its eye.
+        """Return whether an edge is chatter, because it follows the previous edge too soon.
 
-        If the edge between them was lost, the limit is twice the debounce time.
+        The limit is the debounce time, or twice this time if the edge between the two was lost.
         """
         previous = switch.previous
         if previous is None:
@@ -68,10 +68,10 @@ class Eyes:
         return 0 <= switch.stamp - previous.stamp < longest
 
     def shows_state(self, stamp: int) -> bool:
-        """Return whether the first edge of an eye, a clearing one, only shows its initial state.
+        """Return whether an eye that clears at `stamp`, in ns, only shows its initial state.
 
-        Such an edge is near the first sample, or within `debounce` of the first edge of the other
-        eye.
+        The edge is the first edge of the eye. It shows the initial state if it is near the first
+        sample, or near the first edge of the other eye.
         """
         if self.origin is not None and -self._max_transit < stamp - self.origin <= self.debounce:
             return True
@@ -81,7 +81,7 @@ class Eyes:
     def forget_clock(self) -> None:
         """Discard all stamps, because the clock has changed.
 
-        The states of the eyes are kept, but later edges are not compared with earlier ones.
+        Both eyes keep their states, but later edges are not compared with the edges so far.
         """
         self._known.clear()
         self.latest.clear()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Failures of a stage on an item: the item becomes a FAULT, and the stage continues."""
+"""Handling of exceptions: a stage that fails on an item rejects the item and continues."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ B = TypeVar('B')
 
 @dataclass(frozen=True, slots=True)
 class Failures:
-    """Rule for the exceptions of a stage.
+    """Handler of the exceptions that a stage raises while it processes an item.
 
-    The stages do all their work on items through this class. If the work raises an exception,
-    `fault` makes the result of the item, with the reason StageFailed, and `report` gets the number
-    of the item and the exception. Two such items in a row stop the line, see `RejectMonitor`.
+    If the function `work` raises an exception, the function `fault` returns the result of the item,
+    with the reason StageFailed. The function `report` is called with the number of the item and the
+    exception. `RejectMonitor` stops the line after two such items in succession.
     """
 
     report: Callable[[int, Exception], None]
@@ -35,7 +35,7 @@ class Failures:
         items: Iterable[A],
         *more: Iterable[Any],
     ) -> list[B]:
-        """Return the results of items, one by one; `more` are further arguments of `work`."""
+        """Process items one by one, with `more` arguments for each, and return the results."""
         results = []
         for item, *others in zip(items, *more, strict=True):
             try:
@@ -51,10 +51,10 @@ class Failures:
         fault: Callable[[A], B],
         items: Sequence[A],
     ) -> list[B]:
-        """Return the results of items, which a stateless `work` processes at once."""
+        """Process items at once and return the results; `work` must not have a state."""
         try:
             return list(work(items))
-        except Exception:  # one by one, to find and report the item
+        except Exception:  # The items are processed again to find the one that fails.
             return self.each(lambda item: work([item])[0], fault, items)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One item on the line: its edges, and its state according to them."""
+"""Item on the line, with its photo-eye edges and its state."""
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -9,14 +9,14 @@ from checkweigher_core.records.reasons import Reason
 
 
 class State(Enum):
-    """Place of an item according to the eyes."""
+    """Place of an item according to the photo-eyes."""
 
-    ENTERING = 'it blocks the infeed eye'
-    ON_BELT = 'it is between the eyes'
-    LEAVING = 'it blocks the outfeed eye, or blocked it last'
-    GONE = 'no eye will see it again'
-    GIVEN_UP = 'it was reported without its t3; the outfeed eye may still see it'
-    ABANDONED = 'as GIVEN_UP, but its stream has ended; an edge is its own only if no other fits'
+    ENTERING = 'the item blocks the infeed eye'
+    ON_BELT = 'the item is between the eyes'
+    LEAVING = 'the item is the last one that has blocked the outfeed eye'
+    GONE = 'no further edge belongs to the item'
+    GIVEN_UP = 'the item was reported without an outfeed edge, which may still come'
+    ABANDONED = 'the stream of a given-up item has ended; an edge belongs to any other item first'
 
 
 YET_TO_LEAVE = (State.ENTERING, State.ON_BELT)
@@ -24,48 +24,49 @@ YET_TO_LEAVE = (State.ENTERING, State.ON_BELT)
 
 @dataclass(slots=True, eq=False)
 class TrackedItem:
-    """One item on the line, with its edges; all times in ns."""
+    """Item on the line, with its edges. Times are in ns unless stated otherwise."""
 
-    item_id: int  # in the order of entry
-    t1: int | None = None  # begins to enter
-    t2: int | None = None  # is fully on the belt
-    t3: int | None = None  # begins to leave
-    t4: int | None = None  # is gone
-    # Reasons why it cannot be weighed: a set in the order in which they were found.
+    item_id: int  # number of the item in the order of entry
+    t1: int | None = None  # The item begins to enter.
+    t2: int | None = None  # The item is fully on the belt.
+    t3: int | None = None  # The item begins to leave.
+    t4: int | None = None  # The item has left.
+    # Reasons why the item cannot be weighed, in the order in which they were found (a set).
     faults: dict[Reason, None] = field(default_factory=dict)
     left_before: int | None = None  # departure of the previous item; after t1 if `others_there`
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
-    usual_transit: int | None = None  # ns from eye to eye, of the last whole item ahead of it
-    given_up: int | None = None  # time at which it was given up
-    outlier: bool = False  # much slower or faster than earlier items, so its length may be wrong
+    usual_transit: int | None = None  # transit of the last earlier item that had all edges
+    given_up: int | None = None  # time at which the item was given up
+    outlier: bool = False  # whether the transit differs much from that of earlier items
     state: State = State.ON_BELT
-    shift: int | None = None  # lag of the rise behind its edges; None until they are compared
-    doubt: float = 0.0  # s, standard deviation of the shift
+    # Delay of the load behind the edges, or None until the two are compared.
+    shift: int | None = None
+    shift_std_dev: float = 0.0  # standard deviation of the shift in s
 
     @property
     def entered(self) -> int:
-        """Time of its first edge, ns."""
+        """Time of the first edge in ns."""
         return next(stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None)
 
     @property
     def edges(self) -> tuple[int, int, int] | None:
-        """t1, t2 and t3, None if one of them is missing."""
+        """Times t1, t2 and t3 in ns, or None if one of these edges is missing."""
         if self.t1 is None or self.t2 is None or self.t3 is None:
             return None
         return self.t1, self.t2, self.t3
 
     @property
     def length(self) -> int:
-        """Time for which it blocks an eye, ns; 0 if unknown."""
+        """Time in ns for which the item blocks an eye, or 0 if the time is unknown."""
         return self.t2 - self.t1 if self.t1 is not None and self.t2 is not None else 0
 
     @property
     def departure(self) -> int:
-        """Time at which it has left, ns: t4, or an upper limit if t4 is unknown."""
+        """Time in ns at which the item has left; if t4 is unknown, an upper limit of this time."""
         if self.t4 is not None:
             return self.t4
         if self.t3 is None and self.given_up is not None:
-            # It may have been on the belt until then.
+            # The item may have been on the belt until it was given up.
             return self.given_up if self.t2 is None else max(self.given_up, self.t2)
         return (self.entered if self.t3 is None else self.t3) + 2 * self.length
 
@@ -74,7 +75,7 @@ class TrackedItem:
         self.faults.update(dict.fromkeys(reasons))
 
     def accounts_for(self, stamp: int, debounce: int) -> bool:
-        """Return whether this item can have blocked the infeed eye at `stamp`, ns."""
+        """Return whether the item can have blocked the infeed eye at `stamp`; times are in ns."""
         if self.t1 is None:
             return stamp < self.entered
         if self.t2 is None and Reason.CHATTERING_EYE in self.faults:

@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Item tracking: the items to which photo-eye edges belong, and their faults.
+"""Item tracking, which assigns photo-eye edges to items.
 
-The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infeed clears: fully on
-the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
+An item has four edges. It blocks the infeed eye at t1, when it begins to enter, and clears this eye
+at t2, when it is fully on the belt. It blocks the outfeed eye at t3, when it begins to leave, and
+clears this eye at t4, when it has left.
 """
 
 from collections.abc import Callable
@@ -18,24 +19,24 @@ from checkweigher_dsp.items.transitions import apply_edge, apply_late_edge, sett
 
 
 class ItemTracker:
-    """Assigns the edges of the two eyes to items, which leave in the order of their entry.
+    """Assignment of the edges of two eyes to items, which leave in the order of their entry.
 
-    If an edge is missing, the transit of the last whole item decides which item the next edge
-    belongs to, so a lost edge costs only one item. The rules are the table in
+    If an edge is missing, the next edge is assigned by the transit of the last item that had all
+    edges. So a lost edge affects only one item. The rules are a table in
     `checkweigher_dsp.items.transitions`.
 
     Parameters
     ----------
     debounce : int
-        Shortest time for which an eye clears, ns; less is chatter.
+        Shortest time in ns for which an eye clears between two items. A shorter time is chatter.
     max_transit : int
-        Time after which an item that has not reached the outfeed eye is given up, ns.
+        Time in ns after which an item that has not reached the outfeed eye is given up.
     count : int
         Number of the previous item.
     belt_lengths : float
-        Length of the belt in lengths of a product, 0 if unknown.
+        Length of the belt divided by the length of a product, or 0 if the length is unknown.
     unloaded : callable
-        Whether the scale shows an empty belt, see `Belt`.
+        Function that returns whether the scale shows an empty belt; see `Belt`.
     """
 
     def __init__(
@@ -59,12 +60,12 @@ class ItemTracker:
 
     @property
     def empty_since(self) -> int | None:
-        """Time at which the last item had left, ns; None if there was none."""
+        """Time in ns at which the last item left the belt, or None if no item has left."""
         newest = self.eyes.newest
         return None if newest is None else last_departure(self.belt, newest)
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Process an edge and return the items that it finishes or that are given up."""
+        """Process an edge and return the items that are finished or given up."""
         finished = self.expire(edge.stamp)
         if self.eyes.is_new(edge):
             newest = self.eyes.newest
@@ -85,7 +86,7 @@ class ItemTracker:
         return settled
 
     def expire(self, stamp: int) -> list[TrackedItem]:
-        """Give up and return the items that must have left by `stamp`."""
+        """Give up and return the items that must have left by `stamp` in ns."""
         first = self.belt.cleared_first
         if first is not None and stamp - first > self.belt.transit.max_transit:
             settle_first(self.belt)
@@ -102,5 +103,5 @@ class ItemTracker:
         return self.belt.take_finished()
 
     def forget(self, *, backwards: bool = True) -> None:
-        """Discard all times, and also the edges if the clock may have gone back."""
+        """Discard all times; discard the edges, too, if the clock may have gone back."""
         self.belt.forget_clock(backwards=backwards)

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Transition table of item tracking: the meaning of each edge, and the new state of its item.
+"""Transition table of item tracking, with the meaning of each edge and the next state of its item.
 
-`TRANSITIONS` lists the cases of each kind of edge. They are tried in order, and the first one that
-holds is applied. A case may give its reasons, described in docs/reasons.md, to its item or to
-others on the belt.
+`TRANSITIONS` lists the cases of each kind of edge. The cases are tried in order, and the first case
+that holds is applied. The reasons of a case are the faults that it may add to items on the belt;
+docs/reasons.md describes them.
 """
 
 from collections.abc import Callable
@@ -22,18 +22,20 @@ from checkweigher_dsp.items.departures import (
 from checkweigher_dsp.items.eyes import Switch
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_FLICKERS = 2  # debounce times for which an eye may chatter at the end of an item
+_FLICKERS = 2  # longest chatter of an eye at the end of an item, in debounce times
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One case of an edge."""
+    """One case of an edge.
 
-    # Applies the edge if the case holds. Returns the item of the edge. If no item is known, it
-    # returns whether the case holds.
+    The function `action` applies the edge if the case holds. It returns the item that the edge
+    belongs to, or whether the case holds if no such item is known.
+    """
+
     action: Callable[[Belt, Switch], TrackedItem | bool | None]
     state: State | None = None  # next state of the item
-    reasons: tuple[Reason, ...] = ()  # that the case may give
+    reasons: tuple[Reason, ...] = ()  # faults that the action may add
 
 
 def apply_edge(belt: Belt, edge: EyeEdge) -> None:
@@ -57,14 +59,14 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def settle_first(belt: Belt) -> None:
-    """Add the item of the very first infeed edge, unless it only showed the state of the eye."""
+    """Add the item of the first infeed edge, unless this edge only showed the state of the eye."""
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
 
 
 def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
-    """Add an item without t1 to the belt."""
+    """Add an item that was first seen when it cleared the infeed eye at `stamp` in ns."""
     item = belt.new_item()
     item.t2 = stamp
     item.fault(reason)
@@ -73,11 +75,11 @@ def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
 
 
 def settle(belt: Belt, stamp: int) -> list[TrackedItem]:
-    """Return the items whose numbers can no longer change after `stamp`, ns.
+    """Return the items whose numbers can no longer change after `stamp` in ns.
 
-    Only the newest item can turn out to be a flicker of the previous item, and only if it blocked
-    the infeed eye for less than two debounce times. No flicker comes more than two debounce times
-    later.
+    A number changes if the newest item turns out to be a flicker of the previous item. Such an item
+    has blocked the infeed eye for less than two debounce times, and no flicker comes more than two
+    debounce times later.
     """
     settled = []
     while belt.unsettled and _is_settled(belt, belt.unsettled[0], stamp):
@@ -98,7 +100,7 @@ def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
 
 
 def _merge_flicker(belt: Belt) -> None:
-    """Merge an item that is too short into the previous item, whose t2 was lost."""
+    """Merge an item that was too short into the previous item, whose clearing edge was lost."""
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
         return
@@ -115,7 +117,7 @@ def _longest_flicker(belt: Belt, item: TrackedItem) -> int:
     return belt.eyes.debounce * (_FLICKERS if Reason.CHATTERING_EYE in item.faults else 1)
 
 
-# Cases of several kinds of edges.
+# Cases of several kinds of edges
 
 
 def _show_state(belt: Belt, switch: Switch) -> bool:
@@ -124,7 +126,7 @@ def _show_state(belt: Belt, switch: Switch) -> bool:
 
 
 def _last_at_outfeed(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Return the last item that left if it must still be at the outfeed eye."""
+    """Return the last item that left, or None if it cannot be at the outfeed eye any more."""
     last = belt.left_last
     if last is None:
         return None
@@ -134,19 +136,20 @@ def _last_at_outfeed(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
-    """Return the longest time for which an item can be at the outfeed eye, ns."""
+    """Return the longest time in ns for which an item can be at the outfeed eye."""
     known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
     span = max(item.length if known else 0, belt.eyes.debounce)
     if item is belt.at_outfeed and is_none_due(belt, stamp):
-        span = max(span, 2 * item.length or belt.transit.value or 0)  # its t4 was lost
+        # The edge with which the item cleared the eye was lost.
+        span = max(span, 2 * item.length or belt.transit.value or 0)
     return span
 
 
-# The infeed eye is blocked.
+# Cases of an edge that blocks the infeed eye
 
 
 def _reopen_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Continue the entry of the last item, because the eye flickers."""
+    """Continue the entry of the last item if the eye flickers."""
     item = belt.entered_last if belt.entered_last is not None else belt.begun
     if item is None or not belt.eyes.flickers(switch):
         return None
@@ -171,7 +174,7 @@ def _enter(belt: Belt, switch: Switch) -> TrackedItem:
     return item
 
 
-# The infeed eye clears.
+# Cases of an edge that clears the infeed eye
 
 
 def _end_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
@@ -183,7 +186,7 @@ def _end_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _keep_first(belt: Belt, switch: Switch) -> bool:
-    """Store the very first edge until the next one comes, see `settle_first`."""
+    """Keep the first edge of the eye until the next edge comes; see `settle_first`."""
     if switch.previous is not None:
         return False
     belt.cleared_first = switch.stamp
@@ -191,7 +194,7 @@ def _keep_first(belt: Belt, switch: Switch) -> bool:
 
 
 def _extend_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Move the t2 of the last item, whose eye flickered."""
+    """Move the clearing edge of the last item if the eye has flickered."""
     item = belt.entered_last
     if item is None or item.t2 is None:
         return None
@@ -204,7 +207,7 @@ def _extend_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _end_reported(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Set the t2 of an item that was already reported."""
+    """Set the time at which an item that was already reported has cleared the eye."""
     blocked = switch.previous is not None and switch.previous.blocked
     item = belt.begun if blocked or belt.clock_is_new else None
     if item is None or item.t2 is not None:
@@ -216,16 +219,16 @@ def _end_reported(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
-    """Add an item whose t1 was lost."""
+    """Add an item whose blocking edge was lost."""
     belt.give_up_overdue(switch.stamp)
     return _put_unseen(belt, switch.stamp, Reason.MISSING_EDGE)
 
 
-# The outfeed eye is blocked.
+# Cases of an edge that blocks the outfeed eye
 
 
 def _cover(belt: Belt, switch: Switch) -> bool:
-    """Mark the eye as covered by an unknown item again, if it flickers."""
+    """Mark the eye as blocked by an unknown item again if the eye flickers."""
     if belt.left_last is not None or not belt.eyes.flickers(switch):
         return False
     belt.covered = True
@@ -233,15 +236,14 @@ def _cover(belt: Belt, switch: Switch) -> bool:
 
 
 def _leave_again(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Continue the departure of the last item, which is still at the eye."""
-    item = _last_at_outfeed(belt, switch)
-    if item is not None:
+    """Continue the departure of the last item if it is still at the eye."""
+    if item := _last_at_outfeed(belt, switch):
         item.t4 = None
     return item
 
 
 def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Continue the departure of the last item, because the only other one is entering."""
+    """Continue the departure of an item if the only other item on the belt is entering."""
     item = switch.there
     if item is None or not belt.only_entering:
         return None
@@ -251,19 +253,19 @@ def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Begin the exit of an item that was given up, if no item on the belt can leave yet."""
+    """Begin the departure of an item that was given up if no item on the belt can leave yet."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
     if not gone or not is_none_due(belt, switch.stamp):
         return None
     item = gone.popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
-    belt.fault_all(Reason.DISTANCE_FAULT)  # the late item was on the belt, too
+    belt.fault_all(Reason.DISTANCE_FAULT)  # The late item was on the belt together with them.
     return item
 
 
 def _leave(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Begin the exit of the item that is due to leave."""
+    """Begin the departure of the item that is due to leave."""
     if not belt.items:
         return None
     ambiguous = belt.drop_given_up()
@@ -271,7 +273,7 @@ def _leave(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave_unseen(belt: Belt, switch: Switch) -> TrackedItem:
-    """Add an item whose t1 and t2 were lost."""
+    """Add an item whose infeed edges were lost."""
     ambiguous = belt.drop_given_up()
     item = belt.new_item()
     item.fault(Reason.MISSING_EDGE)
@@ -282,9 +284,9 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
     item.t3 = switch.stamp
     item.usual_transit = belt.transit.value
     if ambiguous and belt.transit.of(item) is None:
-        item.fault(Reason.DISTANCE_FAULT)  # nothing shows which of them it is
+        item.fault(Reason.DISTANCE_FAULT)  # The item that leaves may also be a given-up one.
     if item is belt.at_infeed:
-        # It is longer than the belt, or its t2 was lost. A later t2 shows which.
+        # The item is longer than the belt, or its clearing edge at the infeed eye was lost.
         item.fault(Reason.PRODUCT_TOO_LONG, Reason.MISSING_EDGE)
     before = belt.left_last
     if item.t2 is not None and before is not None and before.departure > item.t2:
@@ -295,7 +297,7 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
     return item
 
 
-# The outfeed eye clears.
+# Cases of an edge that clears the outfeed eye
 
 
 def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
@@ -306,20 +308,19 @@ def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _uncover(belt: Belt, switch: Switch) -> bool:
-    """Clear the eye if the edge only shows its state, or an unknown item covered it."""
+    """Clear the eye if the edge only shows its state, or if an unknown item blocked it."""
     return (_show_state(belt, switch) or belt.covered) and _free(belt, switch)
 
 
 def _go_again(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Move the t4 of the last item, which was still at the eye."""
-    item = _last_at_outfeed(belt, switch)
-    if item is not None:
+    """Move the clearing edge of the last item if it was still at the eye."""
+    if item := _last_at_outfeed(belt, switch):
         belt.freed = item.t4 = switch.stamp
     return item
 
 
 def _go_beside(belt: Belt, switch: Switch) -> bool:
-    """Apply the departure of an unknown item while another one enters."""
+    """Process the departure of an unknown item while another item enters."""
     if not belt.only_entering:
         return False
     _go_before_start(belt, switch)
@@ -328,7 +329,7 @@ def _go_beside(belt: Belt, switch: Switch) -> bool:
 
 
 def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Report the item that seems to have left without a t3, which may still come."""
+    """Report an item that has cleared the eye before its blocking edge came."""
     if not belt.items:
         return None
     _go_before_start(belt, switch)
@@ -342,59 +343,59 @@ def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
 def _go_before_start(belt: Belt, switch: Switch) -> None:
     belt.freed = switch.stamp
     if switch.previous is None:
-        belt.fault_all(Reason.START_UP)  # an item left that no eye had seen
+        belt.fault_all(Reason.START_UP)  # An item has left that entered before the start.
 
 
 def _free(belt: Belt, switch: Switch) -> bool:
-    """Record the departure of an unknown item, or of one by an earlier clock."""
+    """Store the departure of an item that is unknown or entered before a change of the clock."""
     belt.freed = switch.stamp
     belt.covered = False
     return True
 
 
-_Case, _S = Transition, State
 _MISSING, _DISTANCE = Reason.MISSING_EDGE, Reason.DISTANCE_FAULT
 _CHATTER, _TOO_LONG, _START_UP = Reason.CHATTERING_EYE, Reason.PRODUCT_TOO_LONG, Reason.START_UP
 
 TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
     (Eye.INFEED, True): (
-        _Case(_reopen_entry, _S.ENTERING, (_CHATTER,)),
-        _Case(_enter, _S.ENTERING, (_CHATTER, _MISSING, _DISTANCE)),
+        Transition(_reopen_entry, State.ENTERING, (_CHATTER,)),
+        Transition(_enter, State.ENTERING, (_CHATTER, _MISSING, _DISTANCE)),
     ),
     (Eye.INFEED, False): (
-        _Case(_end_entry, _S.ON_BELT),
-        _Case(_show_state),
-        _Case(_keep_first),
-        _Case(_extend_entry, _S.ON_BELT, (_CHATTER,)),
-        _Case(_end_reported),
-        _Case(_enter_unseen, _S.ON_BELT, (_MISSING, _DISTANCE)),
+        Transition(_end_entry, State.ON_BELT),
+        Transition(_show_state),
+        Transition(_keep_first),
+        Transition(_extend_entry, State.ON_BELT, (_CHATTER,)),
+        Transition(_end_reported),
+        Transition(_enter_unseen, State.ON_BELT, (_MISSING, _DISTANCE)),
     ),
     (Eye.OUTFEED, True): (
-        _Case(_cover),
-        _Case(_leave_again, _S.LEAVING),
-        _Case(_leave_again_beside, _S.LEAVING, (_MISSING,)),
-        _Case(_leave_late, _S.LEAVING, (_DISTANCE,)),
-        _Case(_leave, _S.LEAVING, (_DISTANCE, _TOO_LONG, _MISSING)),
-        _Case(_leave_unseen, _S.LEAVING, (_MISSING, _DISTANCE)),
+        Transition(_cover),
+        Transition(_leave_again, State.LEAVING),
+        Transition(_leave_again_beside, State.LEAVING, (_MISSING,)),
+        Transition(_leave_late, State.LEAVING, (_DISTANCE,)),
+        Transition(_leave, State.LEAVING, (_DISTANCE, _TOO_LONG, _MISSING)),
+        Transition(_leave_unseen, State.LEAVING, (_MISSING, _DISTANCE)),
     ),
     (Eye.OUTFEED, False): (
-        _Case(_go, _S.GONE),
-        _Case(_uncover),
-        _Case(_go_again, _S.GONE),
-        _Case(_go_beside, None, (_START_UP, _DISTANCE)),
-        _Case(_go_unseen, _S.GIVEN_UP, (_START_UP, _MISSING)),
-        _Case(_free),
+        Transition(_go, State.GONE),
+        Transition(_uncover),
+        Transition(_go_again, State.GONE),
+        Transition(_go_beside, None, (_START_UP, _DISTANCE)),
+        Transition(_go_unseen, State.GIVEN_UP, (_START_UP, _MISSING)),
+        Transition(_free),
     ),
 }
 
 
-# Late edges: a younger one came first.
+# Late edges, which arrive after an edge with a later time stamp
 
 
 def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
-    """Apply an edge that comes after a younger one, and fault all items on the belt.
+    """Apply a late edge, and add a fault to all items on the belt.
 
-    The edge completes an item that lacks it. It begins a new item only if no item explains it.
+    The edge completes an item that has no such edge. It begins a new item only if it cannot belong
+    to any known item.
     """
     settle_first(belt)
     belt.fault_all(Reason.LATE_EDGE)
@@ -418,14 +419,14 @@ def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool:
-    """Add an edge to an item that has entered. Returns whether there is such an item."""
+    """Add an edge of the infeed eye to its item. Returns whether such an item is known."""
     last, debounce = belt.entered_last, belt.eyes.debounce
     if edge.blocked:
         item = next((each for each in belt.recent if each.accounts_for(edge.stamp, debounce)), None)
         if item is not None and item.t1 is None:
             item.t1 = edge.stamp
     elif last is not None and youngest is not None and last.t1 == youngest.stamp < edge.stamp:
-        item = last  # it may have left meanwhile
+        item = last
         item.t2, belt.at_infeed = edge.stamp, None
         belt.move(item, State.ON_BELT)
         belt.eyes.youngest[edge.eye] = edge
@@ -437,7 +438,7 @@ def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool
 
 
 def _lacks_t2(item: TrackedItem, stamp: int) -> bool:
-    """Return whether an item that has left can have cleared the infeed eye at `stamp`."""
+    """Return whether an item that has left can have cleared the infeed eye at `stamp` in ns."""
     began = item.t1 is None or item.t1 < stamp
     return item.t2 is None and item.t3 is not None and began and stamp < item.t3
 
@@ -447,11 +448,10 @@ def _lacks_t3(item: TrackedItem, stamp: int) -> bool:
 
 
 def _complete_departure(belt: Belt, edge: EyeEdge) -> None:
-    """Add an edge to an item that has left, if there is such an item."""
+    """Add an edge of the outfeed eye to its item if such an item is known."""
     item = belt.at_outfeed
     if edge.blocked:
-        left = next((each for each in belt.recent if _lacks_t3(each, edge.stamp)), None)
-        if left is not None:
+        if left := next((each for each in belt.recent if _lacks_t3(each, edge.stamp)), None):
             left.t3 = edge.stamp
     elif item is not None and item.t3 is not None and item.t3 < edge.stamp:
         item.t4, belt.at_outfeed = edge.stamp, None

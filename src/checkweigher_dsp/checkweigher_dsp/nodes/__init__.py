@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS nodes around the stages: parameters in, message to record, stage, record to message."""
+"""ROS nodes, each of which contains one stage."""
 
 import os
 
-# Several threads slow down the small matrices of an item. Set before numpy reads it.
+# Several threads slow down the small matrices of an item. numpy reads the variable at its import.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

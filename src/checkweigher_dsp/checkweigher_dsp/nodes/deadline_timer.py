@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clock of the deadlines, and a timer for the next one."""
+"""Clocks and timer for the deadlines of the verdicts."""
 
 from collections.abc import Callable
 import time
@@ -10,12 +10,12 @@ from checkweigher_dsp.rejection.timing import StreamClock
 
 
 class DeadlineTimer:
-    """Clocks of arrivals and stamps in ns, and a timer for the next deadline.
+    """Timer for the next deadline, with the clocks of the arrivals and of the stamps in ns.
 
     Attributes
     ----------
     clock : StreamClock
-        Clock of the stamps. If it is not running, nothing becomes overdue on the clock of arrivals.
+        Clock of the stamps. If it is not running, no verdict becomes overdue.
     """
 
     def __init__(self, node: PortNode, callback: Callable[[], None], *, running: bool) -> None:
@@ -24,20 +24,20 @@ class DeadlineTimer:
 
     @property
     def now(self) -> int | None:
-        """Time on the clock of arrivals in ns; None if nothing can be overdue."""
+        """Time on the clock of arrivals in ns, or None if no verdict can become overdue."""
         return time.monotonic_ns() if self.clock.running else None
 
     @property
     def stamp(self) -> int | None:
-        """Time on the clock of stamps in ns; None before the first message."""
+        """Time on the clock of stamps in ns, or None before the first message."""
         return self.clock.at(time.monotonic_ns())
 
     def saw(self, stamp: int) -> None:
-        """Set the clock of the stamps by a message that has just come."""
+        """Set the clock of the stamps by the stamp of a message that has just arrived."""
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to a time of arrivals, to a stamp, or (both None) to nothing."""
+        """Set the timer to the earlier of an arrival and a stamp, or clear it if both are None."""
         times = [due if self.clock.running else None]
         if stamp is not None:
             times.append(self.clock.reaches(stamp, time.monotonic_ns()))

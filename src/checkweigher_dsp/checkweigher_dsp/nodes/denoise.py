@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The denoise node: weigh_window to denoised_window."""
+"""Node denoise, which converts weigh_window to denoised_window."""
 
 from functools import partial
 import time
@@ -26,7 +26,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self.subscribe(ports.WEIGH_WINDOW, self._on_window)
 
     def on_parameters(self) -> None:
-        """Use a changed table."""
+        """Apply changed parameters."""
         self._denoiser = Denoiser(self.parameters, Failures(self.item_failed))
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -36,7 +36,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self._windows.send(denoised)
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the finding on the time per window."""
+        """Return the finding on the computing time."""
         return [self._workload.finding(now)]
 
 

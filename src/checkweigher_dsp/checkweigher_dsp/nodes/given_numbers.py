@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File of the item numbers that a node has given, for the next process of the node."""
+"""File of the latest item numbers of a node, which the next process of the node reads."""
 
 import os
 from pathlib import Path
@@ -11,38 +11,38 @@ from checkweigher_core.records import NUMBERS_AT_ONCE
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
-_LINE = 100  # bytes, identity of the run; then one line per number
-_NUMBER = 21  # bytes
-_KEPT = 'kept over runs'  # stands for the run in a file with a given path
+_LINE = 100  # length of the first line, which identifies the run, in bytes
+_NUMBER = 21  # length of each other line, which contains a number, in bytes
+_KEPT = 'kept over runs'  # identity of the run in a file with a given path
 
 
 class GivenNumbers:
-    """File of the latest numbers that a node of a lane has given.
+    """File of the latest item numbers of a node.
 
-    A run is one process of `run` or `ros2 launch`, which restarts nodes. A restarted node continues
-    the numbers. In the next run they begin at 1, unless a `path` is set. An empty file beside that
-    path, with `.begun` after its name, shows that there were numbers. If they are lost, any number
-    up to the milliseconds of the clock may have been given.
+    A run is one process of `run` or `ros2 launch`, which restarts its nodes. A restarted node
+    continues the numbers. In the next run, the numbers begin at 1 unless a `path` is set. An empty
+    file with the suffix `.begun` then shows that numbers were used. If they are lost, the number of
+    milliseconds since 1970 is taken as the last number, because no line can have used more.
 
     Parameters
     ----------
     node : str
-        Full name of the node; empty to keep no numbers.
+        Full name of the node, or empty if no numbers are stored.
     domain : int
         ROS domain.
     path : str
-        File; empty for a file of this run, named after node and domain.
+        Path of the file, or empty for a file of this run, named after node and domain.
     most : int
-        Number of latest numbers to keep.
+        Number of latest numbers to store.
 
     Attributes
     ----------
     numbers : frozenset of int
-        Numbers that were given before this process began.
+        Latest numbers before the start of this process.
     last : int
-        Largest number that may have been given before, 0 if there is none.
+        Largest number that may have been used before, or 0 if no number was used.
     trouble : str
-        Reason why numbers are not known or not kept, empty if they are.
+        Reason why numbers are unknown or cannot be stored, or empty.
     """
 
     def __init__(self, node: str = '', domain: int = 0, path: str = '', most: int = 1) -> None:
@@ -70,20 +70,17 @@ class GivenNumbers:
             self._fail(error)
 
     def _begin(self, file: int, run: str) -> bool:
-        """Read the numbers of this run, or create the file in its full size.
-
-        Returns whether the file was of this run, with numbers or still empty.
-        """
+        """Read the file, or create it for a new run. Returns whether the numbers were intact."""
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
         places = data[_LINE:].splitlines() if data.startswith(line) else []
         if not places:
             os.ftruncate(file, 0)
             os.pwrite(file, line.encode() + (b' ' * (_NUMBER - 1) + b'\n') * self._most, 0)
-        # A number that is incomplete, or was never written, is no decimal.
+        # A line that is incomplete or was never written is not a decimal number.
         found = {int(text): n for n, text in enumerate(places) if text.strip().isdecimal()}
         self.numbers = frozenset(found)
-        # Not the place after the largest number, because later numbers may be smaller.
+        # The next place need not follow the largest number, because later numbers may be smaller.
         free = [place for place, text in enumerate(places) if not text.strip()]
         oldest = found[min(found)] if found else 0
         self._next = free[0] if free else oldest
@@ -91,11 +88,12 @@ class GivenNumbers:
         return bool(places) and (bool(found) or len(free) == len(places))
 
     def give(self, number: int) -> None:
-        """Write a number before it is given.
+        """Write a number before it is used.
 
-        The number survives a kill of the process. The file does not grow, so it works on a full
-        disk. Only the first number of each thousand waits until it is on the disk, so that no
-        number is given twice after a power cut.
+        The number is stored even if the process is killed. The file does not grow, so that it can
+        be written on a full disk. Only the first number of each thousand is synchronised with the
+        disk. No number is used twice after a power failure, because the segmenter continues at the
+        next thousand.
         """
         if self._file is None:
             return
@@ -121,7 +119,7 @@ class GivenNumbers:
 
 
 def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
-    """Return the file of the numbers of a node, and warn if it cannot be used."""
+    """Return the file of the numbers of a node. The node logs a warning if it cannot be used."""
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     numbers = GivenNumbers(name, domain, path, most)
     if numbers.trouble:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The identifier node: denoised_window to mass_estimate; the service forget_learned."""
+"""Node identifier, which converts denoised_window to mass_estimate."""
 
 from functools import partial
 import time
@@ -27,7 +27,8 @@ class IdentifierNode(StageNode[IdentifierParameters]):
     """Node that estimates the mass of each denoised window."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        self._record = LearnedRecord(NONE)  # before the parameters, which may be refused
+        # `destroy_node` needs the record, even if the parameters are refused.
+        self._record = LearnedRecord(NONE)
         super().__init__(IdentifierParameters, overrides=overrides)
         self._estimates = self.held_output(ports.MASS_ESTIMATE, ports.VERDICT)
         self._workload = WorkloadWatch()
@@ -41,12 +42,12 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Begin to work, and record what is already learned."""
+        """Begin to process windows, and store the state that is already learned."""
         super().start()
         self._note_learned()
 
     def destroy_node(self) -> None:
-        """Destroy the node, after its learned state is in the file."""
+        """Destroy the node after the learned state was written to its file."""
         self._record.close()
         super().destroy_node()
 
@@ -61,7 +62,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             if self._record.trouble:
                 self.warn(self._record.trouble)
         self._identifier = Identifier(self.parameters, known, Failures(self.item_failed))
-        # Usual values are not comparable between estimators.
+        # The usual values of two estimators cannot be compared.
         self._convergence = ConvergenceWatch()
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -71,7 +72,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._workload.add(began, now)
         self._estimates.send(estimate)
         self.count('weighed' if estimate.weighed else 'faults')
-        if not window.reasons:  # the segmenter has logged those with reasons
+        if not window.reasons:  # The segmenter has logged the reasons of other windows.
             self._convergence.add(now, estimate)
             for reason in estimate.reasons:
                 self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
@@ -80,7 +81,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             self._note_learned()
 
     async def _on_forget(self, request: Any, response: Any) -> Any:
-        """Delete the learned state, after an entry in the audit log."""
+        """Delete the learned state after an entry was written to the audit log."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, 'forgotten'):
             response.message = f'{reason}: not forgotten'
@@ -94,7 +95,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         return response
 
     def _note_learned(self) -> None:
-        """Write the learned state to its file, and changes in its use to the audit log."""
+        """Write the learned state to its file, and changes of its use to the audit log."""
         known = self._identifier.learned
         kept = tuple(part for each in known.kinds for part in (each.fit, each.change))
         if kept == self._kept:
@@ -112,13 +113,13 @@ class IdentifierNode(StageNode[IdentifierParameters]):
                 self.executor.create_task(self._audit(value))
 
     async def _audit(self, value: dict[str, object]) -> None:
-        """Write a change of learning to the audit log; a failure does not undo it."""
+        """Write a change of the learned state to the audit log. A failure is only logged."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, value):
-            self.warn(f'what was learned: {reason}')
+            self.warn(f'change of the learned state: {reason}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the findings on the masses, their computing time, and learning."""
+        """Return the findings on convergence, computing time and learning."""
         known = self.parameters
         return [
             self._convergence.finding(now, known.max_relative_std_dev),

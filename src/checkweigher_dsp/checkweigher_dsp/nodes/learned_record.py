@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File of the learned state of a line, which outlives its process."""
+"""File of the learned state of a node, which the next process of the node reads."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,34 +16,35 @@ NONE = '-'
 class LearnedRecord:
     """File of the learned state of a node.
 
-    A file that cannot be read counts as empty. This does no harm, because the line weighs by its
-    estimator and learns again.
+    A file that cannot be read is ignored, because the line can weigh by the estimator until it has
+    learned again.
 
     Parameters
     ----------
     wanted : str
-        Path of the file; if empty, the file is named after the node; ``-`` for no file.
+        Path of the file, empty for a file that is named after the node, or ``-`` for no file.
     node : str
         Full name of the node.
 
     Attributes
     ----------
     trouble : str
-        Reason why the file cannot be used now, empty if it can.
+        Reason why the file cannot be used, or empty.
     """
 
     def __init__(self, wanted: str, node: str = '') -> None:
         self.trouble = ''
         self._path: Path | None = None
-        self._writer = ThreadPoolExecutor(1, 'learned record')  # so that no item waits for a disk
+        # The file is written by a thread, so that no item waits for the disk.
+        self._writer = ThreadPoolExecutor(1, 'learned record')
         try:
             if wanted != NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
-        except RuntimeError as error:  # the user has no home folder
+        except RuntimeError as error:  # The user has no home folder.
             self._fail(error)
 
     def read(self) -> LearnedKinds | None:
-        """Return the content of the file, None if there is none."""
+        """Return the content of the file, or None if it does not exist or cannot be read."""
         try:
             if self._path is not None and self._path.exists():
                 return read_settings(self._path, LearnedKinds)
@@ -52,14 +53,14 @@ class LearnedRecord:
         return None
 
     def write(self, known: LearnedKinds, *, now: bool = False) -> None:
-        """Replace the content of the file, in the background or with `now` before returning."""
+        """Replace the content of the file. With `now`, the call waits until it is written."""
         if self._path is not None:
             written = self._writer.submit(self._write, self._path, known)
             if now:
                 written.result()
 
     def close(self) -> None:
-        """Wait until the content is in the file."""
+        """Wait until the file is written."""
         self._writer.shutdown()
 
     def _write(self, path: Path, known: LearnedKinds) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the permission by the node reject, ten times per second and at each change."""
+"""Output of the permission to run the line, which the node reject sends ten times per second."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -12,26 +12,26 @@ from checkweigher_core.ros.outputs import Input
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
-_PERIOD = round(0.1 * NANOSECONDS)
-# s. The stages send a sign of life every 0.2 s; with long blocks the segmenter sends fewer.
+_PERIOD = round(0.1 * NANOSECONDS)  # interval between two messages in ns
+# Longest age of a sign of life in s. The stages send one every 0.2 s or after each long block.
 _FRESH_TIME = 0.4
-_MARGIN = round(0.001 * NANOSECONDS)
+_MARGIN = round(0.001 * NANOSECONDS)  # delay after the expiry of a sign of life in ns
 
 
 class PermissionGiver:
-    """Output of the permission of a lane.
+    """Output of the permission to run the line.
 
-    It sends nothing while a callback of the process has the lock, so a node that hangs does not
-    give permission.
+    No message is sent while a callback of the process runs. So a node that hangs does not give
+    permission.
 
     Parameters
     ----------
     node : PortNode
-        Node that publishes it.
+        Node that publishes the permission.
     publishers : mapping of str to Input
-        Inputs that need a publisher, by their names in the rule: ``eyes`` and ``load cell``.
+        Inputs that need a publisher. The names are ``eyes`` and ``load cell``.
     is_stopped : callable
-        Returns whether a stop is requested.
+        Function that returns whether a stop is requested.
     deadlines : bool
         Whether the permission expires.
 
@@ -62,7 +62,7 @@ class PermissionGiver:
 
     def _repeat(self) -> None:
         self.give()
-        # It lasts at most until a sign is no longer fresh.
+        # The permission is withdrawn as soon as the sign of life of a stage expires.
         now = time.monotonic_ns()
         left = self.rule.fresh_for(now)
         self._timer.set(now + (left + _MARGIN if 0 < left < _PERIOD else _PERIOD))
@@ -73,7 +73,7 @@ class PermissionGiver:
     def give(self) -> None:
         """Send the permission, or its withdrawal."""
         for stage, entry in self._stages.items():
-            if entry.makers:  # stages of this process need no sign
+            if entry.makers:  # Stages of this process need not send signs of life.
                 self._add_sign(stage, None)
         present = {name: entry.count() > 0 for name, entry in self._publishers.items()}
         run = self.rule.may_run(present, time.monotonic_ns(), stopped=self._is_stopped())

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits and batch by which the reject node judges."""
+"""Product of the reject node, with its limits and batch."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 
 
 class ProductInUse:
-    """Product of the reject stage; until the line has one, the limits in the parameters."""
+    """Product of the reject stage, or the limits in the parameters until the line has a product."""
 
     def __init__(self, node: StageNode[RejectParameters], stage: RejectStage) -> None:
         self._node, self._stage = node, stage
@@ -22,20 +22,20 @@ class ProductInUse:
         node.subscribe(ports.PRODUCT_ON_LINE, self._on_product)
 
     def use_parameters(self) -> None:
-        """Use the present limits of the parameters, until the next product."""
+        """Apply the limits in the parameters until the next product."""
         if self._stage.product.stamp:
             self._stage.product = replace(self._stage.product, **limits_of(self._node.parameters))
         self.show()
 
     def show(self) -> None:
-        """Publish the limits in use if they have changed."""
+        """Publish the present limits if they have changed."""
         shown = replace(self._stage.product, **BatchTally().counts)
         if shown != self._shown:
             self._shown = shown
             self._output.send(shown)
 
     def _on_product(self, product: ProductOnLine) -> None:
-        """Use the limits of a product, or only its counts if it is already in use."""
+        """Apply the limits of a product, or only its counts if it is already in use."""
         node, in_use = self._node, self._stage.product
         if not (node.parameters.needs_product or in_use.stamp):
             node.get_logger().warning(
@@ -44,7 +44,7 @@ class ProductInUse:
             )
         if product.stamp == in_use.stamp:
             product = replace(in_use, **BatchTally.of(product).counts)
-        else:  # limits that are set later are checked against these
+        else:  # Limits that a user sets later are checked together with these.
             node.parameters = replace(node.parameters, **limits_of(product))
         self._stage.product = product
         self.show()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reject node: items and mass_estimate to verdict, and with reject_eye to stop_request."""
+"""Node reject, which converts items and mass_estimate to verdict and stop_request."""
 
 from functools import partial
 import time
@@ -35,17 +35,18 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 
 
 class RejectNode(ManagedStageNode[RejectParameters]):
-    """Node that gives every announced item its verdict in time for the rejector.
+    """Node that publishes the verdict on each announced item in time for the rejector.
 
-    While it is not active, it requests a stop of the line. With `keep_numbers` or the parameter
-    `numbers` it keeps the numbers of judged items in a file. A node that takes its place reads
-    this file and the latched announcements, and judges the items that this node has missed.
+    The node requests a stop of the line while it is not active. With `keep_numbers` or the
+    parameter `numbers`, it stores the numbers of judged items in a file. The next process of the
+    node reads this file and the latched announcements, and judges the items without a verdict.
     """
 
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        self._numbers = GivenNumbers()  # before the parameters, which may be refused
+        # `destroy_node` needs the file, even if the parameters are refused.
+        self._numbers = GivenNumbers()
         super().__init__(RejectParameters, overrides=overrides)
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers, MAX_JUDGED)
@@ -56,7 +57,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         )
         self._timer = DeadlineTimer(self, self._tick, running=self.parameters.deadlines)
         self._stream = 0
-        # Before the estimates, so that a waiting product is processed first.
+        # The product is subscribed before the estimates, so that it is processed first.
         self._product = ProductInUse(self, self._stage)
         load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
@@ -79,14 +80,14 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self.begin()
 
     def start(self) -> None:
-        """Activate, or request a stop."""
+        """Activate the node if this is configured, otherwise request a stop."""
         super().start()
         self._product.show()
         if self.state == 'unconfigured':
             self._stops.show()
 
     def activate(self) -> None:
-        """Begin to judge, and withdraw the stop request."""
+        """Begin to judge items, and withdraw the stop request."""
         self._monitor.restart()
         self._stops.begin()
         self._verdicts.send(self._stage.judge_complete(self._timer.now))
@@ -105,12 +106,12 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return [self._stops.output, self._verdicts.output]
 
     def destroy_node(self) -> None:
-        """Destroy the node, and close the file of the numbers."""
+        """Destroy the node and close the file of the numbers."""
         super().destroy_node()
         self._numbers.close()
 
     def on_parameters(self) -> None:
-        """Use the changed parameters."""
+        """Apply changed parameters."""
         self._stage.parameters = self._monitor.parameters = self.parameters
         self._timer.clock.running = self._permission.rule.deadlines = self.parameters.deadlines
         self._product.use_parameters()
@@ -121,7 +122,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.stream != self._stream:
-            # Edges of the first stream may have come before its first status.
+            # Edges of the first stream may arrive before its first status, and are kept.
             if self._stream:
                 self._stage.restart()
                 self._monitor.restart()
@@ -136,7 +137,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._go_on()
 
     def _on_record(self, record: Item | MassEstimate) -> None:
-        """Process an announcement, or an estimate if the node is active."""
+        """Process an announcement, or an estimate while the node is active."""
         stage = self._stage
         if isinstance(record, MassEstimate):
             if not self._stops.active:
@@ -164,13 +165,13 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_external_reject(self, reject: ExternalReject) -> None:
         if self._stops.active:
-            stage = self._stage
-            stage.inspections.add(reject, stage.weigh_length, time.monotonic_ns())
+            weigh_length = self._stage.weigh_length
+            self._stage.inspections.add(reject, weigh_length, time.monotonic_ns())
             self.count('external rejects')
             self._update()
 
     def _go_on(self) -> None:
-        """Judge the items that are due, if the node is active."""
+        """Judge the items that are due while the node is active."""
         if not self._stops.active:
             return
         unknown = self._stage.early.unknown
@@ -181,7 +182,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _tick(self) -> None:
-        """Judge the items that are due, and check the eye behind the rejector."""
+        """Judge the items that are due, and evaluate the eye behind the rejector."""
         self._go_on()
         stamp = self._timer.stamp
         if stamp is not None and (strays := self._monitor.advance(stamp)):
@@ -191,7 +192,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _update(self) -> None:
-        """Exchange the state of the parts, and set the timer to the next deadline."""
+        """Exchange states between the stage and the monitor, and set the timer."""
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)
         stamp = self._timer.stamp
@@ -208,7 +209,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._timer.set(stage.due, monitor.due)
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the findings on the verdicts, the line before this node, and the rejector."""
+        """Return the findings on verdicts, rejector, publishers and permission."""
         confirmed = self.parameters.confirmation_time > 0
         return [
             *self._verdicts.findings(now),

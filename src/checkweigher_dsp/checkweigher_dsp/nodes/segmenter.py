@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The segmenter node: load_cell/samples and photo_eyes to weigh_window; the service zero."""
+"""Node segmenter, which converts load_cell/samples and photo_eyes to weigh_window."""
 
 from collections import deque
 from dataclasses import replace
@@ -35,29 +35,30 @@ from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-_MAX_EARLY = 1_000  # samples and edges to keep until the latched load_cell/info comes
-# The status is sent with the samples, not by a timer: the driver of a replay follows its pace, and
-# the permission of reject expires without it.
-_STATUS_INTERVAL = 0.2  # s of signal
-_STATUS_BLOCKS = 100  # blocks, if they are short
-_ANSWER_PERIOD = 0.01  # s
-_ZERO_PATIENCE = 15.0  # s after which the service zero answers even without samples
-_STALL_TIME = 0.1  # s without samples after which items are tracked by the eyes alone
-_END_PATIENCE = 2.0  # s of silence after which missing records of an ended stream are lost
+_MAX_EARLY = 1_000  # maximum number of samples and edges that wait for load_cell/info
+# The status is sent with the samples instead of by a timer. The driver follows its pace in a
+# replay, and the permission to run the line expires without it.
+_STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
+_STATUS_BLOCKS = 100  # largest number of blocks between two messages
+_ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
+_ZERO_PATIENCE = 15.0  # timeout in s of the service zero
+_STALL_TIME = 0.1  # timeout in s for samples, after which items are tracked by edges alone
+_END_PATIENCE = 2.0  # timeout in s for the missing records of a stream that has ended
 
 
 class SegmenterNode(StageNode[SegmenterParameters]):
-    """Node that cuts the stream of samples into one weigh window for each item."""
+    """Node that cuts one weigh window for each item from the stream of samples."""
 
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        self._numbers = GivenNumbers()  # before the parameters, which may be refused
+        # `destroy_node` needs the file, even if the parameters are refused.
+        self._numbers = GivenNumbers()
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
         self._count = 0  # number of the last item of earlier streams
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers)
-        if self._numbers.last:  # continuing at the next thousand shows the restart
+        if self._numbers.last:  # A restarted node continues at the next thousand.
             self._count = (self._numbers.last // NUMBERS_AT_ONCE + 1) * NUMBERS_AT_ONCE - 1
         self._segmenter: Segmenter | None = None
         self._watch = SegmenterWatch(self.parameters, time.monotonic())
@@ -66,7 +67,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._last_stamp = 0
         self._reported_samples = 0
         self._blocks_since_report = 0
-        self._block_time = 0.0  # s, of the last one
+        self._block_time = 0.0  # duration of the last block in s
         self._stream = 0
         self._end: tuple[int, int] | None = None
         self._items = self.output(ports.ITEMS)
@@ -83,17 +84,17 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._end_timer = self.create_one_shot_timer(self._finish_incomplete)
         self._stall_timer = self.create_one_shot_timer(self._go_by_edges)
         self._zero_requests: list[Future] = []
-        # A callback group of its own, so that samples are processed while an answer waits.
+        # The service has its own callback group, so that samples are processed while it waits.
         self._zero_group = ReentrantCallbackGroup()
         self.create_service(Trigger, ports.ZERO, self._on_zero, callback_group=self._zero_group)
 
     def destroy_node(self) -> None:
-        """Destroy the node and close the file of its numbers."""
+        """Destroy the node and close the file of the numbers."""
         self._numbers.close()
         super().destroy_node()
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
-        """Set the zero by the next empty belt at rest, then answer."""
+        """Wait until an empty belt at rest has set the zero, and answer."""
         if self._segmenter is None:
             response.message = 'no load_cell/info has come: not zeroed'
             return response
@@ -101,7 +102,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             response.message = f'{reason}: not zeroed'
             return response
         answer: Future = Future()
-        # Another thread completes the answer while the executor may be waiting.
+        # Another thread completes the answer, so the executor has to be woken up.
         answer.add_done_callback(lambda _: self.executor.wake())
         self._zero_requests.append(answer)
         self._segmenter.zero_keeper.request()
@@ -127,7 +128,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._on_event(self._early.popleft())
 
     def _start(self, load_cell: LoadCell) -> None:
-        """Begin a new stream. Items on the belt of the previous stream become faults."""
+        """Begin a new stream. Items of the previous stream on the belt become faults."""
         self._watch.begin_stream(time.monotonic(), load_cell)
         before = self._segmenter
         if before is not None:
@@ -159,7 +160,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (
             signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
             or self._blocks_since_report >= _STATUS_BLOCKS
-            # reject itself judges an item that leaves without an announcement.
+            # Without a status, the node reject would judge an item that leaves as lost.
             or segmenter.leaving_since not in (None, leaving)
         ):
             self._publish_status(StreamState.RUNNING)
@@ -171,7 +172,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._finish_if_ended()
 
     def _go_by_edges(self) -> None:
-        """Announce items by the eyes alone, because the samples have stalled."""
+        """Announce items without their samples, because the samples have stalled."""
         if self._segmenter is not None and self._segmenter.edges_wait:
             self._publish(self._segmenter, self._segmenter.go_by_edges())
             self._publish_status(StreamState.RUNNING)
@@ -179,6 +180,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.state != StreamState.RUNNING:
             self._stream = status.stream
+            counts = f'{status.samples} samples, {status.edges} edges'
+            self.get_logger().info(f'stream {status.stream} ended: {status.state.name}, {counts}')
             self._watch.end_stream(well=status.state == StreamState.FINISHED, text=status.text)
             self._end = (status.samples, status.edges)
             self._end_timer.set(_in(_END_PATIENCE))
@@ -186,11 +189,12 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         elif status.stream != self._stream:
             self._begin_stream(status.stream)
         elif self._answer_timer.due is None:
-            self._publish_status(StreamState.RUNNING)  # the driver waits for it
+            self._publish_status(StreamState.RUNNING)  # The driver waits for this status.
 
     def _begin_stream(self, stream: int) -> None:
-        # Samples of the first stream may come before its announcement.
+        # Samples of the first stream may arrive before its first status.
         follows, self._stream = self._stream != 0, stream
+        self.get_logger().info(f'stream {stream} began')
         self._end = None
         self._end_timer.clear()
         segmenter = self._segmenter
@@ -201,10 +205,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._answer_timer.set(_in(_ANSWER_PERIOD))
 
     def _answer(self) -> None:
-        """Notify the driver that its stream can begin, once no record can be lost.
+        """Notify the driver that its stream can begin if all connections are complete.
 
-        The driver knows whether its publishers have matched these subscriptions, but only this node
-        knows whether the subscriptions have matched the publishers.
+        The driver knows whether its publishers have found the subscriptions of this node. Only this
+        node knows whether its subscriptions have found the publishers.
         """
         if self._segmenter is None or any(entry.count() == 0 for entry in self._events):
             self._answer_timer.set(_in(_ANSWER_PERIOD))
@@ -212,7 +216,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)
 
     def _finish_if_ended(self) -> None:
-        """Finish the stream once all sent records have been processed."""
+        """Finish the stream if all records that the driver sent have been processed."""
         if self._end is None or self._segmenter is None:
             return
         if (self._segmenter.samples, self._segmenter.edges) == self._end:
@@ -241,7 +245,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         """Publish the announcements of items, then the windows."""
         for item in segmenter.take_announced():
             if not item.complete:
-                self._numbers.give(item.item_id)  # written before it is published
+                self._numbers.give(item.item_id)  # The number is stored before it is published.
             self._items.send(replace(item, stream=self._stream))
         for window in windows:
             self._windows.send(window)
@@ -252,7 +256,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 self.warn(f'item {window.item_id}: {reason}: {Reason(reason).hint}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the findings on samples, clock, eyes, zero, belt and items."""
+        """Return the findings on samples, clock, photo-eyes, zero, noise and items."""
         if self._segmenter is not None:
             self._watch.look(now, self._segmenter)
         return self._watch.findings(now, time.time() - time.monotonic())

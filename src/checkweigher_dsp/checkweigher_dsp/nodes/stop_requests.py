@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Stop request of a lane: its output, its lasting reasons, and its reset."""
+"""Output and reset of the request to stop the line."""
 
 from collections.abc import Callable
 import time
@@ -22,16 +22,16 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.nodes.strangers import StrangerWatch
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 
-_LOOK_PERIOD = 1.0  # s
+_LOOK_PERIOD = 1.0  # interval between two checks in s
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
 class StopRequests:
-    """Output of the stop request of a monitor, and the service that resets it.
+    """Output of the stop request of a monitor, and the service that resets the request.
 
-    A node that is not `active` requests a stop. `driver` is the input with the status of the
-    driver. `update` is called after each change of a reason and must call `show`. `shown` is called
-    after each message.
+    A node that is not `active` requests a stop. `driver` is the input of the status of the driver.
+    The function `update` is called after each change of a reason, and must call `show`. The
+    function `shown` is called after each message.
     """
 
     def __init__(
@@ -55,11 +55,11 @@ class StopRequests:
 
     @property
     def request(self) -> StopRequest | None:
-        """Stop request of the node, None if the line may run."""
+        """Stop request of the node, or None if the line may run."""
         return self._monitor.request if self.active else _NOT_READY
 
     def begin(self) -> None:
-        """Begin to monitor the line, because the node is now active."""
+        """Begin to monitor the line, because the node has become active."""
         self.active = True
         self._shown = self.request
         self.output.send(self._shown)
@@ -101,20 +101,20 @@ class StopRequests:
         self._check()
 
     def _look(self) -> None:
-        """Check for strangers, and for the end of a grace period."""
+        """Check the publishers of the line, and the time limit of the performance test."""
         self._monitor.strangers = self.strangers.look()
         self._check()
 
     def _check(self) -> None:
-        """Request a stop if the line, the machine or the performance test demands one."""
+        """Request a stop if there is a reason in the line, the machine or the performance test."""
         self._monitor.check(time.time_ns())
         self._update()
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Clear the stop request, unless a reason for it lasts."""
+        """Clear the stop request, unless one of its reasons persists."""
         cleared, shown = self._monitor.request, self._shown
         self._monitor.strangers = self.strangers.look()
-        # The last message of a publisher that is gone does not count.
+        # The last message of a publisher that has ended is ignored.
         if not self._driver.count():
             self._monitor.trouble = ''
         if not self._conditions.count():
@@ -126,7 +126,7 @@ class StopRequests:
         self.show()
         request = self.request
         if request is not None and request == shown:
-            # Sent again, because the driver waits for an answer to the reset.
+            # The request is sent again, because the driver waits for a response to the reset.
             self.output.send(request)
         response.success = request is None
         if request is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Strangers: other nodes that publish a topic of a node of the line."""
+"""Detection of strangers, which are other nodes that publish a topic of the line."""
 
 from collections.abc import Iterable
 
@@ -12,26 +12,26 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import full_name
 
 _WATCHED = tuple(port for port in ports.ALL if port.maker in ports.NODES)
-_UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of an endpoint that DDS finds before its node
+_UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of a publisher that DDS finds before its node
 
 
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
-    """Return the names of publishers of a topic other than its `maker`.
+    """Return the names of the nodes that publish a topic, apart from `maker`, its proper node.
 
-    A single name counts as the maker. Endpoints are not counted, because DDS lists a killed maker
-    beside its successor until its lease ends.
+    If there is only one name, it is taken as the proper node. Several publishers of the same name
+    are no strangers, because DDS lists the publisher of a killed node until its lease ends.
     """
     names = set(publishers)
     return sorted(names - {maker}) if len(names) > 1 else []
 
 
 class StrangerWatch:
-    """Watch of the publishers of the topics of a node.
+    """Watch of the publishers of the topics of a line.
 
     Attributes
     ----------
     found : str
-        Strangers at the last look, each with its topics; empty if there are none.
+        Strangers of the last check with their topics, or empty.
     """
 
     def __init__(self, node: Node) -> None:
@@ -43,10 +43,10 @@ class StrangerWatch:
         self.found = ''
 
     def look(self) -> str:
-        """Read the present publishers from the graph, and return the strangers."""
+        """Read the publishers of all topics from the ROS graph, and return the strangers."""
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
-            if self._node.count_publishers(topic) < 2:  # faster than reading their names
+            if self._node.count_publishers(topic) < 2:  # This is faster than reading the names.
                 continue
             listed = self._node.get_publishers_info_by_topic(topic)
             names = [full_name(each) for each in listed if each.node_name != _UNNAMED]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the verdicts, with their numbers in a file, and findings on the line from them."""
+"""Output of the verdicts, with statistics."""
 
 from collections.abc import Callable
 import time
@@ -17,10 +17,11 @@ from checkweigher_dsp.rejection.items import PendingItems
 
 
 class VerdictOutput:
-    """Output of the verdicts of a lane, which counts, logs and diagnoses them.
+    """Output of the verdicts, with counters, log messages and findings.
 
-    The numbers of judged items are in `numbers`; `items` knows those judged under another number.
-    `sent` is called with each verdict after it was published.
+    The numbers of judged items are stored in the file `numbers`. `items` contains the numbers of
+    items that were judged under another number. The function `sent` is called with each verdict
+    after its publication.
     """
 
     def __init__(
@@ -35,11 +36,11 @@ class VerdictOutput:
         self._watch = VerdictTiming()
 
     def add_edge(self, stamp: int) -> None:
-        """Add the arrival of the edge with which an item begins to leave."""
+        """Add an outfeed edge that has just arrived; its stamp is in ns."""
         self._watch.add_edge(time.monotonic(), stamp)
 
     def send(self, verdicts: list[Verdict]) -> None:
-        """Publish verdicts of the stage."""
+        """Publish verdicts of the reject stage."""
         passed_over, self._items.passed_over = self._items.passed_over, []
         for number in passed_over:
             self._numbers.give(number)
@@ -48,8 +49,10 @@ class VerdictOutput:
 
     def _send(self, verdict: Verdict) -> None:
         node, item = self._node, f'item {verdict.item_id}'
-        self._numbers.give(verdict.item_id)  # before it is published, so that none is used twice
-        self.output.send(verdict)  # first, because the rejector waits
+        # The number is stored before the publication, so that no number is used twice. Other
+        # work follows the publication, because the rejector waits for the verdict.
+        self._numbers.give(verdict.item_id)
+        self.output.send(verdict)
         self._watch.add(time.monotonic(), verdict)
         node.count(verdict.decision.name)
         if not verdict.estimate_id:
@@ -61,7 +64,7 @@ class VerdictOutput:
         self._sent(verdict)
 
     def findings(self, now: float) -> list[Finding]:
-        """Return the findings on the verdicts, and on the line before this node."""
+        """Return the findings on the verdicts and on the line before this node."""
         node = self._node
         no_masses = node.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
         margin, deadlines = node.parameters.verdict_margin, node.parameters.deadlines

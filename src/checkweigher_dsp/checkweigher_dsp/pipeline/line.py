@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""All stages in one loop, with the same results as the graph."""
+"""Offline line, which runs all stages in one loop with the same results as the nodes."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -25,7 +25,7 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-# Other nodes that a parameter file of the line may address.
+# Other nodes whose parameters may be in a parameter file of the line.
 _OTHER_NODES = ('product', 'driver', 'dynamic_setting', 'verifier')
 
 
@@ -42,12 +42,12 @@ class LineParameters:
     def from_file(cls, path: Path, lane: str | None = None) -> Self:
         """Read the parameters of the stages from a ROS parameter file.
 
-        `lane` is the namespace of the line, if the file addresses several.
+        `lane` is the namespace of the line, if the file contains several lines.
 
         Raises
         ------
         ParameterError
-            If the file cannot be read, or a value in it cannot be used.
+            If the file cannot be read, or a value is not valid.
         """
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
         with opened(path) as sections:
@@ -59,12 +59,12 @@ class LineParameters:
                 raise in_section(error, sections) from None
 
     def with_values(self, changes: Mapping[str, object]) -> Self:
-        """Return a copy with some values changed, with names such as ``denoise.stretch``.
+        """Return a copy with changed values, whose names are such as ``denoise.stretch``.
 
         Raises
         ------
         ParameterError
-            If a parameter does not exist or a value cannot be used.
+            If a parameter does not exist or a value is not valid.
         """
         stages: dict[str, Parameters] = vars(self)
         given: dict[str, dict[str, object]] = {}
@@ -83,7 +83,7 @@ class LineParameters:
 
 @dataclass(frozen=True, slots=True)
 class Weighing:
-    """Estimate and verdict of an item, and its window if it was cut in this process."""
+    """Estimate and verdict of an item, with its window if the window was cut in this process."""
 
     estimate: MassEstimate
     verdict: Verdict
@@ -91,7 +91,7 @@ class Weighing:
 
 
 class WeighingLine:
-    """Segmenter, denoise, identifier and reject, one after the other.
+    """Line of the four stages, from samples and edges to verdicts.
 
     The nodes call the same stages with the same values, so the masses are equal to the last bit.
     """
@@ -103,18 +103,15 @@ class WeighingLine:
         self._reject_stage = RejectStage(parameters.reject, load_cell.weigh_length)
 
     def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
-        """Process a block or an edge and return the items that it completes."""
+        """Process a block of samples or an edge, and return the completed items."""
         return self._judge(self._with_announced(self._segmenter.take(event)))
 
     def finish(self) -> list[Weighing]:
-        """Return the items that are still on the belt as faults, because the stream has ended."""
+        """End the stream, and return the items that are still on the belt as faults."""
         return self._judge(self._with_announced(self._segmenter.finish()))
 
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
-        """Yield the items of a whole stream, equal to those of `add` and `finish`.
-
-        The masses of many windows are estimated at once to save time.
-        """
+        """Yield the items of a whole stream. This is faster than `add`, with the same results."""
         steps: list[Item | WeighWindow] = []
         samples = 0
         for event in events:
@@ -136,7 +133,7 @@ class WeighingLine:
         weighings = []
         for step in steps:
             if isinstance(step, Item):
-                self._reject_stage.take(step)  # gives no verdict without a clock
+                self._reject_stage.take(step)  # Without a clock, no verdict follows.
             else:
                 estimate = next(estimates)
                 verdicts = self._reject_stage.take(estimate)
@@ -153,6 +150,6 @@ def estimate_masses(
     return identifier.estimate_all(windows)
 
 
-# Largest numbers of records and samples that `weigh_all` collects, which limit its memory.
+# Largest numbers of records and samples that `weigh_all` collects, to limit the memory.
 _STEPS_AT_ONCE = 1500
 _SAMPLES_AT_ONCE = 2**20

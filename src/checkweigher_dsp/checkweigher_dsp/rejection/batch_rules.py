@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The packers' rules over a running batch: EU Directive 76/211/EEC, Annex I, section 1.
+"""Batch rules for prepackages according to EU Directive 76/211/EEC, Annex I, section 1.
 
-Both rules hold after each item, not only at the end of the batch. An item below TU1 is accepted
-only if the share of such items among the accepted ones stays within the quota. If the mean value
-is required, an item below the nominal weight is accepted only if the mean of the accepted items
-stays at or above the nominal weight.
+Two rules must be satisfied after each item, not only at the end of the batch. By the first rule, an
+item below the tolerance limit TU1 is accepted only if the share of such items among the accepted
+items remains within a quota. By the second rule, which is optional, an item below the nominal
+weight is accepted only if the mean of the accepted items remains at or above the nominal weight.
 """
 
 from dataclasses import dataclass, replace
@@ -14,75 +14,60 @@ from typing import Any
 from checkweigher_core.records import Decision, ProductOnLine, Verdict
 from checkweigher_core.records.reasons import Reason
 
-# Relative tolerance, so that rounding never puts a mass below a limit that it equals.
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # relative tolerance for rounding errors
 _COUNTS = ('items', 'accepted', 'below_tu1', 'surplus')
 
 
 @dataclass(frozen=True, slots=True)
 class BatchTally:
-    """Counts of a product in a batch.
+    """Counts of a product in a batch."""
 
-    Attributes
-    ----------
-    product, batch : str
-        Names of the product and of the batch.
-    items : int
-        Number of items.
-    accepted : int
-        Number of accepted items.
-    below_tu1 : int
-        Number of accepted items below TU1, if the recipe has a quota.
-    surplus : float
-        Sum of the masses of the accepted items above the nominal weight in kg.
-    """
-
-    product: str = ''
-    batch: str = ''
-    items: int = 0
-    accepted: int = 0
-    below_tu1: int = 0
-    surplus: float = 0.0
+    product: str = ''  # name of the product
+    batch: str = ''  # name of the batch
+    items: int = 0  # number of items
+    accepted: int = 0  # number of accepted items
+    below_tu1: int = 0  # number of accepted items below TU1
+    surplus: float = 0.0  # sum over the accepted items of mass minus nominal weight, in kg
 
     @classmethod
     def of(cls, record: Verdict | ProductOnLine) -> 'BatchTally':
-        """Return the counts that a record carries."""
+        """Return the counts in a record."""
         counts = (getattr(record, f'batch_{name}') for name in _COUNTS)
         return cls(record.product, record.batch, *counts)
 
     @property
     def counts(self) -> dict[str, Any]:
-        """The counts as the fields of `Verdict` and `ProductOnLine`."""
+        """Counts by the names of the fields of `Verdict` and `ProductOnLine`."""
         return {f'batch_{name}': getattr(self, name) for name in _COUNTS}
 
     @property
     def key(self) -> tuple[str, str]:
-        """Product and batch."""
+        """Names of product and batch."""
         return self.product, self.batch
 
     def has_room(self, quota: float) -> bool:
-        """Return whether the next item may be below TU1; `quota` is their largest share."""
+        """Return whether the next accepted item may be below TU1 for a `quota` of such items."""
         return self.below_tu1 + 1 <= quota * (self.accepted + 1) * (1 + ROUNDING)
 
 
 class BatchRules:
-    """Rules over the running batches, with the counts of each batch.
+    """Batch rules, with the counts of each batch.
 
-    The counts of a batch only grow. If one batch has several tallies (from the product node, from
-    verdicts before a restart), the one with the most items is therefore the latest.
+    Counts of the same batch may come from different sources, such as the product node and verdicts
+    before a restart. The counts with the most items are the latest, because counts only increase.
     """
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[str, str], BatchTally] = {}
 
     def remember(self, tally: BatchTally) -> BatchTally:
-        """Return the later counts of a batch: `tally`, or the counts known so far."""
+        """Store the counts of a batch, unless later counts are known, and return the latest."""
         known = self._tallies.get(tally.key, tally)
         latest = self._tallies[tally.key] = known if known.items >= tally.items else tally
         return latest
 
     def judge(self, verdict: Verdict, product: ProductOnLine) -> Verdict:
-        """Return a verdict with the rules applied, and with the counts of its batch."""
+        """Return a verdict after the rules are applied, with the counts of its batch."""
         tally = self.remember(BatchTally.of(product))
         decision, reasons = verdict.decision, verdict.reasons
         if decision is Decision.ACCEPT and (broken := broken_rules(verdict.mass, tally, product)):
@@ -100,7 +85,7 @@ class BatchRules:
 
 
 def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tuple[str, ...]:
-    """Return the rules that an item would break if it was accepted; `mass` in kg."""
+    """Return the rules that an item with a mass in kg would break if it was accepted."""
     broken = []
     if _below_tu1(mass, product) and not tally.has_room(product.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)
@@ -113,7 +98,7 @@ def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tupl
 
 
 def count(mass: float, tally: BatchTally, product: ProductOnLine, *, accepted: bool) -> BatchTally:
-    """Return the tally with one more item; `mass` in kg."""
+    """Return the counts after one more item with a mass in kg."""
     tally = replace(tally, items=tally.items + 1)
     if not accepted:
         return tally

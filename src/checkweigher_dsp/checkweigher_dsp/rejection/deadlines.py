@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Deadlines of the verdicts, so that the rejector can be told in time."""
+"""Deadlines of the verdicts, so that the rejector receives each verdict in time."""
 
 import math
 
@@ -10,42 +10,43 @@ from checkweigher_dsp.rejection.outfeed_watch import OutfeedEdge
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.timing import ArrivalClock
 
-# Times in ns.
-_PATIENCE = NANOSECONDS // 10  # for the mass of an item without a reject time
-_PATIENCE_GIVEN_UP = NANOSECONDS  # for the mass of an item that the segmenter has given up
-# For an announcement; longer than the segmenter waits when samples stall.
+_PATIENCE = NANOSECONDS // 10  # waiting time for a mass without a reject time in ns
+_PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time for the mass of a given-up item in ns
+# Waiting time for an announcement in ns, above the time after which stalled samples are ignored.
 _PATIENCE_UNTAKEN = 3 * NANOSECONDS // 10
-PATIENCE_UNHEARD = 5 * NANOSECONDS  # for the first announcement, or for the item of an estimate
-_MAX_EDGES = 1_000
+# Waiting time for the first announcement, or for the announcement of an estimated item, in ns.
+PATIENCE_UNHEARD = 5 * NANOSECONDS
+_MAX_EDGES = 1_000  # maximum number of stored edges
 
 
 class Deadlines:
-    """Deadlines of the verdicts, on the clock of arrivals; all times in ns.
+    """Deadlines of the verdicts on the clock of arrivals. All times are in ns.
 
-    The time of an item runs from the undelayed arrival of its t3 edge.
+    The deadline of an item is computed from the arrival of its outfeed edge, without the delay of
+    the transmission.
 
     Attributes
     ----------
     parameters : RejectParameters
-        Places and times; may be replaced at any time.
+        Parameters of the stage, which may be replaced at any time.
     newest : int
-        Stamp of the newest samples in the segmenter.
+        Stamp of the newest samples that the segmenter has processed.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
-        self._line_speed = math.nan  # m/s, of the last item
+        self._line_speed = math.nan  # belt speed of the last item in m/s
         self._heard: int | None = None  # arrival of the first announcement
         self.restart()
 
     def restart(self) -> None:
-        """Begin a new stream, in which the same stamps may come again."""
+        """Begin a new stream, in which stamps may be repeated."""
         self.newest = 0
         self._arrivals = ArrivalClock()
-        self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges by stamp
+        self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges, by stamp
 
     def add_edge(self, edge: EyeEdge, now: int) -> int:
-        """Add an edge that came at `now`, and return its undelayed arrival."""
+        """Add an edge that arrived at `now`, and return its arrival without the delay."""
         came = self._arrivals.came(edge.stamp, now)
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._came[edge.stamp] = came
@@ -54,14 +55,14 @@ class Deadlines:
         return came
 
     def add_item(self, item: Item, now: int | None) -> None:
-        """Add an announcement."""
+        """Add an announcement that arrived at `now`."""
         if self._heard is None:
             self._heard = now
         if not math.isnan(item.line_speed):
             self._line_speed = item.line_speed
 
     def set(self, pending: PendingItem, now: int | None) -> None:
-        """Set the times of the verdict on a complete item."""
+        """Set the reject time and the deadline of a complete item."""
         t3, speed = pending.item.t3, pending.item.line_speed
         pending.reject_at = reject_at = self.parameters.reject_time(t3, speed)
         if now is None:
@@ -74,10 +75,10 @@ class Deadlines:
         pending.due = pending.late_from - self._head_start(t3, reject_at)
 
     def of_edge(self, edge: OutfeedEdge, speed: float) -> tuple[int, int | None]:
-        """Return the deadline of a verdict by an outfeed edge, and its reject time if known.
+        """Return the deadline and the reject time of an item that is known only by an outfeed edge.
 
-        `speed` is the belt speed of its item in m/s, NaN if unknown. A stage that has just started
-        waits for the latched announcements.
+        `speed` is the belt speed of the item in m/s, or NaN. The reject time is None if it is
+        unknown. A stage that has just started waits for the latched announcements.
         """
         if self._heard is None:
             return edge.came + PATIENCE_UNHEARD, None
@@ -90,10 +91,10 @@ class Deadlines:
         return max(due, history), reject_at
 
     def await_devices(self, pending: PendingItem, over: int | None, now: int | None) -> bool:
-        """Return whether a verdict waits for inspection devices; sets its deadline.
+        """Set the deadline of a verdict that waits for inspection devices.
 
-        It waits until the stamp `over`, when all of them have answered, but not beyond the deadline
-        of the item.
+        All devices have answered at the stamp `over`. Returns whether the verdict waits; it does
+        not wait beyond the deadline of the item.
         """
         ready = None if over is None else self._arrivals.at(over)
         if now is None or ready is None or ready <= now:
@@ -103,7 +104,7 @@ class Deadlines:
         return pending.due > now
 
     def is_late(self, verdict: Verdict, late_from: int | None, now: int | None) -> bool:
-        """Return whether a verdict comes too late for its rejector or station."""
+        """Return whether a verdict is too late for the rejector or its station."""
         if now is None:
             return False
         reject_at = verdict.reject_at
@@ -111,13 +112,13 @@ class Deadlines:
             return late_from is not None and now > late_from
         if late_from is None:
             late_from = self._arrivals.at(reject_at)
-        if late_from is None:  # in a stage that has just started
+        if late_from is None:  # The stage has just started.
             return reject_at < self.newest
         lead = reject_at - verdict.station_at if verdict.station_at else 0
         return now > late_from - lead
 
     def _head_start(self, t3: int, reject_at: int) -> int:
-        """Return the least lead of a verdict over its reject time, ns."""
+        """Return the least time in ns between a verdict and its reject time."""
         known = self.parameters
         travel = (reject_at - t3) / NANOSECONDS + known.actuator_delay
         speed = known.rejector_distance / travel if travel > 0 else math.nan

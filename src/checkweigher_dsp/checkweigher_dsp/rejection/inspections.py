@@ -1,12 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rejects by other inspection devices of the line: metal detector, X-ray, vision.
+"""Rejects by other inspection devices of the line, such as a metal detector, X-ray or vision.
 
-A device stands at a distance before or behind the infeed eye. It answers for an item within its
-answer time after the item has passed. The verdict on an item waits until this time is over for all
-devices, and an item that one of them rejects is a FAULT with the device's reason. An item is
-NotInspected if the rejector cannot wait that long, or if a device did not run. So each item has one
-verdict, which never changes.
+A device is at a distance before or behind the infeed eye. It answers for an item within its answer
+time after the item has passed. The verdict on an item waits until the answer times of all devices
+are over. An item that a device rejects is a FAULT with a reason for the device. An item has the
+reason NotInspected if the rejector cannot wait so long, or if a device was not running. So each
+item has one verdict, which does not change later.
 """
 
 from collections import deque
@@ -31,33 +31,33 @@ _REASONS = {
     'xray': Reason.XRAY_DETECTED,
     'vision': Reason.VISION_REJECTED,
 }
-_MAX_SIGNALS = 1_000
-_MAX_JUDGED = 400
-_MAX_OUTAGES = 100
-_NAMED_PATIENCE = NANOSECONDS  # for the verdict on an item that a device names
-_SLOWEST_BELT = 0.1  # m/s; on a slower belt the place of an item is unknown
-_LATENESS = 2 * NANOSECONDS  # of edges behind their samples
-_EVER = 2**62  # ns, beyond any stamp
+_MAX_SIGNALS = 1_000  # maximum number of rejects that wait for their items
+_MAX_JUDGED = 400  # maximum number of stored verdicts
+_MAX_OUTAGES = 100  # maximum number of stored outages
+_NAMED_PATIENCE = NANOSECONDS  # waiting time in ns of a reject that names its item
+_SLOWEST_BELT = 0.1  # belt speed in m/s for which other rejects wait long enough
+_LATENESS = 2 * NANOSECONDS  # largest delay of an edge behind the samples in ns
+_EVER = 2**62  # time in ns beyond any stamp
 
 
 class Passage(NamedTuple):
-    """Passage of an item over the weigh belt; times in ns."""
+    """Passage of an item over the weigh belt. Times are in ns."""
 
     t1: int
     length: int  # t2 - t1
-    transit: int  # t3 - t1, over the weigh length
-    weigh_length: float  # m
+    transit: int  # t3 - t1
+    weigh_length: float  # distance between the eyes in m
 
     @classmethod
     def of(cls, item: Item, weigh_length: float | None) -> 'Passage | None':
-        """Return the passage of an item, None if it is not fully known."""
+        """Return the passage of an item, or None if it is not completely known."""
         if item.t1 is None or item.t2 is None or item.t3 is None or not weigh_length:
             return None
         return cls(item.t1, item.t2 - item.t1, item.t3 - item.t1, weigh_length)
 
 
 class Span(NamedTuple):
-    """Period of time between two stamps in ns."""
+    """Period between two time stamps in ns."""
 
     begin: int
     end: int
@@ -65,27 +65,27 @@ class Span(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Signal:
-    """Reject by a device, missed if its item has not come by `forget_at`; clock of arrivals."""
+    """Reject by a device."""
 
     reject: ExternalReject
-    forget_at: int
-    used: bool = False
+    forget_at: int  # time in ns on the clock of arrivals after which the reject is missed
+    used: bool = False  # whether the reject was applied to an item
 
 
 class Inspections:
-    """Rejects by the inspection devices, and the items that they belong to.
+    """Assignment of the rejects by inspection devices to items.
 
     Stamps and times are in ns.
 
     Attributes
     ----------
     parameters : RejectParameters
-        Places and times of the devices.
+        Parameters of the stage, with the places and times of the devices.
     judged : deque of (Verdict, Passage or None)
-        Latest verdicts of this stream, which are final, with the passages of their items.
+        Latest verdicts of this stream, which are final, with the passages of the items.
     missed : StopRequest or None
-        Request to stop for the first reject that came too late or belongs to no item. The caller
-        clears it.
+        Stop request for the first reject that was too late or belongs to no item. The caller
+        removes it.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -93,18 +93,19 @@ class Inspections:
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
-        # The devices count as not running until they report it. The last outage may be open.
+        # The devices are considered as not running until they report that they run. The last
+        # outage may not have ended.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
         """Set whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
-        # The outage may have begun before the latest edges came.
+        # The outage may have begun before the latest edges arrived.
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:
-        """Set whether all devices run from `stamp` on."""
+        """Set whether all devices are running from `stamp` on."""
         last = self._outages[-1]
         if running and last.end == _EVER:
             self._outages[-1] = Span(last.begin, stamp)
@@ -112,7 +113,7 @@ class Inspections:
             self._outages.append(Span(stamp, _EVER))
 
     def add(self, reject: ExternalReject, weigh_length: float | None, now: int) -> None:
-        """Add a reject that came at `now`, possibly after the verdict on its item."""
+        """Add a reject that arrived at `now`, possibly after the verdict on its item."""
         for verdict, passage in reversed(self.judged):
             if self._is_of(reject, verdict.item_id, passage):
                 if verdict.decision is Decision.ACCEPT:
@@ -146,10 +147,10 @@ class Inspections:
             yield device, Span(begin - slack, end + slack)
 
     def heed(self, verdict: Verdict, passage: Passage | None, over: bool | None) -> Verdict:
-        """Return the verdict on an item, a FAULT if a device rejects it; the mass stays.
+        """Return a verdict with the reasons of devices that reject the item, as a FAULT if any.
 
-        `over` is whether the answer times are over, None without a clock. An item without a
-        `passage` is a FAULT anyway, and gets the reasons of devices that name it.
+        The mass is not changed. `over` is whether the answer times are over, or None without a
+        clock. If the `passage` is None, only rejects that name the item are applied.
         """
         reasons = []
         for signal in self._signals:
@@ -181,11 +182,11 @@ class Inspections:
 
     @property
     def due(self) -> int | None:
-        """Time at which the next reject without an item is missed, on the clock of arrivals."""
+        """Time on the clock of arrivals at which the next reject is missed, or None."""
         return min((signal.forget_at for signal in self._signals if not signal.used), default=None)
 
     def advance(self, now: int) -> None:
-        """Report the rejects whose item has not come by `now` as missed."""
+        """Report the rejects whose item was not seen by `now` as missed."""
         for signal in self._signals:
             if signal.forget_at <= now and not signal.used:
                 self._miss(signal.reject, signal.reject.item_id, 'no item was there')

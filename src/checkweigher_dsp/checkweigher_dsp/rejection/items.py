@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items that wait for their verdict, numbers of judged items, and early estimates."""
+"""Items that wait for their verdict, and estimates that wait for their item."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -8,52 +8,52 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-MAX_JUDGED = 1_024  # numbers; more than the port `items` keeps for a restarted node
-_MAX_OWN = 1_000  # numbers
+MAX_JUDGED = 1_024  # how many numbers are stored, more than the queue length of the topic items
+_MAX_OWN = 1_000  # maximum number of stored numbers of items without an announcement
 
 
 @dataclass(slots=True, eq=False)
 class PendingItem:
-    """An announced item without a verdict; all times in ns."""
+    """Announced item without a verdict. Times are in ns on the clock of arrivals."""
 
     item: Item
-    reject_at: int | None = None  # time at which to tell the rejector, on the clock of the stamps
-    # On the clock of arrivals:
-    due: int | None = None  # latest time of the verdict
+    reject_at: int | None = None  # reject time on the clock of the stamps
+    due: int | None = None  # deadline of the verdict
     late_from: int | None = None  # time after which the verdict is late
     ready: int | None = None  # time at which all inspection devices have answered
     by_mass: Verdict | None = None  # verdict by the mass, which waits for the devices
 
 
 class PendingItems:
-    """Announced items without a verdict, by number.
+    """Announced items without a verdict, and the numbers of items with a verdict.
 
     Parameters
     ----------
     judged : iterable of int
-        Numbers with a verdict from an earlier process.
+        Numbers of items that an earlier process has judged.
 
     Attributes
     ----------
     pending : dict of int to PendingItem
-        Items by number, in the order of their announcement.
+        Items without a verdict by number, in the order of their announcement.
     largest : int
-        Largest number so far, 0 if there is none.
+        Largest number so far, or 0 without items.
     passed_over : list of int
-        Numbers of items that were judged under another number. The caller empties it.
+        Numbers of items that were judged under another number. The caller empties the list.
     """
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
         self.pending: dict[int, PendingItem] = {}
-        # In the order of the verdicts, and whether this process has given them.
+        # Whether this process has judged an item, by number in the order of the verdicts.
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:], False)
         self.passed_over: list[int] = []
-        self._forgotten = 0  # largest judged number that is no longer kept
-        self._own: deque[int] = deque(maxlen=_MAX_OWN)  # of items that no segmenter announced
+        self._forgotten = 0  # largest judged number that is no longer stored
+        # Numbers of items that no segmenter announced.
+        self._own: deque[int] = deque(maxlen=_MAX_OWN)
         self.largest = max(self._judged, default=0)
 
     def announce(self, item: Item) -> PendingItem | None:
-        """Add an announcement; return its item, None if it was already judged."""
+        """Add an announcement and return its item, or None if the item was already judged."""
         pending = self.pending.get(item.item_id)
         if pending is not None:
             pending.item = item
@@ -65,15 +65,15 @@ class PendingItems:
         return pending
 
     def has_verdict(self, number: int) -> bool:
-        """Return whether an item has its verdict."""
+        """Return whether an item was already judged."""
         return number in self._judged or number <= self._forgotten
 
     def judged_here(self, number: int) -> bool:
-        """Return whether this process gave the item its verdict; false if it forgot the number."""
+        """Return whether this process has judged an item and still stores the number."""
         return self._judged.get(number, False)
 
     def judge(self, number: int) -> None:
-        """Remove an item, because it has its verdict."""
+        """Remove an item, because it was judged."""
         self.pending.pop(number, None)
         self._judged[number] = True
         self.largest = max(self.largest, number)
@@ -83,16 +83,16 @@ class PendingItems:
             self._forgotten = max(self._forgotten, forgotten)
 
     def pass_over(self, number: int) -> None:
-        """Remove an item that was already judged under another number."""
+        """Remove an item, because it was judged under another number."""
         self.judge(number)
         self.passed_over.append(number)
 
     def unannounced(self, stamp: int, after: int) -> PendingItem | None:
-        """Return an item that no segmenter announces, None if no number is free.
+        """Return a new item that no segmenter has announced, or None if no number is free.
 
-        Its number is the next free one after `after`, the largest number when the item left. A
-        restarted segmenter continues at the next multiple of `NUMBERS_AT_ONCE`, so the numbers
-        below are free. Before the first announcement it would begin at 1, so none is free.
+        The number is the next free one after `after`, the largest number when the item left. Only
+        numbers below the next multiple of `NUMBERS_AT_ONCE` are free, because a restarted segmenter
+        continues there. No number is free before the first announcement.
         """
         number = after + 1
         while self.has_verdict(number) or number in self.pending:
@@ -107,7 +107,7 @@ class PendingItems:
         return number in self._own
 
     def on_belt(self, before: int | None = None) -> list[PendingItem]:
-        """Return the incomplete items, oldest first, with numbers below `before` if given."""
+        """Return the items on the belt in the order of their numbers, which are below `before`."""
         return [
             each
             for number, each in sorted(self.pending.items())
@@ -115,17 +115,17 @@ class PendingItems:
         ]
 
     def entered_before(self, stamp: int) -> PendingItem | None:
-        """Return the oldest item that was on the belt before a stamp, None if there is none."""
+        """Return the oldest item that was on the belt before a stamp in ns, or None."""
         return next((each for each in self.on_belt() if (each.item.stamp or 0) < stamp), None)
 
 
 class EarlyEstimates:
-    """Estimates of items that are not complete yet, by number; times in ns.
+    """Estimates that wait until their items are complete. Times are in ns.
 
     Attributes
     ----------
     unknown : int
-        Number of estimates that were dropped, because their items never became complete.
+        Number of estimates that have expired, because their items did not become complete.
     """
 
     def __init__(self) -> None:
@@ -133,28 +133,27 @@ class EarlyEstimates:
         self._waiting: dict[int, tuple[MassEstimate, int | None]] = {}
 
     def add(self, estimate: MassEstimate, until: int | None) -> None:
-        """Add an estimate that waits `until` a time on the clock of arrivals; for ever if None."""
+        """Add an estimate that expires at a time on the clock of arrivals, or never if None."""
         self._waiting[estimate.item_id] = estimate, until
 
     def take(self, number: int) -> MassEstimate | None:
-        """Remove and return the estimate of an item, None if it has not come."""
+        """Remove and return the estimate of an item, or return None without an estimate."""
         estimate, _ = self._waiting.pop(number, (None, None))
         return estimate
 
     @property
     def due(self) -> int | None:
-        """Time at which the next estimate expires, None if there is none."""
+        """Time at which the next estimate expires, or None."""
         return min(
             (until for _, until in self._waiting.values() if until is not None), default=None
         )
 
     def advance(self, now: int) -> None:
-        """Drop the estimates that have expired."""
-        for number, (_, until) in list(self._waiting.items()):
-            if until is not None and until <= now:
-                del self._waiting[number]
-                self.unknown += 1
+        """Remove the estimates that have expired by `now`."""
+        kept = {n: each for n, each in self._waiting.items() if each[1] is None or each[1] > now}
+        self.unknown += len(self._waiting) - len(kept)
+        self._waiting = kept
 
     def clear(self) -> None:
-        """Drop all estimates."""
+        """Remove all estimates."""
         self._waiting.clear()

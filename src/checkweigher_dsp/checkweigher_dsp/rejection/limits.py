@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verdict on an item by the limits of the product."""
+"""Verdicts by the limits of the product."""
 
 from dataclasses import replace
 import math
@@ -9,17 +9,17 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-_NOISE = 1e-3  # kg, largest standard deviation of any smaller mass
+_NOISE = 1e-3  # largest plausible standard deviation in kg of masses below this value
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Return the verdict on an estimate by the limits of the product.
 
-    An item that was not weighed is a FAULT. An item with a wrong length or speed, or without a
-    usable standard deviation, is also a FAULT, but keeps its mass.
+    An item that was not weighed is a FAULT. An item with a wrong length or speed or an implausible
+    standard deviation is also a FAULT, with its mass.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
-    if product.performance_test:  # passes without a mass also count for the test
+    if product.performance_test:  # The test also counts passes without a mass.
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     low, high = product.lower_limit, product.upper_limit
     return Verdict(
@@ -38,7 +38,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
 
 
 def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) -> Verdict:
-    """Return the verdict on an item whose mass is overdue."""
+    """Return the verdict on an item whose mass has not come in time."""
     test = (Reason.PERFORMANCE_TEST.value,) if product.performance_test else ()
     return Verdict(
         item.item_id,
@@ -53,7 +53,7 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 
 
 def refused(verdict: Verdict) -> Verdict:
-    """Return a verdict as a FAULT without a mass, because its data may come from a stranger."""
+    """Return a verdict as a FAULT without a mass, because another node may have sent its data."""
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
     return replace(
         verdict, decision=Decision.FAULT, reasons=reasons, mass=math.nan, std_dev=math.nan
@@ -61,10 +61,7 @@ def refused(verdict: Verdict) -> Verdict:
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
-    """Return the reasons to reject a weighed item, apart from the limits of its mass.
-
-    An unknown length or speed is outside every range that is set.
-    """
+    """Return the reasons to reject a weighed item, apart from the limits of its mass."""
     length = estimate.product_length
     found = [] if _is_certain(estimate) else [Reason.NO_CONVERGENCE]
     if limits.needed and not limits.product:
@@ -82,13 +79,17 @@ def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
 
 
 def _is_certain(estimate: MassEstimate) -> bool:
-    """Return whether there is a mass with a plausible standard deviation."""
+    """Return whether an estimate has a mass and a plausible standard deviation."""
     largest = max(abs(estimate.mass), _NOISE)
     return math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest  # False for NaN
 
 
 def tolerance(product: ProductOnLine) -> float:
-    """Return half of the accepted range, or the distance from nominal to its lower end, kg."""
+    """Return the tolerance of a product in kg.
+
+    It is half the accepted range of masses, or the distance from the nominal weight to the lower
+    limit if this is smaller.
+    """
     allowed = (product.upper_limit - product.lower_limit) / 2
     below = product.nominal - product.lower_limit if product.nominal else math.inf
     return max(min(allowed, below), 0.0)
@@ -99,7 +100,7 @@ def _outside(value: float, low: float, high: float) -> bool:
 
 
 def decide(mass: float, lower_limit: float, upper_limit: float) -> Decision:
-    """Return the decision on a mass by the limits in kg, which belong to the accepted range."""
+    """Return the decision on a mass in kg. A mass that equals a limit in kg is accepted."""
     if mass < lower_limit:
         return Decision.UNDER
     return Decision.OVER if mass > upper_limit else Decision.ACCEPT

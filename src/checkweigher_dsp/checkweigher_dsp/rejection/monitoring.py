@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Monitoring of the rejector against the verdicts, and requests to stop the line."""
+"""Monitoring of the rejector, and requests to stop the line."""
 
 from dataclasses import dataclass
 import math
@@ -24,42 +24,42 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _REASONS = {reason.value: reason for reason in StopReason}
 
-_FAILED_IN_A_ROW = 2
-_DRIFT_TIME = 600.0  # s in which the zero may drift by the largest step
+_FAILED_IN_A_ROW = 2  # number of successive failures of a stage that stops the line
+_DRIFT_TIME = 600.0  # shortest time in s in which the zero drifts by the largest step
 
 
 @dataclass(slots=True, eq=False)
 class _Expected:
-    """A verdict whose item is near the rejector at ``reject_at``, ns."""
+    """Item that is expected at the rejector."""
 
     item_id: int
-    reject_at: int
+    reject_at: int  # reject time in ns
     rejected: bool
-    confirmed: bool = False
+    confirmed: bool = False  # whether the eye behind the rejector has seen the item
 
 
 class RejectMonitor:
-    """Comparison of the verdicts with the edges of the eye behind the rejector.
+    """Monitor that compares the verdicts with the edges of the eye behind the rejector.
 
-    An edge of that eye belongs to the item with the nearest reject time, within
-    ``confirmation_time``. It is evaluated once no nearer item can follow.
+    An edge of this eye belongs to the item with the nearest reject time, within
+    ``confirmation_time``. It is evaluated as soon as no nearer item can follow.
 
     Attributes
     ----------
     parameters : RejectParameters
-        Parameters of the stage; may be replaced at any time.
+        Parameters of the stage, which may be replaced at any time.
     request : StopRequest or None
-        First reason to stop since the last reset.
+        First stop request since the last reset.
     trouble : str
-        Trouble of the driver, empty for none.
+        Problem of the driver, or empty.
     conditions : MachineConditions
-        Conditions that the inputs of the machine show.
+        Conditions at the inputs of the machine.
     test : PerformanceTest or None
         State of the performance test.
     strangers : str
-        Strangers that publish topics of the line, empty for none.
+        Other nodes that publish topics of the line, or empty.
     zero_step : str
-        Step of the zero since the last zeroing, empty for none.
+        Step of the zero since the zero was last set, or empty.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -70,18 +70,18 @@ class RejectMonitor:
         self.test: PerformanceTest | None = None
         self.strangers = ''
         self.zero_step = ''
-        self._zero: tuple[float, int] | None = None  # of the last item, kg, and its t1
+        self._zero: tuple[float, int] | None = None  # last zero in kg and its time in ns
         self._in_a_row = self._failed_in_a_row = 0
         self.restart()
 
     def restart(self) -> None:
-        """Drop the edges and items, because the stamps of a new stream are unrelated to them."""
+        """Discard the edges and items, because their stamps are not valid in a new stream."""
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
 
     @property
     def due(self) -> int | None:
-        """Stamp in ns at which the next edge or item can be evaluated, None if there is none."""
+        """Stamp in ns at which the next edge or item can be evaluated, or None."""
         window = self._window
         times = [stamp + window for stamp in self._edges]
         times += [item.reject_at + 2 * window for item in self._expected]
@@ -95,9 +95,8 @@ class RejectMonitor:
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self.stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
-        self._failed_in_a_row = _counted_on(
-            self._failed_in_a_row, Reason.STAGE_FAILED in verdict.reasons
-        )
+        failed = Reason.STAGE_FAILED in verdict.reasons
+        self._failed_in_a_row = _counted_on(self._failed_in_a_row, failed)
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
         # An item that a station removes does not reach the eye behind the rejector.
@@ -105,9 +104,9 @@ class RejectMonitor:
             self._expected.append(_Expected(verdict.item_id, verdict.reject_at, rejected))
 
     def add_zero(self, estimate: MassEstimate, tolerance: float) -> None:
-        """Request a stop if the zero has stepped since the previous item.
+        """Request a stop if the zero has changed suddenly since the previous item.
 
-        The largest step is `tolerance` of the product, kg, plus an allowance for drift.
+        The limit is the `tolerance` of the product in kg, plus an allowance for drift.
         """
         if estimate.t1 is None or not math.isfinite(estimate.zero):
             return
@@ -121,7 +120,7 @@ class RejectMonitor:
             self.stop(StopReason.ZERO_STEP, estimate.item_id, text=self.zero_step)
 
     def add_zero_change(self, change: ZeroChange) -> None:
-        """Accept a zero that was set on request."""
+        """Add a zero that was set on request, which may differ from the previous zero."""
         self.zero_step = ''
         self._zero = change.zero, change.stamp
 
@@ -131,10 +130,10 @@ class RejectMonitor:
             self._edges.append(edge.stamp)
 
     def check(self, now: int) -> None:
-        """Request a stop if a reason for one lasts; `now` in ns of the system clock."""
+        """Request a stop if there is a persistent reason at `now`, in ns of the system clock."""
         if self.trouble:
             if self.request is not None and self.request.reason is StopReason.DRIVER_TROUBLE:
-                self.request = None  # its text may have changed
+                self.request = None  # The text of the request may have changed.
             self.stop(StopReason.DRIVER_TROUBLE, text=self.trouble)
         if not self.conditions.known:
             self.stop(StopReason.DRIVER_TROUBLE, text='the machine inputs are not read')
@@ -150,14 +149,11 @@ class RejectMonitor:
     def stop(
         self, reason: StopReason, item_id: int = 0, stamp: int | None = None, text: str = ''
     ) -> None:
-        """Request a stop, unless one is requested."""
+        """Request a stop, unless a stop is already requested."""
         self.request = self.request or StopRequest(reason, item_id, stamp, text)
 
     def advance(self, now: int) -> int:
-        """Evaluate the edges and items whose window is over at `now`, ns of the stamps.
-
-        Returns the number of edges without a reject time near them.
-        """
+        """Evaluate edges and items up to `now` in ns; return how many edges belong to no item."""
         window = self._window
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
@@ -168,7 +164,7 @@ class RejectMonitor:
         return near.count(False)
 
     def reset(self, now: int) -> None:
-        """Clear the request and the rejects in a row, unless a reason lasts; see `check`."""
+        """Clear the stop request and the counters. A persistent reason requests a stop again."""
         self.request = None
         self._in_a_row = self._failed_in_a_row = 0
         self.restart()
@@ -179,7 +175,7 @@ class RejectMonitor:
         return round(NANOSECONDS * self.parameters.confirmation_time)
 
     def _settle(self, stamp: int) -> bool:
-        """Evaluate an edge with the item whose reject time is nearest; False if none is near."""
+        """Assign an edge to the item with the nearest reject time. Returns whether it is near."""
         nearest = min(self._expected, key=lambda i: abs(i.reject_at - stamp), default=None)
         if nearest is None or abs(nearest.reject_at - stamp) > self._window:
             return False
@@ -191,12 +187,12 @@ class RejectMonitor:
 
 
 def _forbids(test: PerformanceTest, now: int) -> bool:
-    """Return whether the line must not run because of its performance test."""
+    """Return whether the performance test forbids the line to run."""
     if test.state in (PerformanceState.IN_TIME, PerformanceState.DUE):
         return test.stop_at is not None and test.stop_at <= now
     return test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED)
 
 
 def _counted_on(count: int, again: bool) -> int:
-    """Return the number of times in a row: one more if it has happened again, otherwise 0."""
+    """Return a count of successive events, which is increased by one or reset to 0."""
     return count + 1 if again else 0

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items that leave the weigh belt while the segmenter is dead or behind."""
+"""Detection of items that leave the belt while the segmenter is dead or delayed."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -8,18 +8,18 @@ import math
 
 from checkweigher_core.records import Eye, EyeEdge, Item
 
-# An eye that clears for less flickers; longer than the debounce_time of any line.
-FLICKER = 20_000_000  # ns
-_MOST = 1_000
+# An eye that clears for a shorter time in ns flickers. The time exceeds usual debounce times.
+FLICKER = 20_000_000
+_MOST = 1_000  # maximum number of stored edges and items
 
 
 @dataclass(frozen=True, slots=True)
 class OutfeedEdge:
-    """Edge at which an item began to leave; times in ns."""
+    """Edge at which an item began to leave."""
 
-    stamp: int
-    came: int  # on the clock of arrivals
-    after: int  # largest item number by then
+    stamp: int  # time stamp in ns
+    came: int  # arrival in ns on the clock of arrivals
+    after: int  # largest number of an item at the arrival
 
 
 class OutfeedWatch:
@@ -30,7 +30,7 @@ class OutfeedWatch:
     Attributes
     ----------
     open : list of OutfeedEdge
-        Edges that belong to no announced item, and that the segmenter has not processed.
+        Edges of no announced item that the segmenter has not processed.
     """
 
     def __init__(self) -> None:
@@ -39,15 +39,15 @@ class OutfeedWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Begin a new stream, without edges that the segmenter has processed."""
+        """Begin a new stream, in which the segmenter has not processed any edge."""
         self._taken: tuple[float, float] = (math.inf, -math.inf)
         self._clear_since = -math.inf
-        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
-        # t1 and t3 of items that were judged before the segmenter completed them.
+        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # stamps of all edges
+        # Times t1 and t3 of items that were judged before the segmenter completed them.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
-        """Add an edge of the eyes and its arrival; `after` is the largest number so far."""
+        """Add an edge of an eye that arrived at `came`; `after` is the largest number so far."""
         self._stamps.append(edge.stamp)
         if edge.eye != Eye.OUTFEED:
             return
@@ -67,13 +67,13 @@ class OutfeedWatch:
             self.remove(t3)
 
     def has_seen(self, t3: int | None) -> bool:
-        """Return whether an edge with this stamp came in this stream."""
+        """Return whether an edge with this stamp has come in this stream."""
         return t3 in self._stamps
 
     def take_to(self, stamp: int, count: int) -> None:
-        """Remove the last `count` edges up to a stamp, which the segmenter has processed."""
+        """Remove the last `count` edges up to a stamp, because the segmenter has processed them."""
         first = -math.inf
-        if 0 < count < len(self._stamps):  # the segmenter was started after this stage
+        if 0 < count < len(self._stamps):  # The segmenter was started after this stage.
             known = sorted(each for each in self._stamps if each <= stamp)
             first = known[-count] if count < len(known) else first
         self._taken = first, stamp
@@ -84,11 +84,11 @@ class OutfeedWatch:
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def judge(self, t1: int | None, t3: int) -> None:
-        """Record the edges of an item that was judged by them."""
+        """Store the edges of an item that was judged by them."""
         self._judged.append((t1, t3))
 
     def has_judged(self, item: Item) -> bool:
-        """Return whether an item was judged by its edges alone, before it was announced."""
+        """Return whether an announced item was already judged by its edges."""
         return any(
             (item.t1 is not None and item.t1 == t1) or (item.t3 is not None and item.t3 == t3)
             for t1, t3 in self._judged

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the reject stage: limits of the line, and places of rejector and stations."""
+"""Parameters of the reject stage."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
@@ -11,7 +11,7 @@ from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import NANOSECONDS, ProductOnLine
 from checkweigher_dsp.rejection.stations import MAX_STATIONS, Station, station_of
 
-_SLOWEST, _FASTEST = 1e-3, 100.0  # m/s; any other speed counts as unknown
+_SLOWEST, _FASTEST = 1e-3, 100.0  # range of plausible belt speeds in m/s
 
 _delay = partial(parameter, unit='s', minimum=0, maximum=10)
 _length = partial(parameter, unit='m', minimum=0)
@@ -21,7 +21,7 @@ _speed = partial(parameter, unit='m/s', minimum=0)
 
 @dataclass(frozen=True)
 class RejectParameters(Parameters):
-    """Limits of a line without recipes, and the place of the rejector."""
+    """Parameters of the reject stage: limits without recipes, rejector, devices and stations."""
 
     node: ClassVar[str] = 'reject'
 
@@ -130,7 +130,7 @@ class RejectParameters(Parameters):
             raise ParameterError(f'reject.inspections: {self.inspections!r} has a device twice')
         if len(takes) > MAX_STATIONS:
             raise ParameterError(f'reject.stations: {len(takes)}, at most {MAX_STATIONS}')
-        _ = self.all_stations  # raises if a station is invalid
+        _ = self.all_stations  # raises an exception if a station is not valid
         self._check_limits()
 
     def _check_limits(self) -> None:
@@ -150,7 +150,7 @@ class RejectParameters(Parameters):
 
     @cached_property
     def limits(self) -> ProductOnLine:
-        """Limits of the items until a product is on the line."""
+        """Limits of the items until the line has a product."""
         return ProductOnLine(0, needed=self.needs_product, **limits_of(self))
 
     def _check_lengths(self, first: str, found: tuple[str, ...], *others: str) -> None:
@@ -172,7 +172,7 @@ class RejectParameters(Parameters):
 
     @cached_property
     def all_stations(self) -> tuple[Station, ...]:
-        """Stations beside the rejector, in their order."""
+        """Reject stations in the order of their numbers."""
         places = zip(self._takes, self.station_distances, self.station_delays, strict=True)
         return tuple(
             station_of(text, distance, delay, f'reject.stations[{number}]')
@@ -180,9 +180,9 @@ class RejectParameters(Parameters):
         )
 
     def earliest_lead(self, speed: float) -> int:
-        """Return the longest time in ns by which a station must be told before the rejector.
+        """Return the longest time in ns by which the signal to a station precedes the reject time.
 
-        `speed` is the belt speed in m/s. The result is 0 if all stations are told after it.
+        `speed` is the belt speed in m/s. The result is 0 if no signal precedes the reject time.
         """
         if not speed > 0:
             return 0
@@ -193,10 +193,10 @@ class RejectParameters(Parameters):
         return round(NANOSECONDS * max((0.0, *leads)))
 
     def reject_time(self, t3: int | None, speed: float) -> int | None:
-        """Return the time in ns at which to tell the rejector of an item, None if unknown.
+        """Return the reject time of an item in ns, which is the time of the signal to the rejector.
 
-        The leading edge of the item is at the outfeed eye at t3, so the time is
-        t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s.
+        The item reaches the outfeed eye at t3 in ns, and `speed` is the belt speed in m/s. The
+        reject time is t3 + rejector_distance / speed - actuator_delay, or None if it is unknown.
         """
         if t3 is None or not _SLOWEST <= speed <= _FASTEST:
             return None
@@ -204,12 +204,12 @@ class RejectParameters(Parameters):
         return t3 + way - round(NANOSECONDS * self.actuator_delay)
 
 
-# Limits of the line, which a product replaces.
+# Names of the parameters that a product replaces.
 LIMITS = tuple(
     entry.name for entry in fields(ProductOnLine) if entry.name in RejectParameters.entries()
 )
 
 
 def limits_of(source: RejectParameters | ProductOnLine) -> dict[str, Any]:
-    """Return the limits in parameters or in a product, by name."""
+    """Return the limits of parameters or of a product, by name."""
     return {name: getattr(source, name) for name in LIMITS}

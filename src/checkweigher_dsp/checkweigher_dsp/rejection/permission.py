@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rule of the permission: the line may run if all its parts are fresh and no stop is requested."""
+"""Rule for the permission to run the line."""
 
 from collections.abc import Iterable, Mapping
 
@@ -17,58 +17,59 @@ _SAMPLES = 'samples'
 
 
 class PermissionRule:
-    """Rule of the permission; times in ns of a clock that never steps back.
+    """Rule for the permission to run the line.
+
+    The line may run if all stages have recently sent a sign of life, all inputs have a publisher,
+    and no stop is requested. Times are in ns of a monotonic clock.
 
     Parameters
     ----------
     fresh_time : float
-        Largest age of a fresh sign in s.
+        Longest time in s for which a sign of life is valid.
     stages : iterable of str
-        Stages that send signs of life. The segmenter shows by its samples that it works.
+        Names of the stages that send signs of life. The segmenter is monitored by its number of
+        processed samples.
     deadlines : bool
-        Whether the permission expires. If not, only a stop request withdraws it.
+        Whether the permission expires. Otherwise only a stop request withdraws it.
     """
 
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:
         self.deadlines = deadlines
         self._fresh_time = round(NANOSECONDS * fresh_time)
-        self._progress = (0, 0)  # stream and number of samples that the segmenter has processed
-        self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))  # latest, ns
+        self._progress = (0, 0)  # stream and number of processed samples
+        # Times of the latest signs of life in ns.
+        self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))
         self._missing: tuple[str, ...] = ()
         self._given = False
 
     def add_progress(self, status: StreamStatus, now: int) -> None:
-        """Add a status of the segmenter."""
+        """Add a status of the segmenter that arrived at `now`."""
         if status.samples and (status.stream, status.samples) != self._progress:
             self._progress = status.stream, status.samples
             self.add_sign(_SAMPLES, now)
 
     def add_sign(self, stage: str, now: int) -> None:
-        """Add a sign of life of a stage."""
+        """Add a sign of life of a stage that arrived at `now`."""
         self._signs[stage] = now
 
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
-        """Return whether the line may run.
-
-        `present` tells whether ``eyes`` and ``load cell`` are there, `stopped` whether a stop is
-        requested.
-        """
+        """Return whether the line may run; `present` is whether each input has a publisher."""
         old = now - self._fresh_time
-        fresh = {name: sign is not None and sign >= old for name, sign in self._signs.items()}
-        self._missing = tuple(name for name, well in {**present, **fresh}.items() if not well)
+        signs = {name: sign is not None and sign >= old for name, sign in self._signs.items()}
+        self._missing = tuple(name for name, well in {**present, **signs}.items() if not well)
         self._given = not stopped and not (self._missing and self.deadlines)
         return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return the time until the first sign is no longer fresh, 0 if one is not."""
+        """Return the time until the first sign of life expires, or 0 if a sign has expired."""
         oldest = min(sign or 0 for sign in self._signs.values())
         return max(oldest + self._fresh_time - now, 0)
 
     def finding(self) -> Finding:
-        """Return the aspect Permission of the diagnostics, as of the last decision."""
+        """Return the aspect Permission for the last decision."""
         concerns = [
             Concern(Level.WARN, f'withdrawn: no {name}', _HINTS.get(name, _STAGE_HINT))
             for name in self._missing
-            if self.deadlines and self._signs[_SAMPLES] is not None  # not while the line starts
+            if self.deadlines and self._signs[_SAMPLES] is not None  # False while the line starts
         ]
         return conclude('Permission', 'given' if self._given else 'withdrawn', concerns)

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on each item, and the time by which the rejector needs it.
+"""Reject stage, which gives a verdict on each item in time for the rejector.
 
-The segmenter announces the items with their numbers. If the mass of an item does not come, because
-a stage hangs or has died, the item becomes a FAULT in time for the rejector.
+The segmenter announces each item with its number. If the mass of an item does not arrive, because a
+stage hangs or has died, the item becomes a FAULT in time for the rejector.
 """
 
 from collections.abc import Iterable
@@ -22,31 +22,32 @@ from checkweigher_dsp.rejection.timing import belt_speed
 
 
 class RejectStage:
-    """Stage that gives each announced item one verdict, a FAULT if its mass is overdue.
+    """Stage that gives one verdict on each announced item, which is a FAULT without a mass in time.
 
-    Announcements, edges and estimates may come in any order; an estimate waits for the
-    announcement of its item. The argument `now` of the methods is the time of arrival, in ns of any
-    clock that never steps back. The time of an item runs from the undelayed arrival of its t3 edge.
-    Without `now` nothing is ever overdue, and the verdicts depend on stamps alone.
+    Announcements, edges and estimates may arrive in any order, because an estimate waits for the
+    announcement of its item. The argument `now` of the methods is the time of arrival in ns of a
+    monotonic clock. The deadline of an item is computed from the arrival of its outfeed edge,
+    without the delay of the transmission. Without `now`, no item has a deadline, and the verdicts
+    depend only on time stamps.
 
-    If an item leaves while the segmenter is dead or behind, it becomes a FAULT at its deadline. It
-    is the oldest announced item that has not left, or otherwise an item with the next free number.
+    An item that leaves while the segmenter is dead or delayed becomes a FAULT at its deadline. It
+    is the oldest announced item on the belt, or an item with the next free number.
 
     Parameters
     ----------
     parameters : RejectParameters
-        Places and times, and the limits while there is no product.
+        Parameters of the stage.
     weigh_length : float, optional
         Distance between the eyes in m.
     judged : iterable of int
-        Numbers of items with a verdict from an earlier process.
+        Numbers of items that an earlier process has judged.
 
     Attributes
     ----------
     weigh_length : float or None
         Distance between the eyes in m.
     product : ProductOnLine
-        Limits and batch of the items; may be replaced between two items.
+        Limits and batch of the items, which may be replaced between two items.
     inspections : Inspections
         Rejects by inspection devices.
     items : PendingItems
@@ -54,13 +55,13 @@ class RejectStage:
     early : EarlyEstimates
         Estimates that wait for their items.
     late_estimates : int
-        Number of estimates that were dropped, because they came twice or after the verdict.
+        Number of estimates that were repeated or arrived after the verdict.
     late_items : int
-        Number of announcements that were dropped, because they came after the verdict.
+        Number of announcements that arrived after the verdict.
     foreign : bool
-        Whether edges and estimates may come from a stranger. Each verdict is then a FAULT.
+        Whether other nodes may have sent edges and estimates. Each verdict is then a FAULT.
     out_of_numbers : bool
-        Whether an item has left for which no number is free, or whose number was given before. The
+        Whether an item has left for which no number is free, or whose number was used before. The
         caller must stop the line and clear the flag.
     """
 
@@ -83,7 +84,7 @@ class RejectStage:
 
     @property
     def parameters(self) -> RejectParameters:
-        """Places, times, and limits without a product; may be replaced between two items."""
+        """Parameters of the stage, which may be replaced between two items."""
         return self._deadlines.parameters
 
     @parameters.setter
@@ -94,14 +95,14 @@ class RejectStage:
 
     @property
     def due(self) -> int | None:
-        """Time of the next call of `advance`, on the clock of arrivals; None if none is needed."""
+        """Time on the clock of arrivals at which `advance` must be called, or None."""
         times = [item.due for item in self.items.pending.values()]
         times += [self._deadline(edge)[0] for edge in self._watch.open]
         times += [self.early.due, self.inspections.due]
         return min((time for time in times if time is not None), default=None)
 
     def restart(self) -> None:
-        """Begin a new stream, in which the same stamps may come again."""
+        """Begin a new stream, in which stamps may be repeated."""
         self._deadlines.restart()
         self._watch.restart()
         self.inspections.judged.clear()
@@ -109,7 +110,7 @@ class RejectStage:
     def take(
         self, record: Item | EyeEdge | MassEstimate | StreamStatus, now: int | None = None
     ) -> list[Verdict]:
-        """Process a record (a status is the segmenter's) and return the verdicts that follow."""
+        """Process a record and return verdicts; a `StreamStatus` must be that of the segmenter."""
         if isinstance(record, Item):
             return self._add_item(record, now)
         if isinstance(record, MassEstimate):
@@ -134,7 +135,7 @@ class RejectStage:
         if pending is None:
             self.late_items += 1
             number = item.item_id
-            # A segmenter that has lost its numbers gives some of them again.
+            # A segmenter that has lost its numbers uses some of them again.
             again = not self.items.judged_here(number) and self._watch.has_seen(item.t3)
             self.out_of_numbers |= not watched and (again or self.items.is_own(number))
             return []
@@ -144,10 +145,10 @@ class RejectStage:
         return verdicts if estimate is None else verdicts + self._add_estimate(estimate, now)
 
     def _judge_lost(self, leaving: PendingItem, now: int | None) -> list[Verdict]:
-        """Return the verdicts on items ahead of a leaving one, lost when a segmenter was killed.
+        """Return the verdicts on lost items, which were on the belt ahead of a leaving item.
 
-        Items leave in the order in which they enter. The restarted segmenter may have seen the
-        oldest of them leave, but not enter.
+        Items leave in the order of their entry, so an earlier item is lost if the segmenter was
+        restarted. The leaving item is the oldest lost item if its entry was not seen.
         """
         if leaving.item.t3 is None or now is None:
             return []
@@ -183,7 +184,7 @@ class RejectStage:
         verdicts = [self._give(item, now) for item in overdue]
         verdicts += self._judge_unannounced(now)
         self.early.advance(now)
-        # Last, because the verdicts above may still need the external rejects that it discards.
+        # This call is the last one, because it removes rejects that the verdicts above may need.
         self.inspections.advance(now)
         return verdicts
 
@@ -209,13 +210,13 @@ class RejectStage:
         return verdicts
 
     def _deadline(self, edge: OutfeedEdge) -> tuple[int, int | None]:
-        """Return the deadline of a verdict by an outfeed edge, and its reject time if known; ns."""
+        """Return the deadline and the reject time of the item of an outfeed edge in ns."""
         oldest = self.items.entered_before(edge.stamp)
         t1 = None if oldest is None else oldest.item.t1
         return self._deadlines.of_edge(edge, belt_speed(t1, edge.stamp, self.weigh_length))
 
     def judge_complete(self, now: int | None = None) -> list[Verdict]:
-        """Return the verdicts on complete items, because their masses may have been missed."""
+        """Return the verdicts on complete items, whose masses may have been missed."""
         return [
             self._give(each, now)
             for each in list(self.items.pending.values())
@@ -230,7 +231,7 @@ class RejectStage:
         return [self._give(each, now) for each in list(self.items.pending.values())]
 
     def _give(self, pending: PendingItem, now: int | None) -> Verdict:
-        """Return the final verdict, after inspection devices, batch rules and stations."""
+        """Return the final verdict on an item, with inspections, batch rules and station."""
         item = pending.item
         self.items.judge(item.item_id)
         verdict = pending.by_mass or without_estimate(item, pending.reject_at, self.product)

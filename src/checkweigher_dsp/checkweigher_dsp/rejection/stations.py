@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reject stations and sorting zones beside the rejector, each at its distance.
+"""Reject stations and sorting zones of a line, in addition to the rejector.
 
-A station takes the items with one of its decisions or reasons, and the accepted items in one of its
-ranges of masses in kg, such as ``0.150..0.155``. An item goes to the first station that takes it.
-Other rejected items, and all items without a known place, go to the rejector.
+A station removes items with one of its decisions or reasons, and accepted items in one of its
+ranges of masses in kg, such as ``0.150..0.155``. An item goes to the first station that removes it.
+Other rejected items, and all items at an unknown place, go to the rejector.
 """
 
 from dataclasses import dataclass, replace
@@ -19,38 +19,26 @@ MAX_STATIONS = 16
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Place of a station, and the items that it takes.
+    """Place of a station, and the items that it removes."""
 
-    Attributes
-    ----------
-    distance : float
-        Distance from the outfeed eye in m.
-    delay : float
-        Time from the signal to the station until its action in s.
-    words : frozenset of str
-        Decisions and reasons of the items that it takes.
-    ranges : tuple of (float, float)
-        Ranges of masses in kg of accepted items that it takes, without the upper ends.
-    """
-
-    distance: float
-    delay: float
-    words: frozenset[str]
-    ranges: tuple[tuple[float, float], ...]
+    distance: float  # distance from the outfeed eye in m
+    delay: float  # time from the signal to the action of the station in s
+    words: frozenset[str]  # decisions and reasons of rejected items
+    ranges: tuple[tuple[float, float], ...]  # ranges of accepted masses in kg, [lower, upper)
 
     def takes(self, verdict: Verdict) -> bool:
-        """Return whether the station takes an item with this verdict."""
+        """Return whether the station removes an item with this verdict."""
         if verdict.decision is Decision.ACCEPT:
             return any(low <= verdict.mass < high for low, high in self.ranges)
         return verdict.decision.name in self.words or not self.words.isdisjoint(verdict.reasons)
 
     def reject_time(self, t3: int, speed: float) -> int:
-        """Return the time in ns at which to tell the station; `t3` in ns, `speed` in m/s."""
+        """Return the time of the signal to the station in ns; `t3` is in ns and `speed` in m/s."""
         return t3 + round(NANOSECONDS * (self.distance / speed - self.delay))
 
 
 def station_of(text: str, distance: float, delay: float, name: str) -> Station:
-    """Return the station described by a line; `ParameterError` names the first bad word."""
+    """Return the station that a text describes. `ParameterError` names the first wrong word."""
     words, ranges = set[str](), list[tuple[float, float]]()
     for word in text.split():
         if '..' in word:
@@ -67,7 +55,7 @@ def station_of(text: str, distance: float, delay: float, name: str) -> Station:
     return Station(distance, delay, frozenset(words), tuple(ranges))
 
 
-# Reasons of items whose identity or place is uncertain. Such items go to the rejector.
+# Reasons of items whose identity or place is uncertain, which go to the rejector.
 _NO_PLACE = {
     Reason.DISTANCE_FAULT,
     Reason.MISSING_EDGE,
@@ -95,10 +83,7 @@ def _range(name: str, word: str) -> tuple[float, float]:
 
 
 def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verdict:
-    """Return a verdict with the station that takes its item and the time at which to tell it.
-
-    `speed` is the belt speed in m/s, NaN if unknown.
-    """
+    """Return a verdict with the station that removes the item; `speed` is in m/s or NaN."""
     if verdict.t3 is None or not speed > 0 or not _NO_PLACE.isdisjoint(verdict.reasons):
         return verdict
     for number, station in enumerate(stations, start=1):

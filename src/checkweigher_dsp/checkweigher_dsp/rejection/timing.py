@@ -1,48 +1,47 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clocks of the reject stage: the time of the stamps, and the undelayed arrival of an edge."""
+"""Clocks of the reject stage, for time stamps and for arrivals."""
 
 import math
 
 from checkweigher_core.records import NANOSECONDS
 
-# Relative drift between two clocks, larger than in any machine.
-_DRIFT = 500e-6
-# Stamps that are further back belong to a new stream.
+_DRIFT = 500e-6  # largest relative drift between two clocks
+# A stamp that is earlier than the newest stamp by more than this time in ns is of a new stream.
 RESTART = 2 * NANOSECONDS
 
 
 def belt_speed(t1: int | None, t3: int | None, length: float | None) -> float:
-    """Return the belt speed in m/s from edges in ns at a distance of `length` m, NaN if unknown."""
+    """Return the belt speed in m/s from edges in ns at a distance in m, or NaN if it is unknown."""
     if t1 is None or t3 is None or t3 <= t1 or length is None:
         return math.nan
     return length * NANOSECONDS / (t3 - t1)
 
 
 class StreamClock:
-    """Clock of the stamps. If it is not `running`, it shows the stamp of the last message."""
+    """Clock that shows the time of the stamps.
+
+    If the clock is not `running`, it shows the stamp of the last message. Times are in ns, and
+    `now` is the time of a monotonic clock, the clock of arrivals.
+    """
 
     def __init__(self, *, running: bool) -> None:
         self.running = running
         self._newest: tuple[int, int] | None = None
 
     def saw(self, stamp: int, now: int) -> None:
-        """Set the clock by a message that came at `now`, ns of a clock that never steps back."""
+        """Set the clock by the stamp of a message that arrived at `now`."""
         self._newest = (stamp, now)
 
     def at(self, now: int) -> int | None:
-        """Return the time of the stamps at `now`, ns, None before the first message."""
+        """Return the time that the clock shows at `now`, or None before the first message."""
         if self._newest is None:
             return None
         stamp, came = self._newest
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return the time in ns at which the clock shows `stamp`, not before `now`.
-
-        Returns None if only another message can move the clock there. Result and `now` are on the
-        clock of arrivals.
-        """
+        """Return the arrival time at which the clock shows `stamp`, or None without a message."""
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
             return None
@@ -50,22 +49,19 @@ class StreamClock:
 
 
 class ArrivalClock:
-    """Clock of arrivals: the time at which an edge would have come without a delay.
+    """Clock that shows when an edge would have arrived without a delay.
 
-    After a halt of a process or of the network, edges may come long after their products have
-    passed the rejector. Delays are relative to the fastest edge so far, because the clocks of
-    stamps and arrivals may differ by any amount, and drift.
+    After a halt of a process or of the network, edges may arrive long after their items have passed
+    the rejector. A delay is relative to the edge with the least delay so far, because the clocks of
+    stamps and arrivals may have any difference and drift. Times are in ns.
     """
 
     def __init__(self) -> None:
-        self._least = 0  # least arrival minus stamp
+        self._least = 0  # least difference between arrival and stamp
         self._newest: tuple[int, int] | None = None
 
     def came(self, stamp: int, now: int) -> int:
-        """Return the undelayed arrival of an edge that came at `now`; it is not after `now`.
-
-        Times are in ns, on a clock that never steps back.
-        """
+        """Return the arrival time without a delay of an edge that arrived at `now`."""
         lag = now - stamp
         if self._newest is None or stamp < self._newest[0] - RESTART:
             self._least = lag
@@ -75,5 +71,5 @@ class ArrivalClock:
         return stamp + self._least
 
     def at(self, stamp: int) -> int | None:
-        """Return the undelayed arrival of `stamp` in ns, None before the first edge."""
+        """Return the arrival time of `stamp` without a delay, or None before the first edge."""
         return None if self._newest is None else stamp + self._least

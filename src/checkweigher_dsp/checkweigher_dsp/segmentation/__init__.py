@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Segmentation: one weigh window for each item from samples and edges."""
+"""Segmentation of the samples into one weigh window for each item."""

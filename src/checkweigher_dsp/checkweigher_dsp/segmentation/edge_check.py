@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Edge check: the load of an item rises at its edges, except for a constant lag.
+"""Check of the photo-eye edges of each item by the rise of the load in the signal.
 
-The filter of an amplifier, different clocks, or a displaced or debounced eye shift the samples
-relative to the edges. A window that is cut by the edges then contains a part of the rise or of the
-fall. So the edges of each item are compared with the rise in the signal.
+The load lags behind the edges by a constant time because of the filter of the amplifier, different
+clocks, or a displaced or debounced eye. A window that is cut by the edges would then contain a part
+of the rise or of the fall of the load.
 """
 
 from collections import deque
@@ -14,84 +14,85 @@ from statistics import median
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
 
-_SURE = 4.0  # standard deviations
-# Largest deviation from the usual lag, in standard deviations, at which it replaces the lag of an
-# item: if that lag alone moves no window, and if it does.
+_SURE = 4.0  # standard deviations by which a significant value differs from 0
+# The lag of an item is replaced by the usual lag if the two differ by less than this number of
+# standard deviations. The second number is used if the lag of the item would shift its window.
 _LIKELY = 2.5
 _ALIKE = 1.0
-_LEAST_SHIFT = 6e-4  # s; a platform without ringing lags 5e-4 less than the usual one
-_SHARE = 0.02  # of t2 - t1, variation of the rise from item to item
-# Largest distance from the stated lag: in s, because of filters and displaced eyes, plus a share of
-# t2 - t1, because some kinds of products rise unevenly.
+_LEAST_SHIFT = 6e-4  # smallest shift of a window in s; the lags of platforms differ by up to 5e-4
+_SHARE = 0.02  # variation of the rise time between items, as a share of the rise time
+# Largest distance from the stated lag. The first term, in s, allows for filters and displaced eyes.
+# The second term, a share of the rise time, allows for products whose load rises unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
-_FEWEST = 5  # fewest and most items from which a lag is learned
-_MOST = 25
-_LAST = 3  # items in the median of the latest lags
-_RECENT = 8  # items that show a lasting change
+_FEWEST = 5  # fewest items from which a lag is learned
+_MOST = 25  # most items from which a lag is learned
+_LAST = 3  # number of items for the usual lag
+_RECENT = 8  # number of items that show a lasting change
 _EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations
-_SAME = 0.1  # relative difference of equal belt speeds and lengths
+_SAME = 0.1  # largest relative difference of belt speed and length within a type of product
 
 
 class EdgeCheck:
-    """Comparison of the rise of each item with its edges. Lags are relative to the stated lag, s.
+    """Comparison of the rise of the load of each item with the photo-eye edges of the item.
 
-    If the stated lag is known, it is used from the first item on. Otherwise the lag is learned:
-    it is the median of the lags of the first items that have the same speed and length. It is
-    learned again if the speed or the length changes.
+    The parameters state a lag of the load behind the edges, and whether this lag was measured. All
+    lags here are in s relative to the stated lag. If the stated lag was not measured, the lag is
+    learned as the median over the first items of a belt speed and length. It is learned again if
+    the speed or the length changes.
 
     Attributes
     ----------
     learned : float
-        Learned lag; NaN until it is learned.
+        Learned lag, or NaN until a lag is learned.
     checked, unchecked : int
-        Numbers of items whose rise was seen, and not seen.
-    doubt : float
-        Standard deviation of the last shift, s. It includes the difference between the shifts with
-        and without the bend of the products, between which any shift is equally likely.
+        Numbers of items with and without a visible rise of the load.
+    shift_std_dev : float
+        Standard deviation of the last shift in s. An uneven rise of the load (a bend) explains a
+        part of a lag. Any shift between those with and without this part is equally likely.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
         self._parameters = parameters
         self.checked = self.unchecked = 0
-        self.doubt = 0.0
+        self.shift_std_dev = 0.0
         self.forget()
 
     def forget(self) -> None:
         """Discard the learned lag, and the speed and length that it belongs to."""
         self.learned = math.nan
-        self._kind: tuple[float, float] | None = None  # belt speed and length
+        self._kind: tuple[float, float] | None = None  # belt speed in m/s and length in m
         self._first: list[RiseLag] = []
         self._recent: deque[float] = deque(maxlen=_RECENT)
 
     @property
     def is_stated(self) -> bool:
-        """Whether the stated lag is known."""
+        """Whether the stated lag was measured."""
         return self._parameters.rise_lag_known
 
     @property
     def lag(self) -> float:
-        """Median lag of the last items, NaN if there is none."""
+        """Median lag of the last items, or NaN without items."""
         return median(self._recent) if self._recent else math.nan
 
     @property
     def reference(self) -> float:
-        """Lag with which items are compared, NaN until it is learned."""
+        """Lag that the items are compared with, or NaN until it is learned."""
         return 0.0 if self.is_stated else self.learned
 
     @property
     def change(self) -> float:
-        """Change of the lag from the reference to the last items, NaN if unknown."""
+        """Difference between the lag of the last items and `reference`, or NaN if it is unknown."""
         return self.lag - self.reference if len(self._recent) == _RECENT else math.nan
 
     def check(self, seen: RiseLag, speed: float, length: float) -> float | None:
-        """Check an item and return the shift of its window behind its edges, s.
+        """Check an item and return the shift of its window behind the edges in s.
 
-        The shift is 0 if edges and rise agree, and None if they contradict each other. `speed` is
-        the belt speed in m/s, `length` the length of the item in m.
+        Returns 0 if the edges agree with the rise `seen` in the signal, and None if they contradict
+        it. `speed` is the belt speed in m/s and `length` the length of the item in m.
         """
         self._begin_kind(speed, length)
-        self.doubt = 0.0
+        self.shift_std_dev = 0.0
         if not seen.is_known:
             self.unchecked += 1
             if self._is_mismatch(self._usual, 0.0, length / speed):
@@ -106,14 +107,14 @@ class EdgeCheck:
             if math.isnan(lag) or self._is_mismatch(lag, _SURE * seen.std_dev, length / speed):
                 return None
         self._learn(seen, speed)
-        bend, doubt = self._bend()
-        sure = math.hypot(std_dev, doubt)
+        bend, bend_std_dev = self._bend()
+        sure = math.hypot(std_dev, bend_std_dev)
         likely = _ALIKE if self._sure_shift(_without(lag, bend), sure) else _LIKELY
-        if abs(self._usual - lag) <= likely * std_dev:  # false if NaN
+        if abs(self._usual - lag) <= likely * std_dev:  # False for NaN
             lag, sure = self._usual, sure / math.sqrt(_LAST)
         shift = self._sure_shift(_without(lag, bend), sure)
         between = self._sure_shift(lag - bend, sure) - shift
-        self.doubt = math.hypot(sure if shift else 0.0, between / _EVEN)
+        self.shift_std_dev = math.hypot(sure if shift else 0.0, between / _EVEN)
         return shift
 
     def _learn(self, seen: RiseLag, speed: float) -> None:
@@ -128,23 +129,20 @@ class EdgeCheck:
 
     @property
     def _usual(self) -> float:
-        """Median lag of the last three items, NaN with fewer."""
+        """Median lag of the last three items, or NaN with fewer items."""
         last = list(self._recent)[-_LAST:]
         return median(last) if len(last) == _LAST else math.nan
 
     def _bend(self) -> tuple[float, float]:
-        """Return the lag that the bend of the products causes, and its standard deviation.
-
-        The bend does not move a window. A known lag contains it already.
-        """
+        """Return the part of the lag due to an uneven rise, and its standard deviation."""
         if self.is_stated:
             return 0.0, 0.0
         bend = median(each.bend for each in self._first)
-        doubt = median(each.bend_std_dev for each in self._first) / math.sqrt(len(self._first))
-        return (bend, doubt) if abs(bend) > _SURE * doubt else (0.0, 0.0)
+        std_dev = median(each.bend_std_dev for each in self._first) / math.sqrt(len(self._first))
+        return (bend, std_dev) if abs(bend) > _SURE * std_dev else (0.0, 0.0)
 
     def _own_bend(self, seen: RiseLag) -> float:
-        """Return the difference between the bend of an item and that of its kind, 0 if not sure."""
+        """Return how far the bend of an item exceeds the usual bend, or 0 if insignificant."""
         own = seen.bend - median(each.bend for each in self._first) if self._first else 0.0
         return own if abs(own) > _SURE * seen.bend_std_dev else 0.0
 
@@ -157,17 +155,17 @@ class EdgeCheck:
             self.forget()
             self._kind = kind
 
-    def _is_mismatch(self, lag: float, doubt: float, rise_time: float) -> bool:
-        furthest = _FURTHEST + _FURTHEST_SHARE * rise_time + doubt
-        limit = self._parameters.rise_lag_tolerance + _SHARE * rise_time + doubt
-        # The first comparison is false until a reference is known.
+    def _is_mismatch(self, lag: float, margin: float, rise_time: float) -> bool:
+        furthest = _FURTHEST + _FURTHEST_SHARE * rise_time + margin
+        limit = self._parameters.rise_lag_tolerance + _SHARE * rise_time + margin
+        # The first comparison is False while the reference is NaN.
         return abs(lag - self.reference) > limit or abs(lag) > furthest
 
     def _sure_shift(self, lag: float, std_dev: float) -> float:
-        """Return a lag if it is large and sure enough to move a window, else 0."""
+        """Return a lag if it is large and significant enough to shift a window, otherwise 0."""
         return lag if abs(lag) > max(_LEAST_SHIFT, _SURE * std_dev) else 0.0
 
 
 def _without(lag: float, bend: float) -> float:
-    """Return the part of a lag that a bend does not explain, of the same sign as the lag."""
+    """Return the part of a lag that a bend does not explain. The sign remains the same."""
     return math.copysign(min(max(abs(lag) - math.copysign(bend, lag * bend), 0.0), abs(lag)), lag)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items of the line, in the order in which the eyes finish them."""
+"""Source of the items of a line, in the order in which the photo-eyes finish them."""
 
 from collections.abc import Iterable
 import math
@@ -17,10 +17,10 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 
 
 class ItemSource:
-    """Source of items, from edges that wait for the samples of their time.
+    """Source of items from photo-eye edges, each of which waits for the samples of the same time.
 
-    Items are returned as copies, which later edges do not change. Each item is announced twice:
-    when its number is settled, and when it is complete.
+    Items are returned as copies, which later edges do not change. Each item is announced twice, at
+    first when its number cannot change any more, and again when it is complete.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class ItemSource:
         return announced
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Add an edge and return the items whose last edge the samples have reached."""
+        """Add an edge and return the items that are finished by edges with known samples."""
         self.queue.add(edge)
         return self._reached()
 
@@ -63,16 +63,16 @@ class ItemSource:
         """Process the samples in the buffer and return the items that they finish or give up."""
         buffer, tracker = self._buffer, self.tracker
         tracker.eyes.origin = buffer.origin
-        self.queue.admit_strays()  # the clock has not changed
+        self.queue.admit_strays()  # The new samples show that the clock has not changed.
         now = buffer.last_stamp
         items = self._forget_after(now + self._sample_lateness) + self._reached()
         return items + self._announce(tracker.expire(now - self._lateness))
 
     def _forget_after(self, limit: int) -> list[TrackedItem]:
-        """Drop edges after `limit`, ns, and return the items that are lost by it.
+        """Discard edges after `limit`, in ns, and return the items that are lost.
 
-        If such edges were already tracked, tracking begins again, because each correct edge would
-        be older than they are.
+        If such edges were already assigned to items, tracking begins again. Otherwise all correct
+        edges would count as late.
         """
         self.queue.drop_after(limit)
         if self.tracker.eyes.newest is None or self.tracker.eyes.newest <= limit:
@@ -82,11 +82,11 @@ class ItemSource:
         return items
 
     def track_before(self, limit: float = math.inf) -> list[TrackedItem]:
-        """Return the items of the edges before `limit`, ns, without waiting for their samples."""
+        """Return the items of the edges before `limit`, in ns, without waiting for samples."""
         return self._track(self.queue.pop_while(lambda edge: edge.stamp < limit))
 
     def finish_edges(self) -> list[TrackedItem]:
-        """Return the items of all edges, without waiting for their samples."""
+        """Return the items of all edges, without waiting for samples."""
         return self._track(self.queue.pop_all())
 
     def give_up(self, reason: Reason) -> list[TrackedItem]:
@@ -104,7 +104,7 @@ class ItemSource:
         return [item for edge in edges for item in self._announce(self.tracker.add(edge))]
 
     def _announce(self, finished: Iterable[TrackedItem]) -> list[TrackedItem]:
-        """Announce the settled and the finished items; return copies of the finished ones."""
+        """Announce items and return copies of the finished items."""
         items = [item.snapshot() for item in finished]
         self._announced += map(self._announcement, self.tracker.take_settled())
         self._announced += [self._announcement(item, complete=True) for item in items]
@@ -121,7 +121,7 @@ class ItemSource:
         )
 
     def _is_unloaded(self, since: int, stamp: int) -> bool:
-        """Return whether the items that entered after `since` have left by `stamp`, both in ns."""
+        """Return whether all items that entered after `since` have left by `stamp`, both in ns."""
         buffer = self._buffer
         if buffer.empty:
             return False

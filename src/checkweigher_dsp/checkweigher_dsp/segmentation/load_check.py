@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Load check: the load of a single product is steady, except for the vibration of the belt.
+"""Check whether the load is constant in a weigh window.
 
-The eyes do not show a product whose edge was lost, but the scale does: if it comes or goes within
-the weigh window, the load changes by more than vibration and ring-down explain.
+The photo-eyes do not show a product whose edge was lost. If such a product enters or leaves within
+a weigh window, the load changes by more than vibration and ring-down explain.
 """
 
 from functools import lru_cache
@@ -11,31 +11,34 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Largest change as a share of the load; the ring-down after the entry explains up to 6 %.
+from checkweigher_dsp.signal import Array
+
+# Largest change as a share of the load. The ring-down after the entry explains up to 6 %.
 _SHARE = 0.08
-_VIBRATION = 6.0  # largest change by vibration, in median changes of the empty belt
-_MEMORY = 0.98  # factor by which that median decreases at each item
-_FEWEST = 8  # samples
+_VIBRATION = 6.0  # largest change due to vibration, in median changes of the empty belt
+_MEMORY = 0.98  # factor by which this median decreases with each item
+_FEWEST = 8  # minimum number of samples
 
 
 class LoadCheck:
-    """Check whether a load is steady, so that no other item came or left meanwhile.
+    """Check whether a load is steady, because no other item enters or leaves at the same time.
 
-    The check compares the mean of the last quarter of a window with that of its first half. The
-    effect of vibration on this difference is measured on all segments of the empty belt that have
-    the same length. Their median is used, because another item may have left meanwhile. If the
-    empty belt is shorter than a window, the previous value is kept; without one, shorter segments
-    are used, which vary more. Until an empty belt is seen, no vibration is assumed.
+    The check compares the mean of the last quarter of a window with the mean of the first half. The
+    effect of vibration on this difference is the median over all segments of the empty belt that
+    have the length of the window. A median is used because an unseen item may leave the belt. If
+    the empty belt is shorter than a window, the previous median is kept, or shorter segments are
+    used until a median is known. No vibration is assumed until an empty belt is seen.
     """
 
     def __init__(self) -> None:
-        self._shaking = 0.0  # counts
-        self._is_of_window = False  # else of shorter segments
+        self._shaking = 0.0  # median change of the empty belt in counts
+        self._is_of_window = False  # whether the segments had the length of a window
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
-        """Return whether a window, (n,) counts from t2 to t3, contains the load of one item only.
+        """Return whether a window contains the load of only one item.
 
-        `empty` are the counts of the empty belt before t1, shape (m,); `zero` is its reading.
+        `window`, (n,), contains the counts while the item is fully on the belt, and `empty`, (m,),
+        the counts of the empty belt before the item. `zero` is the zero in counts.
         """
         size = len(window)
         self._watch(empty, size)
@@ -53,7 +56,7 @@ class LoadCheck:
         if size < _FEWEST or (self._is_of_window and not whole):
             return
         counts = empty.astype(np.float64)
-        if not whole:  # remove the even fall of the load while an unseen item leaves
+        if not whole:  # Remove the linear fall of the load while an unseen item leaves.
             time, power = _time(size)
             counts -= time * (time @ counts) / power
         changes = _changes(counts, size)
@@ -63,10 +66,10 @@ class LoadCheck:
 
 
 def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
-    """Return whether the items that came onto the belt during `counts`, shape (n,), have left it.
+    """Return whether the items that entered during the samples `counts`, (n,), have left.
 
-    The last `size` counts are compared with the `size` counts of the largest load; `zero` is the
-    reading of the empty belt.
+    The mean of the last `size` counts is compared with the largest mean of so many counts. `zero`
+    is the zero in counts.
     """
     number = len(counts) // size if size > 0 else 0
     if number < 2:
@@ -75,23 +78,19 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
     return bool(loads[-1] <= _SHARE * loads.max())
 
 
-def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return the mean of last quarter minus first half of each `size` samples, (n - size + 1,)."""
+def _changes(counts: Array, size: int) -> Array:
+    """Return the mean of the last quarter minus that of the first half of each `size` samples."""
     half, quarter = size // 2, size // 4
-    number = len(counts) - size + 1
-    sums = np.zeros(len(counts) + 1)
-    np.add.accumulate(counts - counts[0], out=sums[1:])
-    changes = sums[size:] - sums[size - quarter : len(sums) - quarter]
-    changes /= quarter
+    sums = np.append(0.0, np.cumsum(counts - counts[0]))
+    number = len(sums) - size
+    last = sums[size:] - sums[size - quarter : size - quarter + number]
     first = sums[half : half + number] - sums[:number]
-    first /= half
-    changes -= first
-    return changes
+    return last / quarter - first / half
 
 
 @lru_cache(maxsize=64)
-def _time(size: int) -> tuple[NDArray[np.float64], float]:
-    """Return evenly spaced times, (size,) from -1 to 1, and the sum of their squares."""
+def _time(size: int) -> tuple[Array, float]:
+    """Return evenly spaced times from -1 to 1, (size,), and the sum of their squares."""
     time = np.linspace(-1.0, 1.0, size)
     time.flags.writeable = False
     return time, float(time @ time)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Belt speed and product length from the eyes, and the check whether they are plausible."""
+"""Measurement of belt speed and product length by the photo-eyes, with plausibility checks."""
 
 import math
 
@@ -9,29 +9,30 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-_STOPPED = 0.5  # share of the usual speed below which the belt has stopped during a pass
+_STOPPED = 0.5  # share of the usual speed below which the belt has stopped under the item
 
 
 class MotionCheck:
     """Check of the speed and length of items.
 
-    The belt speed is compared with the speed of earlier items, because lost edges can turn two
-    items into one slow, long item. A change of the belt speed costs one item; the next one of the
-    same speed is weighed. `weigh_length` is the distance between the eyes in m.
+    The belt speed is compared with the speed of earlier items, because two items with lost edges
+    look like one slow and long item. After a change of the belt speed, the first item is a fault,
+    and the next item of the same speed is weighed. `weigh_length` is the distance between the eyes
+    in m.
     """
 
     def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
         self._weigh_length = weigh_length
         self._limits = parameters
-        self._usual: float | None = None  # speed of the last sound item, m/s
-        self._last: float | None = None  # of the last item that was sound or only had another speed
+        self._usual: float | None = None  # belt speed of the last item without faults in m/s
+        self._last: float | None = None  # belt speed of the last checked item in m/s
 
     def forget(self) -> None:
-        """Discard the speed of the belt, because the source has started again."""
+        """Discard the belt speed, because the source of the samples has started again."""
         self._usual = self._last = None
 
     def measure(self, item: TrackedItem) -> tuple[float, float]:
-        """Return belt speed in m/s and product length in m, NaN if an edge is missing."""
+        """Return belt speed in m/s and product length in m; NaN if an edge is missing."""
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
         speed = self._weigh_length / seconds(item.t3 - item.t1)
@@ -39,7 +40,7 @@ class MotionCheck:
         return speed, length
 
     def check(self, item: TrackedItem) -> None:
-        """Add the faults of an item. Items are checked once, in the order in which they left."""
+        """Add faults to an item. Items must be checked once, in the order of their departure."""
         limits = self._limits
         speed, length = self.measure(item)
         known = None not in (item.t1, item.t3)
@@ -67,10 +68,10 @@ class MotionCheck:
             item.fault(Reason.BELT_STOPPED if stopped else Reason.BELT_SPEED_CHANGED)
 
     def _check_length(self, item: TrackedItem, length: float) -> None:
-        """Compare the length with `product_length`.
+        """Compare the length of an item with `product_length`.
 
-        The eyes measure the extent along the belt. For a rectangle at an angle, it is between the
-        shorter side and the diagonal.
+        The eyes measure the extent of an item along the belt. For a rectangle at an angle, this
+        extent is between the shorter side and the diagonal.
         """
         expected, tolerance = self._limits.product_length, self._limits.length_tolerance
         width = self._limits.product_width or expected

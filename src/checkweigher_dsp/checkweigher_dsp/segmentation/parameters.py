@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the segmenter: tracking of items, checks, and the empty belt."""
+"""Parameters of the segmenter."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +10,7 @@ from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import MAX_WINDOW, NANOSECONDS, LoadCell, seconds
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG
 
-_MAX_HISTORY = 2**22  # samples
+_MAX_HISTORY = 2**22  # maximum number of samples in the buffer
 
 _duration = partial(parameter, unit='s', minimum=0, maximum=60)
 _mass = partial(parameter, unit='kg', minimum=0, maximum=1e6)
@@ -20,7 +20,7 @@ _speed = partial(parameter, unit='m/s', minimum=1e-3, maximum=100)
 
 @dataclass(frozen=True)
 class SegmenterParameters(Parameters):
-    """Parameters of the segmenter."""
+    """Parameters of the segmenter, for the tracking of items, the checks, and the zero."""
 
     node: ClassVar[str] = 'segmenter'
 
@@ -135,7 +135,13 @@ class SegmenterParameters(Parameters):
             )
 
     def check_lengths(self, load_cell: LoadCell) -> None:
-        """Check the lengths of windows and buffer for a load cell. Raises `ParameterError`."""
+        """Check that the windows and the buffer are not too long for a load cell.
+
+        Raises
+        ------
+        ParameterError
+            If they need too many samples at the sample rate of the load cell.
+        """
         transit = seconds(self.max_transit(load_cell.weigh_length))
         window = {
             'min_belt_speed': transit,
@@ -154,5 +160,5 @@ class SegmenterParameters(Parameters):
                 )
 
     def max_transit(self, weigh_length: float) -> int:
-        """Return the time of an item over `weigh_length`, m, on the slowest belt, ns."""
+        """Return the longest transit of an item in ns; `weigh_length` is in m."""
         return round(NANOSECONDS * weigh_length / self.min_belt_speed)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Buffer of recent samples, addressed by sample index and by time."""
+"""Buffer of recent samples that can be addressed by sample index and by time."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -12,46 +12,48 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, SampleBlock
 
-# Tolerance in samples. With it, an edge at the instant of a sample falls on the same side of it for
-# blocks of any size, although their stamps are rounded to nanoseconds.
+# Tolerance in samples. Stamps of blocks are rounded to ns. With the tolerance, an edge at the time
+# of a sample is always on the same side of the sample, regardless of the size of the blocks.
 _INSTANT = 1e-3
-_ROUNDING = 1  # ns, largest difference between the stamps of blocks of one clock
-_BEGINNING = 1.0  # s from the start of a stream, in which a looped recording starts again
-_UNDER_WAY = 2.0  # s, largest delay of a block
-_AHEAD = 0.25  # s of successive old samples that prove the newest indices wrong
+_ROUNDING = 1  # largest rounding error of the time of a sample in ns
+_BEGINNING = 1.0  # duration of the start of a stream in s
+_UNDER_WAY = 2.0  # largest delay of a block in s
+# If successive old samples come for this time in s, the indices of the newest samples are wrong.
+_AHEAD = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """Index and time of a sample, from which the times of later samples follow."""
+    """Index and time of a sample, from which the times of the later samples are computed."""
 
     first_index: int
     stamp: int
 
 
 class SampleBuffer:
-    """Ring of the last samples of a stream, of `duration` s at `sample_rate` Hz, with its gaps.
+    """Buffer of the last samples of a stream, with the gaps between them.
 
-    No block may be longer than that. Blocks may come twice or overlap: samples that are already
-    there are ignored. If `is_restart` detects that a source has started again, the caller must
-    clear the buffer.
+    The buffer is `duration` s long, at a sample rate in Hz; no block may be longer. Blocks may come
+    twice or overlap, because known samples are ignored. If `is_restart` detects that the source has
+    started again, the caller must clear the buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
         self.sample_rate = sample_rate
         self._capacity = max(2, math.ceil(duration * sample_rate))
-        # Twice the capacity, so that the samples move to the front only once per capacity.
+        # With twice the capacity, the samples are moved to the front only once per capacity.
         self._counts = np.zeros(2 * self._capacity, np.int32)
         self.clear()
 
     def clear(self) -> None:
-        """Remove all samples, and forget their clock."""
-        self.start = self.end = 0  # index of the oldest sample, and of the next one to come
-        self.origin: int | None = None  # ns, time of the first sample of the stream
+        """Remove all samples and their times."""
+        self.start = self.end = 0  # index of the oldest sample, and one past the newest sample
+        self.origin: int | None = None  # time of the first sample of the stream in ns
         self._anchors: list[_Anchor] = []
         self._gaps: list[tuple[int, int]] = []
         self._first = 0  # index of the first sample of the stream
-        self._behind = (0, 0)  # number of ignored samples in successive blocks, and their end
+        # Number of ignored samples in successive blocks, and one past the index of the last one.
+        self._behind = (0, 0)
 
     @property
     def empty(self) -> bool:
@@ -60,7 +62,7 @@ class SampleBuffer:
 
     @property
     def last_stamp(self) -> int:
-        """Time of the newest sample, ns; there must be one."""
+        """Time of the newest sample in ns; the buffer must not be empty."""
         return self.stamp_at(self.end - 1)
 
     def stamp_at(self, index: int) -> int:
@@ -70,7 +72,7 @@ class SampleBuffer:
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 
     def index_at(self, stamp: int) -> int:
-        """Return the index of the first sample at or after `stamp`, even if it has not arrived."""
+        """Return the index of the first sample, possibly a future one, at or after a time in ns."""
         position = max(bisect_right(self._anchors, stamp, key=attrgetter('stamp')) - 1, 0)
         anchor = self._anchors[position]
         offset = (stamp - anchor.stamp) * self.sample_rate / NANOSECONDS
@@ -80,11 +82,11 @@ class SampleBuffer:
         return index
 
     def is_restart(self, block: SampleBlock) -> bool:
-        """Return whether the source has started again.
+        """Return whether a block shows that the source has started again.
 
-        It has if a block is later in time but not in index, if the indices of the start of the
-        stream return long afterwards (a looped recording), or if blocks continue far behind the
-        newest samples (whose indices were then wrong).
+        The source has started again in three cases: if the block is later in time but not in index,
+        if a looped recording returns to the indices of its start, or if blocks continue far behind
+        the newest samples. In the last case, the indices of the newest samples were wrong.
         """
         if self.empty or block.first_index >= self.end:
             return False
@@ -96,7 +98,7 @@ class SampleBuffer:
         return later or ((beginning or goes_on) and behind > _UNDER_WAY * self.sample_rate)
 
     def append(self, block: SampleBlock) -> None:
-        """Add a block; samples between it and the previous one are recorded as lost."""
+        """Add a block. Samples that are missing before the block are marked as lost."""
         if self.empty and len(block.counts):
             self.start = self.end = self._first = block.first_index
             self.origin = block.stamp
@@ -111,7 +113,7 @@ class SampleBuffer:
         lost = first_new - self.end
         if lost > 0:
             self._gaps.append((self.end, first_new))
-        # A smaller difference is rounding, and would make the times depend on the size of blocks.
+        # Rounding errors are ignored, so that the times do not depend on the size of the blocks.
         late = block.stamp - self.stamp_at(block.first_index) if self._anchors else math.inf
         if abs(late) > _ROUNDING:
             self._anchors.append(_Anchor(block.first_index, block.stamp))
@@ -132,19 +134,18 @@ class SampleBuffer:
         self.end += len(counts)
 
     def _forget(self) -> None:
-        """Remove anchors and gaps before the oldest sample."""
+        """Remove the anchors and gaps before the oldest sample."""
         while len(self._anchors) > 1 and self._anchors[1].first_index <= self.start:
             del self._anchors[0]
-        while self._gaps and self._gaps[0][1] <= self.start:
-            del self._gaps[0]
+        self._gaps = [gap for gap in self._gaps if gap[1] > self.start]
 
     def is_whole(self, begin: int, end: int) -> bool:
-        """Return whether every sample of [begin, end) is there."""
+        """Return whether the buffer contains all samples with an index in [begin, end)."""
         there = self.start <= begin and end <= self.end
         return there and not any(lost < end and begin < found for lost, found in self._gaps)
 
     def whole_from(self, begin: int, end: int) -> int:
-        """Return the smallest index from `begin` on after which no sample before `end` is lost."""
+        """Return the index after the last lost sample in [begin, end), `begin` if none is lost."""
         whole = max(begin, self.start)
         for lost_from, lost_to in self._gaps:
             if lost_from < end and lost_to > whole:
@@ -152,9 +153,9 @@ class SampleBuffer:
         return whole
 
     def read(self, begin: int, end: int) -> NDArray[np.int32]:
-        """Return a copy of the samples [begin, end), all of which must be there."""
+        """Return a copy of the samples [begin, end), which must all be in the buffer."""
         return self.look_at(begin, end).copy()
 
     def look_at(self, begin: int, end: int) -> NDArray[np.int32]:
-        """Return a view of the samples [begin, end), valid until the next block comes."""
+        """Return a view of the samples [begin, end), which is valid until the next block comes."""
         return self._counts[begin - self.start : end - self.start]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Cutting of one weigh window per item from the stream of samples."""
+"""Segmentation stage, which cuts one weigh window for each item from the stream of samples."""
 
 from collections.abc import Iterator
 
@@ -25,15 +25,15 @@ from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.window_cutter import WindowCutter
 from checkweigher_dsp.segmentation.zero_keeper import Span, ZeroKeeper
 
-_LONGEST_PIECE = NANOSECONDS  # ns, longest part of a block to process at once
+_LONGEST_PIECE = NANOSECONDS  # longest duration in ns of the samples that are processed at once
 
 
 class Segmenter:
-    """Stage that turns samples and photo-eye edges into weigh windows.
+    """Stage that cuts weigh windows from samples by photo-eye edges.
 
-    All decisions depend on sample indices and stamps only. Blocks of any size and any interleaving
-    of samples and edges give the same windows, if edges are no more than ``edge_lateness`` behind
-    the samples.
+    All decisions depend only on the indices of samples and on time stamps. So the windows do not
+    depend on the size of the blocks or on the order in which samples and edges arrive, if no edge
+    is later than ``edge_lateness``.
 
     Parameters
     ----------
@@ -42,23 +42,23 @@ class Segmenter:
     parameters : SegmenterParameters
         Parameters of the stage.
     item_count : int
-        Number of the previous item; the next one is ``item_count + 1``.
+        Number of the previous item.
     failures : Failures
-        Rule for exceptions in the work on an item.
+        Handler of exceptions that are raised while an item is processed.
 
     Raises
     ------
     ParameterError
-        If the windows would be too long for this load cell and these parameters.
+        If the windows need too many samples at the sample rate of the load cell.
 
     Attributes
     ----------
     samples, edges : int
-        Number of samples and edges so far, including those that came twice.
+        Numbers of samples and edges so far, including repeated ones.
     cutter : WindowCutter
-        Cutter of the windows, which checks them.
+        Cutter of the windows.
     zero_keeper : ZeroKeeper
-        Zero of the belt, and requests to set it.
+        Zero of the belt, with the requests to set it.
     """
 
     def __init__(
@@ -86,26 +86,26 @@ class Segmenter:
 
     @property
     def last_edge(self) -> int | None:
-        """Stamp of the youngest edge that was tracked, ns; None if there is none."""
+        """Time in ns of the newest edge that was assigned to an item, or None without edges."""
         return self._source.tracker.eyes.newest
 
     @property
     def leaving_since(self) -> int | None:
-        """Stamp of the edge since which an item blocks the outfeed eye, ns; None if it is clear."""
+        """Time in ns since which the outfeed eye is blocked, or None if it is clear."""
         edge = self._source.tracker.eyes.youngest.get(Eye.OUTFEED)
         return edge.stamp if edge is not None and edge.blocked else None
 
     @property
     def edges_wait(self) -> bool:
-        """Whether edges wait for their samples."""
+        """Whether edges wait for the samples of the same time."""
         return not self._source.queue.is_empty
 
     def take_announced(self) -> list[Item]:
-        """Return the announcements of items since the last call; they precede the windows."""
+        """Return the announcements of items since the last call, which precede the windows."""
         return self._source.take_announced()
 
     def take(self, record: SampleBlock | EyeEdge) -> list[WeighWindow]:
-        """Process a block of samples or an edge and return the windows that it completes."""
+        """Process a block of samples or an edge, and return the completed windows."""
         if isinstance(record, SampleBlock):
             return self._add_samples(record)
         self.edges += 1
@@ -114,23 +114,23 @@ class Segmenter:
         return self._give_up_without_samples(limit) + self.cutter.cut()
 
     def go_by_edges(self) -> list[WeighWindow]:
-        """Track the edges that wait for samples, and return the windows that they complete."""
+        """Process edges without waiting for samples, and return the completed windows."""
         self.cutter.take(self._source.track_before())
         return self.cutter.cut()
 
     def idle_belt(self) -> NDArray[np.int32]:
-        """Return the last samples of an empty and settled belt, shape (n,); n is 0 if none."""
+        """Return the last samples of an empty belt without ring-down, (n,), where n may be 0."""
         begin, end = self._empty_span() or (0, 0)
         begin = max(begin, end - round(self._parameters.zero_time * self.load_cell.sample_rate))
         whole = begin < end and self._buffer.is_whole(begin, end)
         return self._buffer.read(begin, end) if whole else np.zeros(0, np.int32)
 
     def finish(self) -> list[WeighWindow]:
-        """Return the items on the belt as faults, because the stream has ended."""
+        """End the stream, and return the windows of the items on the belt as faults."""
         return self.give_up(Reason.STREAM_ENDED)
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
-        """Return the items on the belt as faults with a reason."""
+        """Return the windows of the items on the belt as faults with a reason."""
         self.cutter.take(self._source.finish_edges())
         windows = self.cutter.cut(wait=False)
         self.cutter.fault_waiting(reason)
@@ -145,12 +145,12 @@ class Segmenter:
             self.cutter.take(self._source.advance())
             windows += self.cutter.cut()
             if self.zero_keeper.is_requested:
-                # No edge of the time of these samples can come any more.
+                # The span ends before the time at which an edge may still come.
                 self.zero_keeper.try_to_set(self._empty_span(), self._parameters.zero_time)
         return windows
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
-        """Clear the buffer if the source or its clock starts again; return the lost items."""
+        """Begin a new stream if a block is from one, and return the lost items as faults."""
         buffer = self._buffer
         if len(block.counts) == 0 or buffer.empty:
             return []
@@ -163,7 +163,7 @@ class Segmenter:
         windows = self.give_up(Reason.SOURCE_RESTARTED if restarted else Reason.CLOCK_JUMP)
         self._source.queue.put_back(later)
         self._source.tracker.forget(backwards=not forward)
-        if restarted:  # a jump of the clock does not change the speed of the belt
+        if restarted:  # A jump of the clock does not change the belt speed.
             self.cutter.motion.forget()
             self.cutter.edge_check.forget()
         buffer.clear()
@@ -173,7 +173,7 @@ class Segmenter:
         return windows
 
     def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
-        """Yield parts of a block, short enough to be processed before they leave the buffer."""
+        """Yield the parts of a block, so that no sample leaves the buffer before it is used."""
         rate, counts = self.load_cell.sample_rate, block.counts
         size = max(1, int(rate * seconds(_LONGEST_PIECE)))
         for begin in range(0, len(counts), size):
@@ -181,13 +181,13 @@ class Segmenter:
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
 
     def _give_up_without_samples(self, limit: int) -> list[WeighWindow]:
-        """Return the items before `limit`, ns, as faults, because their samples are lost."""
+        """Return the windows of items before `limit`, in ns, as faults with lost samples."""
         self.cutter.take(self._source.track_before(limit))
         late = self.cutter.fault_waiting(Reason.SAMPLES_LOST, limit)
         return self.cutter.cut(wait=False) if late else []
 
     def _empty_span(self) -> Span | None:
-        """Return the span of samples of an empty and settled belt, None if there is none."""
+        """Return the span of samples of an empty belt after the ring-down, or None."""
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:
             return None
@@ -198,11 +198,9 @@ class Segmenter:
 
 
 def _history(load_cell: LoadCell, parameters: SegmenterParameters) -> float:
-    """Return the duration of the samples to keep, s."""
+    """Return the duration of the buffer in s."""
     transit = parameters.max_transit(load_cell.weigh_length)
-    # An item leaves in no more time than it takes from eye to eye.
+    # An item is not longer than the belt, so it does not need more than a transit to leave.
     trail = min(round(NANOSECONDS * parameters.trail_time), transit)
-    behind = (
-        transit + trail + max(2 * round(NANOSECONDS * parameters.edge_lateness), _LONGEST_PIECE)
-    )
-    return max(parameters.lead_time, parameters.zero_time) + seconds(behind)
+    late = max(2 * round(NANOSECONDS * parameters.edge_lateness), _LONGEST_PIECE)
+    return max(parameters.lead_time, parameters.zero_time) + seconds(transit + trail + late)

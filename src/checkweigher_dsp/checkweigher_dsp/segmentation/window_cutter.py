@@ -23,30 +23,33 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 
-_BEFORE_RISE = 0.4  # s before t1 at which the search for a rise begins
+_BEFORE_RISE = 0.4  # time in s before t1 at which the search for the rise of the load begins
 
 _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Edges of an item, and the indices of their samples after the shift."""
+    """Times of the edges of an item in ns, and the indices of the samples at these times.
+
+    The indices include the shift, which is the lag of the load behind the edges.
+    """
 
     t1: int
     t2: int
     t3: int
-    entry: int  # index of t1
-    begin: int  # index of t2
-    end: int  # index of t3
-    trail_end: int  # end of the samples to wait for after t3
-    shift: int  # ns, lag of the rise behind the edges
+    entry: int  # index at t1
+    begin: int  # index at t2
+    end: int  # index at t3
+    trail_end: int  # index at the end of the samples after t3 that the item waits for
+    shift: int  # shift in ns
 
 
 class WindowCutter:
-    """Cutter of weigh windows from items; `count` is the number of windows so far.
+    """Cutter of the weigh windows of items.
 
-    An item waits until its samples are there. Before its window is cut, the zero is updated by the
-    empty belt before the item.
+    An item waits until its samples have arrived. Before its window is cut, the zero is updated by
+    the empty belt before the item.
     """
 
     def __init__(
@@ -66,11 +69,11 @@ class WindowCutter:
         self.edge_check = EdgeCheck(parameters)
         self._load_check = LoadCheck()
         self._waiting: list[TrackedItem] = []
-        self.count = 0
-        self.jumped = False  # whether the samples begin at a jump of their clock
+        self.count = 0  # number of windows so far
+        self.jumped = False  # whether the samples begin after a jump of the clock
 
     def take(self, items: Iterable[TrackedItem]) -> None:
-        """Add items that wait for their samples."""
+        """Add items, which wait for their samples."""
         items = list(items)
         self._failures.each(self._check, lambda item: item.fault(Reason.STAGE_FAILED), items)
         self._waiting += items
@@ -80,17 +83,14 @@ class WindowCutter:
         self.motion.check(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
-        """Fault the waiting items that entered before a time, ns. Returns whether there are any."""
+        """Add a fault to items that entered before a time in ns. Returns whether there are any."""
         late = [item for item in self._waiting if item.entered < before]
         for item in late:
             item.fault(reason)
         return bool(late)
 
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
-        """Return the windows of the items whose samples are there.
-
-        Without `wait` the samples up to t3 are enough.
-        """
+        """Return the windows of items whose samples, with `wait` also those after t3, have come."""
         found = self._failures.each(
             partial(self._cut, wait=wait),
             lambda item: self._fault(item, Reason.STAGE_FAILED),
@@ -128,7 +128,7 @@ class WindowCutter:
             return None
         shift = item.shift or 0
         entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
-        # The trail ends when the item has left, or earlier.
+        # The samples after t3 end at the latest when the item has left.
         left = self._buffer.index_at(t3 + shift + item.length)
         trail_end = max(min(end + self._samples(self._parameters.trail_time), left), end)
         if self._buffer.end < (trail_end if wait else end):
@@ -136,13 +136,13 @@ class WindowCutter:
         return _Place(t1, t2, t3, entry, begin, end, trail_end, shift)
 
     def _check_place(self, place: _Place) -> Reason | None:
-        """Return the reason why the samples of a place cannot be weighed, None if they can."""
+        """Return the reason why the samples cannot be weighed, or None if they can."""
         if place.end - place.begin < self._parameters.min_window:
             return Reason.WINDOW_TOO_SHORT
         return self._check_samples(place.entry, place.end) or self._check_load(place)
 
     def _zero_before(self, item: TrackedItem, place: _Place) -> Zero:
-        """Return the zero at t1, after an update by the empty belt before the item."""
+        """Update the zero by the empty belt before an item, and return it."""
         empty, settled = self._empty_belt(item, place.entry)
         if settled:
             span = place.entry - len(empty), place.entry
@@ -150,7 +150,7 @@ class WindowCutter:
         return self._zero.update(seconds(place.t1), empty, settled)
 
     def _make_window(self, item: TrackedItem, place: _Place) -> WeighWindow:
-        """Return the window of an item with sound samples, or a fault if zero or load are not."""
+        """Return the window of an item, as a fault if the zero or the load is not valid."""
         zero = self._zero_before(item, place)
         if not zero.trusted:
             return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
@@ -163,7 +163,7 @@ class WindowCutter:
             return self._fault(item, Reason.DISTANCE_FAULT)
         trail_end = min(place.trail_end, buffer.end)
         is_sound = self._check_samples(end, trail_end) is None
-        # From t2, because an error of the sample clock would add up over the lead time.
+        # The stamp is computed from t2, because an error of the sample rate would accumulate.
         lead = round((begin - first) * NANOSECONDS / cell.sample_rate)
         return WeighWindow(
             *self._identity(item),
@@ -171,7 +171,7 @@ class WindowCutter:
             counts_per_kg=cell.counts_per_kg,
             zero_counts=cell.zero_counts,
             zero=zero.counts,
-            zero_std_dev=_zero_std_dev(window, place, zero, item.doubt),
+            zero_std_dev=_zero_std_dev(item, place, zero, window),
             first_index=first,
             stamp=buffer.stamp_at(begin) - place.shift - lead,
             empty_begin=alone_from - first,
@@ -184,7 +184,7 @@ class WindowCutter:
         return WeighWindow(*self._identity(item), reasons=tuple(reason.value for reason in reasons))
 
     def _identity(self, item: TrackedItem) -> _Identity:
-        """Return the first fields of the window of an item: its number, edges and motion."""
+        """Return the first fields of a window: item number, edges, belt speed and item length."""
         speed, length = self.motion.measure(item)
         line_speed = speed
         if math.isnan(speed) and item.usual_transit is not None:
@@ -192,10 +192,7 @@ class WindowCutter:
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
     def _check_rise(self, item: TrackedItem, place: _Place) -> Reason | None:
-        """Determine how far the window of an item is shifted behind its edges.
-
-        Returns the reason if the rise and the edges contradict each other.
-        """
+        """Set the shift of an item by the rise of its load, or return why the two contradict."""
         if not self._parameters.rise_lag_tolerance or item.shift is not None:
             return None
         buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1
@@ -205,22 +202,27 @@ class WindowCutter:
         seen = self._see_rise(item, place)
         begins_late = seconds(place.t1 - (buffer.origin or 0)) < _BEFORE_RISE
         if self.jumped and begins_late and not seen.is_known:
-            return Reason.CLOCK_JUMP  # nothing shows whether the clock of the eyes jumped as well
+            return Reason.CLOCK_JUMP  # The clock of the eyes may not have jumped with the samples.
         shift = self.edge_check.check(seen, *self.motion.measure(item))
-        if shift is not None:
-            item.shift, item.doubt = round(NANOSECONDS * shift), self.edge_check.doubt
-            return None
-        return self._contradiction(place, seen)
+        if shift is None:
+            return self._contradiction(place, seen)
+        item.shift = round(NANOSECONDS * shift)
+        item.shift_std_dev = self.edge_check.shift_std_dev
+        return None
 
     def _contradiction(self, place: _Place, seen: RiseLag) -> Reason:
-        """Return EDGE_MISMATCH if the load after the rise is of one item, else DISTANCE_FAULT."""
+        """Return the reason why the rise of the load contradicts the edges.
+
+        The reason is EDGE_MISMATCH if the load after the rise is constant. Otherwise it is
+        DISTANCE_FAULT, because several items are on the belt.
+        """
         late = self._samples(max(seen.lag, 0.0)) if seen.is_known else 0
         window = self._buffer.look_at(min(place.begin + late, place.end), place.end)
         alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
     def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
-        """Return the lag of the rise in the samples before t3; unknown if others were there."""
+        """Return the lag of the rise of the load, which is unknown if other items were there."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)
@@ -233,13 +235,16 @@ class WindowCutter:
         return rise_lag(force, time, seconds(place.t2 - place.t1), seconds(place.t3 - place.t1))
 
     def _alone_from(self, item: TrackedItem, first: int, begin: int, shift: int = 0) -> int:
-        """Return the index at which the previous item had left, `first` if there was none."""
+        """Return the index of the first sample without other items, for an item from `first` on.
+
+        It is `first` if there was no other item, and `begin` if another item may still be there.
+        """
         if item.left_before is None:
             return begin if item.others_there else first
         return self._buffer.index_at(item.left_before + shift)
 
     def _check_start(self, item: TrackedItem) -> None:
-        """Fault an item that was there before the samples began, because an edge may be missing."""
+        """Add a fault to an item that may have entered before the first sample of the stream."""
         origin, parameters = self._buffer.origin, self._parameters
         margin = (
             parameters.max_transit(self._load_cell.weigh_length)
@@ -261,13 +266,16 @@ class WindowCutter:
         return None
 
     def _check_load(self, place: _Place) -> Reason | None:
-        """Compare the mean load above the zero of calibration with the capacity."""
+        """Return OVERLOAD if the mean load exceeds the capacity of the load cell."""
         cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
         load = float(np.add.reduce(counts, dtype=np.int64) / len(counts)) - cell.zero_counts
         return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
-        """Return the samples of the empty belt before an item enters, and whether it is settled."""
+        """Return the samples of the empty belt before an item, and whether the ring-down is over.
+
+        The samples include the ring-down after the previous item if too few follow it.
+        """
         buffer, parameters = self._buffer, self._parameters
         if item.others_there:
             return buffer.look_at(entry, entry), False
@@ -285,13 +293,14 @@ class WindowCutter:
         return buffer.look_at(begin, entry), True
 
 
-def _zero_std_dev(window: NDArray[np.int32], place: _Place, zero: Zero, doubt: float) -> float:
-    """Return the standard deviation of the zero in counts, including the effect of `doubt`, s.
+def _zero_std_dev(item: TrackedItem, place: _Place, zero: Zero, window: NDArray[np.int32]) -> float:
+    """Return the standard deviation of the zero in counts, including the effect of the shift.
 
-    If a load M is removed from the signal too early or late by a time d, the area M d remains.
-    Smoothing spreads it over about twice the transit.
+    If a load M is removed from the signal at a time that is wrong by d, the area M d remains in the
+    signal. Smoothing spreads this area over about twice the transit.
     """
-    if not doubt:
+    if not item.shift_std_dev:
         return zero.std_dev
     load = float(np.mean(window)) - zero.counts
-    return math.hypot(zero.std_dev, load * doubt / (2 * seconds(place.t3 - place.t1)))
+    spread = load * item.shift_std_dev / (2 * seconds(place.t3 - place.t1))
+    return math.hypot(zero.std_dev, spread)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Zero of the belt: tracked from product to product, and set on request."""
+"""Zero of the scale, which is tracked from product to product and set on request."""
 
 from dataclasses import dataclass
 
@@ -12,20 +12,20 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTracker
 
-_PATIENCE = 10.0  # s of signal
-Span = tuple[int, int]  # first index and one past the last index of samples
+_PATIENCE = 10.0  # duration of the signal in s after which a request fails
+Span = tuple[int, int]  # index of the first sample, and one past the last sample
 
 
 @dataclass(frozen=True, slots=True)
 class ZeroAnswer:
-    """Answer to a request to set the zero: a text for the user, and the change if it was set."""
+    """Answer to a request to set the zero."""
 
-    text: str
-    change: ZeroChange | None = None
+    text: str  # message to the user
+    change: ZeroChange | None = None  # change of the zero, or None if it was not set
 
 
 class ZeroKeeper:
-    """Zero of the belt."""
+    """Zero of the scale, with the requests to set it."""
 
     def __init__(
         self, load_cell: LoadCell, parameters: SegmenterParameters, buffer: SampleBuffer
@@ -45,7 +45,7 @@ class ZeroKeeper:
         )
         self._requested: int | None = None  # index of the first sample after the request
         self._why_not = ''
-        self.answer: ZeroAnswer | None = None  # to the last request, None while it waits
+        self.answer: ZeroAnswer | None = None  # answer to the last request, None while it waits
 
     @property
     def zero(self) -> Zero:
@@ -54,24 +54,24 @@ class ZeroKeeper:
 
     @property
     def is_requested(self) -> bool:
-        """Whether a request waits for the empty belt."""
+        """Whether a request to set the zero waits for an empty belt."""
         return self._requested is not None
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool) -> Zero:
-        """Update the zero by the empty belt before an item, see `ZeroTracker.update`."""
+        """Update the zero by the empty belt before an item; see `ZeroTracker.update`."""
         return self._tracker.update(time, counts, settled)
 
     def request(self) -> None:
-        """Request that the next empty belt at rest sets the zero."""
+        """Request that the zero is set by the next samples of an empty belt at rest."""
         self._requested = 0 if self._buffer.empty else self._buffer.end
         self._why_not = 'the belt was not empty'
         self.answer = None
 
     def try_to_set(self, empty: Span | None, least: float) -> None:
-        """Answer a request if the belt was empty for long enough, or after a timeout.
+        """Answer a request if the belt has been empty for long enough, or after a timeout.
 
-        `empty` is the span of samples of an empty and settled belt, None if it is not empty.
-        `least` is the shortest span, s.
+        `empty` is the span of the samples of an empty belt after the ring-down, or None if the belt
+        is not empty. `least` is the shortest duration of the span in s.
         """
         if self._requested is None:
             return
@@ -88,7 +88,7 @@ class ZeroKeeper:
             self._requested = None
 
     def _set(self, begin: int, end: int) -> ZeroAnswer | None:
-        """Set the zero by the samples [begin, end). Returns None if they cannot be used."""
+        """Set the zero by the samples [begin, end). Returns None if these cannot be used."""
         if not self._buffer.is_whole(begin, end):
             self._why_not = 'samples were lost'
             return None

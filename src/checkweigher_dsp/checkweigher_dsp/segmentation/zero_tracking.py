@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tracking of the zero, the reading of the empty belt, from product to product."""
+"""Tracking of the zero, which is the reading of the empty belt, from product to product."""
 
 from dataclasses import dataclass
 import math
@@ -9,26 +9,27 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-_SHORTEST_AVERAGE = 0.1  # s; a shorter average contains vibration of the belt
-# Least variance of a reading as a share of the initial one, so that the filter does not stop if the
-# signal has no noise.
+_SHORTEST_AVERAGE = 0.1  # duration in s, above the periods of the vibration of the belt
+# Least variance of a reading as a share of the initial variance. Without it, the filter would stop
+# on a signal without noise.
 _LEAST_NOISE = 1e-8
-_JUMP = 4.0  # standard deviations
-# A part of a segment is an outlier if its distance from the median exceeds the first number times
-# the median distance, plus the second one times the initial standard deviation.
+_JUMP = 4.0  # smallest jump of the zero in standard deviations
+# A part of a segment is an outlier if its distance from the median exceeds a limit. The limit is
+# the first number times the median distance plus the second number times the initial deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
-_PART = 0.05  # s
-_FEWEST_PARTS = 5
-_MEMORY = 0.95  # weight of the previous scatter at each segment
-_EVIDENCE_MEMORY = 0.98  # weight of the previous likelihoods at each segment
-_DRIFT_TIME = 600.0  # s, correlation time of a drift by temperature
+_PART = 0.05  # duration of a part in s
+_FEWEST_PARTS = 5  # least number of parts for the detection of outliers
+_MEMORY = 0.95  # factor by which the weight of older variances decreases with each segment
+_EVIDENCE_MEMORY = 0.98  # factor by which the weight of older likelihoods decreases
+_DRIFT_TIME = 600.0  # correlation time of a thermal drift in s
 
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Reading of the empty belt and its standard deviation in counts, and whether to trust it."""
+    """Reading of the empty belt, its standard deviation (both in counts), and its validity."""
 
     counts: float
     std_dev: float
@@ -37,18 +38,19 @@ class Zero:
 
 @dataclass(frozen=True, slots=True)
 class ZeroLimits:
-    """Limits of the tracking."""
+    """Limits of zero tracking."""
 
-    range: float = math.inf  # largest distance from the zero of calibration, counts
-    rate: float = math.inf  # maximum rate of zero tracking, counts/s
-    stability: float = math.inf  # largest difference between the parts of a segment, counts
+    range: float = math.inf  # largest distance from the zero of calibration in counts
+    rate: float = math.inf  # maximum rate of change in counts/s
+    stability: float = math.inf  # largest difference between parts of a segment in counts
 
 
 class _Motion:
-    """Kalman filter of a zero with a random walk and a drift, an Ornstein-Uhlenbeck process.
+    """Kalman filter for a zero with a random walk and a drift.
 
-    Units are counts and s. `initial_variance` is the variance of the initial zero, `walk_variance`
-    that of the random walk per second, and `drifts` that of the drift.
+    The drift is an Ornstein-Uhlenbeck process with the variance `drifts`. `initial_variance` is the
+    variance of the initial zero, and `walk_variance` the variance of the random walk after 1 s. The
+    units are counts and s.
     """
 
     def __init__(
@@ -64,15 +66,15 @@ class _Motion:
         """Return to the initial uncertainty of the zero."""
         self.variance = self._initial_variance
         self._drift, self._drift_variance = 0.0, self._drifts
-        self._covariance = 0.0  # of zero and drift
-        self.evidence = 0.0  # logarithm of the likelihood of the readings so far
+        self._covariance = 0.0  # covariance of zero and drift
+        self.evidence = 0.0  # log-likelihood of the readings so far
 
     def set(self, value: float, variance: float) -> None:
-        """Set the zero. The drift continues."""
+        """Set the zero and its variance, and keep the drift."""
         self.value, self.variance, self._covariance = value, variance, 0.0
 
     def carry_on(self, elapsed: float) -> None:
-        """Predict the zero after a time, s."""
+        """Predict the zero after a time in s."""
         left = math.exp(-elapsed / _DRIFT_TIME)
         reach = _DRIFT_TIME * (1 - left)
         self.value += reach * self._drift
@@ -92,14 +94,14 @@ class _Motion:
             self.variance = self._initial_variance
 
     def correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> float:
-        """Correct zero and drift by a reading of variance `noise`.
+        """Correct zero and drift by a reading with the variance `noise`.
 
-        Returns the remaining variance of the zero.
-
-        The zero is held at the limits of the `allowed` range; its variance is then not reduced.
+        Returns the variance of the corrected zero. The zero is limited to the `allowed` range. At a
+        limit, the variance of the filter is not reduced.
         """
         innovation, variance = reading - self.value, self.variance + noise
-        likelihood = -0.5 * (innovation**2 / variance + math.log(variance))  # up to a constant
+        # A constant term of the logarithm is omitted.
+        likelihood = -0.5 * (innovation**2 / variance + math.log(variance))
         self.evidence = _EVIDENCE_MEMORY * self.evidence + likelihood
         gain, drift_gain = self.variance / variance, self._covariance / variance
         corrected, left = self.value + gain * innovation, self.variance * (1 - gain)
@@ -115,34 +117,35 @@ class _Motion:
 class ZeroTracker:
     """Tracking of the zero of a load cell by two Kalman filters, without and with a drift.
 
-    A filter without a drift lags behind a drifting zero; a filter with a drift is less certain of a
-    zero that does not drift. So both run, weighted by the likelihood of the readings so far.
+    The filter without a drift lags behind a drifting zero. The filter with a drift estimates a
+    constant zero with a larger variance. So the results of both filters are averaged, weighted by
+    the likelihood of the readings so far.
 
-    Each segment of empty belt gives one measurement, its Hann-weighted mean. The variance is
-    estimated from the difference between the means of the two halves, pooled over all segments so
-    far. This is valid for any mixture of lines and noise. Averaging continues from product to
-    product, so the short segments between dense products are enough.
+    Each segment of the empty belt gives one reading, which is the Hann-weighted mean. The variance
+    of the readings is estimated from the differences between the two halves of each segment. This
+    is valid for any mixture of vibration and noise. The average extends over many products, so that
+    short segments between dense products are sufficient.
 
-    A zero that has moved further than drift explains is not trusted until a second segment
-    confirms it, because an unseen object may have been on the belt.
+    An unseen object may be on the belt. So a reading that is further from the zero than a drift
+    explains is not accepted until a second segment confirms it.
 
     Parameters
     ----------
     initial, initial_std_dev : float
-        Zero of calibration, and standard deviation of its drift since then, in counts.
+        Zero of calibration, and standard deviation of its change since calibration, in counts.
     random_walk : float
         Standard deviation of the random walk in counts/sqrt(s).
     sample_rate : float
         Sample rate in Hz.
     limits : ZeroLimits
-        Limits of the tracking, as in OIML R 51.
+        Limits of zero tracking according to OIML R 51.
     drift : float
-        Standard deviation of the drift in counts/s; 0 to use no filter with a drift.
+        Standard deviation of the drift in counts/s. With 0, the filter with a drift is not used.
 
     References
     ----------
     R. E. Kalman, A new approach to linear filtering and prediction problems, J. Basic Eng. 82
-    (1960) 35-45; the local level and the local linear trend. D. T. Magill, Optimal adaptive
+    (1960) 35-45: the local level and the local linear trend. D. T. Magill, Optimal adaptive
     estimation of sampled stochastic processes, IEEE Trans. Automatic Control 10 (1965) 434-439.
     """
 
@@ -167,7 +170,7 @@ class ZeroTracker:
         self._stamp: float | None = None
         self._scatter = 0.0  # weighted sum of the variances of the segments
         self._degrees = 0.0  # sum of the weights
-        self._doubted: float | None = None  # reading that is not confirmed yet, counts
+        self._doubted: float | None = None  # reading in counts that is not confirmed yet
         self._has_read = False
 
     @property
@@ -187,11 +190,12 @@ class ZeroTracker:
         return sum(share * (each.variance + (each.value - value) ** 2) for share, each in pairs)
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
-        """Update the zero by the samples of an empty segment, shape (n,), which ends at `time`, s.
+        """Update the zero by a segment of the empty belt that ends at `time` in s.
 
-        If a segment is unstable or shorter than two samples, the zero is only predicted. A segment
-        that has not settled gets the variance of its samples, because the ring-down shifts the mean
-        alike after each product and does not average out.
+        `counts` has the shape (n,). If the segment is unstable or has less than two samples, the
+        zero is only predicted. If the segment has not `settled` after a product, the variance of
+        its samples is used, because the effect of the ring-down is similar after each product and
+        does not average out.
         """
         allowed = -math.inf, math.inf
         if self._stamp is not None:
@@ -207,9 +211,7 @@ class ZeroTracker:
             self._follow(readings, settled, allowed)
         return self.zero
 
-    def _follow(
-        self, counts: NDArray[np.float64], settled: bool, allowed: tuple[float, float]
-    ) -> None:
+    def _follow(self, counts: Array, settled: bool, allowed: tuple[float, float]) -> None:
         known = self._scatter, self._degrees
         reading, noise = self._measure(counts, settled)
         if self._is_doubtful(reading, noise):
@@ -218,13 +220,13 @@ class ZeroTracker:
             return
         self._doubted, self._has_read = None, True
         if (reading - self._value) ** 2 > _JUMP**2 * (self._variance + noise):
-            # Dirt has settled on the belt, or was wiped off it.
+            # Dirt has accumulated on the belt, or was removed.
             for each in self._motions:
                 each.begin()
         self._correct(reading, noise, allowed)
 
     def _is_doubtful(self, reading: float, noise: float) -> bool:
-        """Return whether a reading is too far from the zero to be accepted at once."""
+        """Return whether a reading is so far from the zero that it has to be confirmed."""
         drift = self._initial_variance
         if not self._has_read or (reading - self._value) ** 2 <= _JUMP**2 * (drift + noise):
             return False
@@ -236,8 +238,8 @@ class ZeroTracker:
         rest = reading - self._value
         self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
-    def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
-        """Return whether a segment is stable and no part of it is an outlier."""
+    def _is_at_rest(self, counts: Array) -> bool:
+        """Return whether a segment is stable and has no outliers."""
         means = self._parts(counts, _SHORTEST_AVERAGE)
         if max(means) - min(means) > self._limits.stability:
             return False
@@ -249,8 +251,8 @@ class ZeroTracker:
         least = _LEAST_OUTLYING * math.sqrt(self._initial_variance)
         return max(off) <= _OUTLYING * median(off) + least
 
-    def _parts(self, counts: NDArray[np.float64], duration: float) -> list[float]:
-        """Return the means of at least two parts of a segment, each about `duration` s long."""
+    def _parts(self, counts: Array, duration: float) -> list[float]:
+        """Return the means of at least two parts of a segment, with a duration in s."""
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
@@ -258,14 +260,14 @@ class ZeroTracker:
         parts = counts[len(counts) - number * size :].reshape(number, size)
         return [float(mean) for mean in hann_mean(parts)]
 
-    def _number(self, counts: NDArray[np.float64], duration: float) -> int:
+    def _number(self, counts: Array, duration: float) -> int:
         return max(2, int(len(counts) / (duration * self._sample_rate)))
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
-        """Set the zero by an empty segment, regardless of the previous zero.
+        """Set the zero by a segment of the empty belt that ends at `time` in s.
 
-        Returns the reading in counts, which becomes the zero if it is within the range. Returns
-        None and keeps the zero if the segment is not stable.
+        Returns the reading in counts, which becomes the zero if it is within the range. If the
+        segment is not stable, the zero is not changed and None is returned.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
@@ -282,8 +284,8 @@ class ZeroTracker:
         """Return whether a zero of `reading` counts is within the range."""
         return abs(reading - self._initial) <= self._limits.range
 
-    def _measure(self, counts: NDArray[np.float64], settled: bool) -> tuple[float, float]:
-        """Return the reading of a segment and its variance, counts and counts^2."""
+    def _measure(self, counts: Array, settled: bool) -> tuple[float, float]:
+        """Return the reading of a segment in counts and its variance in counts^2."""
         least = _LEAST_NOISE * self._initial_variance
         if not settled:
             return float(hann_mean(counts)), float(np.var(counts)) + least
@@ -291,7 +293,7 @@ class ZeroTracker:
             return float(np.mean(counts)), float(np.var(counts)) + least
         half = len(counts) // 2
         difference = float(hann_mean(counts[:half]) - hann_mean(counts[-half:]))
-        # The mean of two halves, each of variance difference^2 / 2.
+        # If the variance of a half is difference^2 / 2, the variance of the mean of both is:
         self._scatter = _MEMORY * self._scatter + difference**2 / 4
         self._degrees = _MEMORY * self._degrees + 1
         return float(hann_mean(counts)), self._scatter / self._degrees + least

@@ -1,3 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Mathematics that several stages use: averages, autoregression, Kalman filter, platform."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]

@@ -2,57 +2,58 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Autoregressive (AR) models of a disturbance, :math:`\sum_{i=0}^{p} c_i e(k-i) = w(k)`, c_0 = 1.
 
-The coefficients c are also the taps of the prediction-error filter, which turns the disturbance
-into the white innovation w.
+The coefficients c are also the taps of the prediction-error filter. This filter converts the
+disturbance e to the innovation w, which is white noise.
 """
 
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-# Least remaining share of an energy for the recursion to continue from it: three digits are lost.
+from checkweigher_dsp.signal import Array
+
+# The recursion of an energy restarts below this share, at which three digits are lost.
 _LEFT = 1e-3
 
 
-def burg(
-    signal: NDArray[np.float64], order: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def burg(signal: Array, order: int) -> tuple[Array, Array]:
     r"""Fit an AR model by Burg's method.
 
-    It minimises forward and backward prediction errors together:
+    The method minimises the sum of the forward and backward prediction errors:
 
     .. math:: k_m = -2 \frac{\sum f_{m-1}(n) b_{m-1}(n-1)}
        {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2},\quad c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
 
-    with the order of the coefficients reversed in the last term. All models are stable.
+    where the tilde reverses the order of the coefficients. All models are stable.
 
     Parameters
     ----------
     signal : ndarray, (n,) float64
-        Without its mean.
+        Signal without its mean.
     order : int
-        p, 0 to n - 1.
+        Order p of the model, 0 to n - 1.
 
     Returns
     -------
     coefficients : ndarray, (p + 1,) float64
-        Beginning with the leading 1.
+        Coefficients of the model, which begin with 1.
     reflections : ndarray, (p,) float64
-        k_1 to k_p, each within -1..1. The first m of them belong to the model of order m.
+        Reflection coefficients k_1 to k_p, between -1 and 1. The first m of them belong to the
+        model of order m.
 
     Notes
     -----
-    For a signal of some hundred samples, calls take longer than sums. So both errors go through the
-    lattice as one matrix, followed at a distance above the order by an impulse, whose response is
-    the coefficients. The energy in the denominator is that of the previous order times 1 - k^2,
-    minus the squares of the two errors without a partner in the next order. If rounding would
-    matter, it is summed again.
+    For a signal of some hundred samples, function calls take longer than the arithmetic. So the
+    forward and backward errors are filtered as one matrix. An impulse follows each signal at a
+    distance above the order, and its response contains the coefficients. The energy in the
+    denominator is updated recursively: it is multiplied by 1 - k^2, and the squares of the two
+    errors that are not used at the next order are subtracted. The energy is summed again if
+    rounding errors would matter.
 
     References
     ----------
     J. P. Burg, Maximum entropy spectral analysis, 1975.
-    N. Andersen, Comments on the performance of maximum entropy algorithms, 1978: the energy.
+    N. Andersen, Comments on the performance of maximum entropy algorithms, 1978.
 
     Examples
     --------
@@ -61,13 +62,14 @@ def burg(
     [-0.889] [ 1.    -0.889]
     """
     count = len(signal)
-    # Forward errors, then backward errors one sample earlier; each half ends with its impulse.
+    # The first half contains the forward errors and the second half the backward errors, one
+    # sample earlier. Each half ends with an impulse.
     size = count + 2 * order
     errors = np.zeros(2 * size)
     errors[: count - 1] = signal[1:]
     errors[count + order - 1] = 1.0
     errors[size : size + count] = signal
-    errors[size + count + order : size + count + order + 1] = 1.0  # beyond the end for order 0
+    errors[size + count + order : size + count + order + 1] = 1.0  # an empty slice for order 0
     reflections = []
     turn = np.eye(2)
     turned = errors
@@ -75,14 +77,14 @@ def burg(
     for used in range(count - 1, count - 1 - order, -1):
         forward, backward = errors[:used], errors[size : size + used]
         if energy <= least:
-            # An exactly predicted signal leaves no energy.
+            # The energy of a signal that is predicted exactly is 0.
             energy = float(forward.dot(forward) + backward.dot(backward)) or 1.0
             least = _LEFT * energy
         reflection = -2.0 * float(forward.dot(backward)) / energy
         reflections.append(reflection)
         turn[0, 1] = turn[1, 0] = reflection
         turned = turn.dot(errors.reshape(2, size)).ravel()
-        # The first forward and the last backward error have no partner in the next order.
+        # The first forward error and the last backward error are not used at the next order.
         first, last = turned.item(0), turned.item(size + used - 1)
         energy = (1.0 - reflection * reflection) * energy - first * first - last * last
         errors = turned[1:-1]
@@ -91,11 +93,12 @@ def burg(
     return turned[end - order - 1 : end], np.array(reflections)
 
 
-def akaike_order(powers: NDArray[np.float64], count: int) -> int:
-    """Choose the order of an AR model by Akaike's information criterion, n ln(power) + 2 m.
+def akaike_order(powers: Array, count: int) -> int:
+    """Choose the order of an AR model by Akaike's information criterion.
 
-    `powers` (p + 1,) is the prediction error power of each order m = 0 to p, not negative, for
-    models fitted to n = `count` samples. Of equally good orders the lowest is chosen.
+    The criterion of order m is n ln(power) + 2 m, for a model that was fitted to n = `count`
+    samples. `powers`, (p + 1,), contains the powers of the prediction errors for the orders 0 to p.
+    The lowest of equally good orders is chosen.
 
     References
     ----------
@@ -115,22 +118,21 @@ def akaike_order(powers: NDArray[np.float64], count: int) -> int:
 _ROUNDING = 1e-28
 
 
-def pooled_autocovariance(
-    segments: Iterable[NDArray[np.float64]], count: int
-) -> NDArray[np.float64]:
-    """Return the biased autocovariance about zero that several segments share.
+def pooled_autocovariance(segments: Iterable[Array], count: int) -> Array:
+    """Return the biased autocovariance of several segments of the same process, about zero.
 
     Parameters
     ----------
-    segments : iterable of ndarray, (n,) float64
-        Successive samples of each segment; n may differ, and may be 0.
+    segments : iterable of ndarray, (n_i,) float64
+        Successive samples of each segment. A segment may be empty.
     count : int
-        Number of lags, from 0 on.
+        Number of lags, beginning with 0.
 
     Returns
     -------
     ndarray, (count,) float64
-        In the square of the unit of the samples; 0 at lags that no segment reaches.
+        Autocovariance in the squared unit of the samples. It is 0 at lags that are longer than all
+        segments.
     """
     sums, seen = np.zeros(count), 0
     for each in segments:

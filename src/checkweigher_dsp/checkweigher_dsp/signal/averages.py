@@ -1,51 +1,53 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Means of a signal that vibrates, and their uncertainty."""
+"""Averages of a signal with vibration, and their uncertainty."""
 
 from functools import lru_cache
 import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from checkweigher_dsp.signal import Array
 
 BATCHES = 10  # number of batches in the method of batch means
 
 
-def batch_mean_std_error(samples: NDArray[np.float64]) -> float:
-    """Return the standard error of the mean of successive samples, for noise of any spectrum.
+def batch_mean_std_error(samples: Array) -> float:
+    """Return the standard error of the mean of successive samples with coloured noise.
 
-    By the method of batch means: the means of ten successive batches are nearly independent.
+    The method of batch means is used, because the means of ten successive batches are nearly
+    independent.
 
     Parameters
     ----------
     samples : ndarray, (n,) float64
-        Successive samples of a constant level; at least ten.
+        At least ten successive samples of a constant load.
 
     Returns
     -------
     float
-        In the unit of `samples`.
+        Standard error in the unit of `samples`.
     """
     means = [np.mean(batch) for batch in np.array_split(samples, BATCHES)]
     return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
 
 
-def hann_mean(samples: NDArray[np.float64]) -> Any:
-    """Average each window with the weights of a Hann window without its two zeros.
+def hann_mean(samples: Array) -> Any:
+    """Compute the Hann-weighted mean of windows. The weights exclude the zeros of a Hann window.
 
-    The mean is unbiased for a constant load. It reduces a line with two or more periods in the
-    window to less than 3 %, at any phase; a plain mean does so only for whole periods.
+    The mean is unbiased for a constant load. An oscillation with two or more periods in the window
+    is reduced to less than 3 % at any phase, whereas a plain mean requires whole periods.
 
     Parameters
     ----------
     samples : ndarray, (..., n) float64
-        Windows, time on the last axis; at least one sample.
+        Windows with at least one sample on the last axis.
 
     Returns
     -------
     ndarray, (...,) float64
-        In the unit of `samples`; a float for one window.
+        Means in the unit of `samples`, or a float for one window.
 
     Examples
     --------
@@ -57,8 +59,8 @@ def hann_mean(samples: NDArray[np.float64]) -> Any:
 
 
 @lru_cache(maxsize=256)
-def _hann_weights(count: int) -> tuple[NDArray[np.float64], float]:
-    """Return the weights, (count,), and their sum, so that a constant is its own mean."""
-    weights: NDArray[np.float64] = np.hanning(count + 2)[1:-1].astype(np.float64)
+def _hann_weights(count: int) -> tuple[Array, float]:
+    """Return the weights of a Hann window without its zeros, (count,), and their sum."""
+    weights: Array = np.hanning(count + 2)[1:-1].astype(np.float64)
     weights.flags.writeable = False
     return weights, float(np.add.reduce(weights))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Identification of the weighing platform by an extended Kalman filter (EKF).
 
-The platform with a load on it obeys :math:`x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1)`, so
-that the load is its steady state :math:`b_1 / (1 + a_1 + a_2)`. The filter estimates signal and
-coefficients together, state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
+The platform with a load on it obeys :math:`x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1)`. So the
+load is the steady state :math:`b_1 / (1 + a_1 + a_2)`. The filter estimates the signal and the
+coefficients at the same time, in the state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -15,78 +15,81 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
+
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Variances of the filter, without a unit; the signal is normalised to 1."""
+    """Variances of the filter, without a unit, because the signal is normalised to 1."""
 
-    measurement: float  # R of a sample, as a multiple of a variance measured in the signal
-    process: float  # Q[0, 0], of x per step, as a multiple of R; coefficients are constant
-    coefficients: float  # P0 of a1 and a2
-    initial: float = 1.0  # P0 of x(k), x(k-1) and b1
+    measurement: float  # measurement noise R as a multiple of a variance in the signal
+    process: float  # process noise Q of x as a multiple of R; Q of the coefficients is 0
+    coefficients: float  # initial variance P0 of a1 and a2
+    initial: float = 1.0  # initial variance P0 of x(k), x(k-1) and b1
 
 
 @dataclass(frozen=True)
 class Identification:
-    """Coefficients of the platform in each window, and its steady state, all (windows,)."""
+    """Coefficients and steady state of the platform in each window. All arrays are (windows,)."""
 
-    a1: NDArray[np.float64]
-    a2: NDArray[np.float64]
-    b1: NDArray[np.float64]  # in the unit of the signal
-    gain: NDArray[np.float64]  # b1 / (1 + a1 + a2), in that unit; NaN if there is none
-    variance: NDArray[np.float64]  # of `gain`, propagated to first order from the coefficients
+    a1: Array
+    a2: Array
+    b1: Array  # in the unit of the signal
+    gain: Array  # steady state in the unit of the signal, NaN if it does not exist
+    variance: Array  # variance of `gain` by first-order error propagation
 
-    def in_unit(self, scale: NDArray[np.float64]) -> Self:
-        """Return the result for the signals before they were divided by `scale`, (windows,)."""
+    def in_unit(self, scale: Array) -> Self:
+        """Return the result for signals that are larger by the factors `scale`, (windows,)."""
         return replace(
             self, b1=scale * self.b1, gain=scale * self.gain, variance=scale * scale * self.variance
         )
 
 
 def identify(
-    samples: NDArray[np.float64],
-    variance: NDArray[np.float64],
+    samples: Array,
+    variance: Array,
     noise: Noise,
     *,
-    inputs: NDArray[np.float64] | None = None,
+    inputs: Array | None = None,
     counts: NDArray[np.int64] | None = None,
     rise: Any = 1.0,
     start_from_samples: bool = False,
 ) -> Identification:
     r"""Identify the platform from its response to a load.
 
-    Predict and update are the EKF with transition :math:`X' = f(X)` and its Jacobian
+    The EKF uses the transition :math:`X' = f(X)` with the Jacobian
 
     .. math:: F = \begin{pmatrix} -a_1 & -a_2 & -x(k) & -x(k-1) & u \\ 1 & 0 & 0 & 0 & 0 \\
        0 & 0 & 1 & 0 & 0 \\ 0 & 0 & 0 & 1 & 0 \\ 0 & 0 & 0 & 0 & 1 \end{pmatrix}
 
-    and C = [1 0 0 0 0], written out in scalars for the upper triangle of the symmetric covariance,
-    because for 5 x 5 matrices the calls of a library take longer than the arithmetic.
+    and C = [1 0 0 0 0]. It is written in scalars for the upper triangle of the symmetric
+    covariance, because for 5 x 5 matrices the calls of a library take longer than the arithmetic.
 
     Parameters
     ----------
     samples : ndarray, (windows, n) float64
-        Responses, normalised so that the steady state for u = 1 is about 1. Start and covariance
-        have no unit, so otherwise the result would depend on the unit of the samples.
+        Responses, normalised to a steady state of about 1 for u = 1. The initial state and its
+        covariance have no unit, so otherwise the result would depend on the unit of the samples.
     variance : ndarray, (windows,) float64
-        Variance that R is scaled by, in the unit of `samples` squared. R is at least 1e-14,
-        which keeps the filter regular if a signal has no noise.
+        Variance in the squared unit of `samples`, by which R is scaled. R is at least 1e-14, so
+        that the filter remains regular if a signal has no noise.
     noise : Noise
-        R, Q and P0.
+        Variances R, Q and P0.
     inputs : ndarray, (windows, k) float64, optional
-        u of the steps that lead to the first k samples, k at most n; after that u is 1.
+        Inputs u of the steps that lead to the first k samples, with k at most n. Later inputs are
+        1.
     counts : ndarray, (windows,) int, optional
-        Number of samples of each window; the rest of its row is ignored. By default n.
+        Number of samples in each window. The other samples of a row are ignored. The default is n.
     rise : float or ndarray, (windows,)
         Factor of R while u is below 1.
     start_from_samples : bool
-        Whether x(0) and x(-1) are the first two samples, with P0 = R, and the filter begins with
-        the third one; otherwise X0 = 0.
+        If True, x(-1) and x(0) are the first two samples with P0 = R, and the filter begins with
+        the third sample. Otherwise X0 is 0.
 
     Returns
     -------
     Identification
-        The result of a window does not depend on the others, to the last bit.
+        Result of each window. It does not depend on the other windows, to the last bit.
 
     References
     ----------
@@ -136,27 +139,27 @@ def identify(
 _LEAST_MEASUREMENT = 1e-14
 
 
-def _by_sample(values: NDArray[np.float64]) -> Any:
-    """Return values (windows, n) by sample: each an array (windows,), or a float for one window.
+def _by_sample(values: Array) -> Any:
+    """Return the values (windows, n) of each sample as an array, or as floats for one window.
 
-    Arithmetic on arrays of one number takes 20 times as long as on floats, with the same bits.
+    The arithmetic on floats gives the same bits as that on arrays of one number, 20 times as fast.
     """
     return values[0].tolist() if len(values) == 1 else np.ascontiguousarray(values.T)
 
 
-# x(k), x(k-1), a1, a2, b1, and the upper triangle of the covariance.
+# The state is x(k), x(k-1), a1, a2, b1, and the upper triangle of the covariance.
 _State = tuple[Any, ...]
 
 
 def _filter(
     state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
 ) -> _State:
-    """Return the state after all samples; every number is a float or an array (windows,)."""
+    """Return the state after all samples. Its numbers are floats or arrays (windows,)."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
     # No in-place assignments, because several names share an array.
     for z, u, r in zip(samples, inputs, measurement, strict=False):
-        # Row 1 of F P, then with it the first element of F P F' + Q; row 2 of that is row 1 of P.
+        # Row 1 of F P, and the first element of F P F' + Q. Row 2 of F P is row 1 of P.
         g1 = u * p15 - a1 * p11 - a2 * p12 - x * p13 - y * p14
         g2 = u * p25 - a1 * p12 - a2 * p22 - x * p23 - y * p24
         g3 = u * p35 - a1 * p13 - a2 * p23 - x * p33 - y * p34
@@ -164,7 +167,8 @@ def _filter(
         g5 = u * p55 - a1 * p15 - a2 * p25 - x * p35 - y * p45
         g0 = u * g5 - a1 * g1 - a2 * g2 - x * g3 - y * g4 + q
         x, y = u * b - a1 * x - a2 * y, x
-        # Gain K = P C' / (C P C' + R), X + K (Z - C X), P - K C P; P C' is (g0, g1, g3, g4, g5).
+        # Update X + K (Z - C X) and P - K C P by the gain K = P C' / (C P C' + R), where P C' is
+        # (g0, g1, g3, g4, g5).
         f = 1.0 / (g0 + r)
         e = f * (z - x)
         x = x + g0 * e
@@ -185,7 +189,7 @@ def _filter(
         p44 = p44 - k * g4
         p45 = p45 - k * g5
         p55 = p55 - f * g5 * g5
-        h = r * f  # 1 minus the gain of x, without cancellation
+        h = r * f  # This is 1 minus the gain of x, without cancellation.
         p11, p12 = h * g0, h * g1
         p13, p14, p15 = h * g3, h * g4, h * g5
     return (
@@ -197,8 +201,8 @@ def _filter(
 def _identified(state: _State) -> tuple[Any, ...]:
     _, _, a1, a2, b1, *_, p33, p34, p35, p44, p45, p55 = state
     total = np.add(1.0 + a1, a2)
-    # d gain / d (a1, a2, b1) = (-gain, -gain, 1) / total, once divided by total
+    # The derivatives of the gain with respect to a1, a2 and b1 are (-gain, -gain, 1) / total.
     gain = b1 / total
     spread = gain * gain * (p33 + 2 * p34 + p44) - 2 * gain * (p35 + p45) + p55
-    nothing = total / total - 1.0  # NaN if the total is 0 or not finite
+    nothing = total / total - 1.0  # This is NaN if the total is 0 or not finite, otherwise 0.
     return a1, a2, b1, gain + nothing, spread / total / total + nothing

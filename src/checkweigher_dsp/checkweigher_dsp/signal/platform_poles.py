@@ -7,11 +7,11 @@ from typing import Any
 
 
 def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:
-    r"""Return natural frequency, Hz, and damping ratio of an identified platform.
+    r"""Return the natural frequency in Hz and the damping ratio of an identified platform.
 
-    Both are NaN unless its poles are a stable complex pair. From these :math:`e^{(-\xi \pm j
-    \sqrt{1 - \xi^2}) \omega_n T}` the coefficients are :math:`a_1 = -2 e^{-\xi \omega_n T}
-    \cos(\omega_n \sqrt{1 - \xi^2} T)`, :math:`a_2 = e^{-2 \xi \omega_n T}`.
+    Both are NaN unless the poles are a stable complex pair :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2})
+    \omega_n T}`. The coefficients are then :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n
+    \sqrt{1 - \xi^2} T)` and :math:`a_2 = e^{-2 \xi \omega_n T}`.
 
     Examples
     --------
@@ -28,5 +28,5 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
 
 
 def is_stable(a1: Any, a2: Any) -> Any:
-    """Return whether both poles lie inside the unit circle (stability triangle); False for NaN."""
+    """Return whether both poles lie inside the unit circle. The result is False for NaN."""
     return (abs(a2) < 1) & (abs(a1) < 1 + a2)

@@ -1,16 +1,16 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Response of the weighing platform to a product that rides on, in closed form.
+r"""Response of the weighing platform to a product that crosses it, in closed form.
 
-The platform is a second-order system whose mass changes with the load on it. In kilograms of
-static reading, with w the natural frequency and xi the damping ratio of the empty platform,
+The platform is a second-order system whose mass changes with the load. With w the natural frequency
+and xi the damping ratio of the empty platform, the reading y in kg obeys
 
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
-where m0 is the moving mass, m(t) the load on it and f(t) the force divided by g. As the product
-enters, the load grows linearly. Its mass is taken as constant over short stairs, because within a
-stair the response to a linear force has a closed form. So any sample of the response is computed
-without numerical integration. [own derivation]
+where m0 is the moving mass, m(t) the load and f(t) the force divided by g. The load increases
+linearly while the product enters. The moving mass is approximated by stairs, because within a stair
+the response to a linear force has a closed form. So the response is computed without numerical
+integration. [own derivation]
 """
 
 from dataclasses import dataclass
@@ -18,25 +18,29 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-# Number of stairs at each end of the belt. With 8 stairs the error of the moving mass is at most
-# 1/16 of the product's, and 0 on average.
+from checkweigher_dsp.signal import Array
+
+# Number of stairs at each end of the belt. With 8 stairs, the error of the moving mass is at most
+# 1/16 of the mass of the product, and 0 on average.
 _STAIRS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """Platform with `natural_frequency` in Hz, `damping_ratio` (below 1), `moving_mass` in kg."""
+    """Weighing platform without load."""
 
-    natural_frequency: float
-    damping_ratio: float
-    moving_mass: float
+    natural_frequency: float  # natural frequency in Hz
+    damping_ratio: float  # damping ratio, below 1
+    moving_mass: float  # moving mass in kg
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """Times at which the load of a product rises and falls, in s; `off_begin` may be infinite."""
+    """Times in s at which the load of a product begins and ends to rise and to fall.
+
+    The times of the fall are infinite if the product does not leave.
+    """
 
     on_begin: float
     on_end: float
@@ -44,16 +48,14 @@ class Crossing:
     off_end: float = math.inf
 
 
-def responses(
-    platform: Platform, mass: float, crossing: Crossing, time: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the responses whose combinations make up the signal of a pass, (5, n).
+def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) -> Array:
+    """Return five responses, (5, n), whose linear combination is the signal of a pass.
 
-    `mass`, in kg, moves with the platform. `time`, (n,) in s, ascends and begins no later than
-    ``on_end``. The first row is the response to the load of the product, divided by its mass, which
-    is 1 at rest. The next two are free oscillations of the empty platform: one is 1 with slope 0 at
-    ``time[0]``, the other is 0 with the slope of the natural frequency. The last two are the same
-    from ``on_begin`` on; together they describe the oscillation after a short impact of any shape.
+    `mass` is the mass of the product in kg. `time`, (n,) in s, ascends and begins no later than
+    ``on_end``. The first row is the response to the load of the product, divided by its mass. The
+    other rows are free oscillations. Rows 2 and 3 begin at ``time[0]``: one with value 1 and slope
+    0, the other with value 0 and a slope of the angular natural frequency. Rows 4 and 5 begin in
+    the same way at ``on_begin``. They describe the oscillation after a short impact at entry.
 
     Examples
     --------
@@ -70,8 +72,8 @@ def responses(
     entry = int(np.searchsorted(time, crossing.on_begin))
     start = float(time[0])
     result[1:3, :entry] = _oscillations(time[:entry] - start, omega, decay, damped)
-    # From the entry on, the two oscillations are combinations of those that begin there, with their
-    # values and slopes (divided by omega) at the entry as coefficients.
+    # After the entry, rows 2 and 3 are combinations of rows 4 and 5. The coefficients are their
+    # values and slopes (divided by omega) at the entry.
     one, other = _oscillations(crossing.on_begin - start, omega, decay, damped)
     slopes = -other, one - 2 * platform.damping_ratio * other
     stairs = np.array(_stairs(platform, mass, crossing)).T
@@ -82,27 +84,30 @@ def responses(
     angles = dampeds * since
     cosines, sines = envelopes * np.cos(angles), envelopes * np.sin(angles)
     loaded, free, kicked = (waves[k] * cosines + waves[k + 1] * sines for k in (0, 2, 4))
-    result[0, entry:] = loaded + forces + rates * since
-    result[1, entry:] = one * free + slopes[0] * kicked
-    result[2, entry:] = other * free + slopes[1] * kicked
-    result[3, entry:] = free
-    result[4, entry:] = kicked
+    result[:, entry:] = (
+        loaded + forces + rates * since,
+        one * free + slopes[0] * kicked,
+        other * free + slopes[1] * kicked,
+        free,
+        kicked,
+    )
     return result
 
 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
-    """Return the two free oscillations of the empty platform: from value 1, from slope omega."""
+    """Return the free oscillations of the empty platform with initial value 1 and slope omega."""
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
     return cosine + decay / damped * sine, omega / damped * sine
 
 
 def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
-    """Return the solution on each segment of constant mass from the entry on.
+    """Return the solution on each segment of constant moving mass after the entry.
 
-    Each has begin, decay and damped frequency; constant and rate of the forced part; and the cosine
-    and sine coefficients of the response to the load, and of the oscillations that begin at the
-    entry with value 1 and with the slope of the natural frequency.
+    A solution contains the begin in s, the decay rate and the damped angular frequency of the
+    segment, and the constant and the rate of the forced response. Then follow the cosine and sine
+    coefficients of three responses: to the load, and of the free oscillations that begin at the
+    entry with value 1 and with slope omega.
     """
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
@@ -112,7 +117,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
         decay = platform.damping_ratio * omega * ease
         squared = omega * omega * ease
         damped = math.sqrt(squared - decay * decay)
-        # A force load + rate t has the particular solution load - lag + rate t.
+        # The particular solution for a force load + rate t is load - lag + rate t.
         forced = load - 2 * decay * rate / squared
         c0 = value - forced
         s0 = (slope - rate + decay * c0) / damped
@@ -132,7 +137,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
 
 
 def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
-    """Return begin, length, initial load, its rate and the mean load of each segment."""
+    """Return begin, duration, initial load, rate of the load and mean load of each segment."""
     segments = []
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):

@@ -2,24 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Prewhitening of coloured noise, so that least squares has the smallest variance.
 
-The noise is an autoregression, stored as its reflection coefficients. Coefficients in -1..1 always
-give a stable model, so they can be interpolated between two belt speeds. The prediction-error
-filter turns the noise into white noise. The first samples have fewer predecessors than the order of
-the model, so they are predicted by the models of lower order in the Levinson recursion. This is the
-exact Cholesky factor of the covariance of the noise, and no sample is lost.
+The noise is described by the reflection coefficients of an autoregressive model. Coefficients
+between -1 and 1 always give a stable model, so they can be interpolated between two belt speeds.
+The prediction-error filter of the model converts the noise to white noise. The first samples have
+fewer predecessors than the order of the model. They are predicted by the models of lower order in
+the Levinson recursion, so that no sample is lost. The filter is then the exact inverse of the
+Cholesky factor of the covariance of the noise.
 """
 
 from collections.abc import Sequence
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import burg
 
 
 class Prewhitener:
-    """Filter that makes a stationary autoregressive noise white with variance 1.
+    """Filter that converts stationary autoregressive noise to white noise of variance 1.
 
     Parameters
     ----------
@@ -35,12 +36,12 @@ class Prewhitener:
     [0.866, 1.5, 2.0]
     """
 
-    def __init__(self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float) -> None:
+    def __init__(self, reflections: Sequence[float] | Array, std_dev: float) -> None:
         order = len(reflections)
         self._order = order
-        # Row m predicts sample m from all m before it; the full filter is used for the rest.
+        # Row m predicts sample m from all samples before it, for m below the order.
         self._start = np.zeros((order, order))
-        # From the variance of the innovations back to that of the signal.
+        # The variance of a prediction error is that of the innovations divided by these factors.
         remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
         scales = np.sqrt(remaining) / std_dev
         taps = np.zeros(order + 1)
@@ -51,18 +52,16 @@ class Prewhitener:
             taps[1 : m + 2] += reflection * reverse
         self._taps = taps / std_dev
 
-    def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return filtered signals (..., n), in units of the standard deviation of the noise."""
+    def whiten(self, signals: Array) -> Array:
+        """Return the filtered signals (..., n), in units of the standard deviation of the noise."""
         result = np.empty(signals.shape)
         begin = min(self._order, signals.shape[-1])
         result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
         self.whiten_again(signals, result, begin)
         return result
 
-    def whiten_again(
-        self, signals: NDArray[np.float64], whitened: NDArray[np.float64], begin: int
-    ) -> None:
-        """Update `whitened` (..., n) for signals (..., n) that have changed from `begin` on."""
+    def whiten_again(self, signals: Array, whitened: Array, begin: int) -> None:
+        """Update `whitened` after a change of `signals`, both (..., n), from sample `begin` on."""
         if begin < min(self._order, signals.shape[-1]):
             whitened[:] = self.whiten(signals)
             return
@@ -73,20 +72,18 @@ class Prewhitener:
             whitened[..., begin:] = np.reshape(filtered, (*signals.shape[:-1], -1))
 
 
-def pooled_reflections(
-    segments: Sequence[NDArray[np.float64]], order: int
-) -> tuple[NDArray[np.float64], float]:
-    """Fit one autoregression of an order to several segments of the same noise, by Burg's method.
+def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, float]:
+    """Fit an autoregressive model to several segments of the same noise by Burg's method.
 
     Each reflection coefficient is computed from the forward and backward prediction errors of all
-    segments (n_i,), which have no mean. So short segments are as useful as long ones, and no taper
-    is needed. Segments no longer than `order` are ignored. Returns the coefficients (order,), each
-    between -1 and 1, and the standard deviation of the innovations.
+    segments, (n_i,) each, whose mean must be 0. Short segments are therefore sufficient, and no
+    taper is needed. Segments that are not longer than `order` are ignored. Returns the reflection
+    coefficients, (order,) between -1 and 1, and the standard deviation of the innovations.
 
     Raises
     ------
     ValueError
-        If the segments contain no noise, or none is longer than `order`.
+        If the segments contain no noise, or no segment is longer than `order`.
 
     References
     ----------
@@ -110,7 +107,7 @@ def pooled_reflections(
     if len(kept) == 1:
         _, reflections = burg(kept[0], order)
         return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
-    # All in one array; the shorter ones are padded with zeros that are never used.
+    # All segments are in one array, padded with zeros that are never used.
     longest = max(map(len, kept))
     forward = np.zeros((len(kept), longest))
     for row, segment in zip(forward, kept, strict=True):
@@ -122,9 +119,9 @@ def pooled_reflections(
         valid = np.arange(longest - m - 1) < (lengths - m - 1)[:, None]
         ahead, behind = forward[:, 1:] * valid, backward[:, :-1] * valid
         energy = np.sum(ahead**2 + behind**2)
-        # An exactly predicted signal leaves no energy.
+        # The energy of a signal that is predicted exactly is 0.
         reflection = -2 * np.sum(ahead * behind) / energy if energy > 0 else 0.0
         forward, backward = ahead + reflection * behind, behind + reflection * ahead
         reflections[m] = reflection
-        power *= max(1 - reflection**2, 0.0)  # rounding may push a reflection beyond 1
+        power *= max(1 - reflection**2, 0.0)  # Rounding may cause a reflection above 1.
     return reflections, math.sqrt(power)

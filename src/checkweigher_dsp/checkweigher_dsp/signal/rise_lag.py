@@ -1,50 +1,53 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Lag of the samples behind the photo-eyes, from the rise of the load.
+r"""Lag of the samples behind the photo-eyes, measured on the rise of the load.
 
-Between t1 and t2 a product rides onto the belt. A linear system of unity gain (platform, amplifier,
-low-pass) delays the rise by its delay at frequency 0 and does not change the area under it
-otherwise. A clock offset does the same. Let the signal y be z on the empty belt and z + M at the
-level, s the share of the product on the belt according to the eyes, and l the lag: [own derivation]
+Between t1 and t2 a product moves onto the belt. A linear system of unity gain, such as the platform
+or an amplifier, delays the rise of the load by the delay at frequency 0. Apart from this, it does
+not change the area under the signal. A clock offset has the same effect. Let the signal y be z on
+the empty belt and z + M under the full load, s the share of the product on the belt according to
+the photo-eyes, and l the lag: [own derivation]
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 
 where a is 1 during the rise and falls smoothly to 0 before and after it, so that ringing averages
-out. z and M are Hann-weighted means of the empty belt and of the level. Nothing is assumed about
-the platform.
+out. z and M are Hann-weighted means of the empty belt and under the full load. Nothing is assumed
+about the platform.
 
-A load that rises unevenly, bent as u - k u (1 - u) over the share u of the time, also has a lag,
-although it is complete at t2. This part of the lag is k (t2 - t1) / 6. The residual of the signal
-at the lag has no area, so for small k this part is the integral of 30 u (1 - u) times the residual.
+An uneven rise also causes a lag, although the load is complete at t2. If the load after the share u
+of the rise time is u - k u (1 - u), this part of the lag, the bend, is k (t2 - t1) / 6. The
+residual of the signal has no area, so for small k the bend is the integral of 30 u (1 - u) times
+the residual.
 """
 
 from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow, seconds
+from checkweigher_dsp.signal import Array
 
-PLATFORM_LAG = 5e-4  # s, 2 xi / omega of the default platform
-_TAPER = 0.05  # s, of a; at most half of the level
-_EMPTY = 0.3  # s, longest empty belt in the mean z
-_SHORTEST_EMPTY = 0.06  # s; less does not show the vibration of the belt
-_FEWEST = 8  # samples of empty belt, and of level
+PLATFORM_LAG = 5e-4  # lag 2 xi / omega of the default platform in s
+_TAPER = 0.05  # longest taper of a in s
+_EMPTY = 0.3  # longest time in s of the empty belt before an item that is used for the mean z
+_SHORTEST_EMPTY = 0.06  # shortest time in s of the empty belt that shows its vibration
+_FEWEST = 8  # fewest samples for z and for M
 _ROUNDS = 10
-_CLOSE = 1e-5  # s
-# Share of the level's vibration that counts, because most of it is ringing, which averages out.
+_CLOSE = 1e-5  # change of the lag in s below which the iteration ends
+# Share of the vibration under the full load that is counted as noise. Most of this vibration is
+# ringing, which averages out.
 _LEVEL_SHARE = 0.25
-# s, standard deviations of lag and bend due to impact and bouncing as a product rides on.
+# Standard deviations of lag and bend in s that are caused by the impact of a product.
 _SYSTEMATIC = 1e-4
 _SYSTEMATIC_BEND = 8e-4
 
 
 @dataclass(frozen=True, slots=True)
 class RiseLag:
-    """Delay of the rise of the load relative to the photo-eyes in s; NaN if unknown.
+    """Lag of the load behind the photo-eyes in s. All values are NaN if the lag is unknown.
 
-    `bend` is the part of the lag that is due to an uneven rise of the load.
+    `bend` is the part of the lag that is caused by an uneven rise of the load.
     """
 
     lag: float = math.nan
@@ -58,26 +61,24 @@ class RiseLag:
         return not math.isnan(self.lag)
 
 
-def rise_lag(
-    force: NDArray[np.float64], time: NDArray[np.float64], rise_time: float, transit: float
-) -> RiseLag:
-    """Return the lag of a rise and its standard deviation.
+def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> RiseLag:
+    """Return the lag of the rise of the load, with its bend and their standard deviations.
 
     Parameters
     ----------
     force : ndarray, (n,) float64
-        Signal of the empty belt before an item and of the item up to t3, in any unit in which the
-        item is positive; the zero need not be removed.
+        Signal from the empty belt before an item up to t3. The unit is arbitrary, but a load must
+        be positive. The zero need not be removed.
     time : ndarray, (n,) float64
-        Time of the samples since t1, at equal intervals, s.
+        Times of the samples since t1 in s, at equal intervals.
     rise_time, transit : float
-        t2 - t1 and t3 - t1, s.
+        Times t2 - t1 and t3 - t1 in s.
 
     Returns
     -------
     RiseLag
-        The standard deviations apply the same functionals to the empty belt before the item and, in
-        part, to the level after it.
+        Lag and bend. Their standard deviations are computed from the noise of the empty belt and a
+        part of the noise under the full load.
 
     Examples
     --------
@@ -101,7 +102,8 @@ def rise_lag(
         lag += change
     else:
         return RiseLag()
-    # Empty belt and level by signal and eyes; by the signal alone if the two are too far apart.
+    # Samples of the empty belt and of the full load, according to both the signal and the eyes. If
+    # too few samples remain, only the signal is used.
     begin, end = (int(time.searchsorted(at)) for at in (min(lag, 0.0), rise_time + max(lag, 0.0)))
     stop = int(time.searchsorted(transit + min(lag, 0.0)))
     if min(begin, stop - end) < _FEWEST:
@@ -120,7 +122,7 @@ def rise_lag(
 
 
 def lag_of(window: WeighWindow) -> RiseLag:
-    """Return the lag of the rise in a window that was cut by the eyes."""
+    """Return the lag of the rise of the load in a weigh window."""
     t1, t2, t3 = window.t1, window.t2, window.t3
     if t1 is None or t2 is None or t3 is None:
         return RiseLag()
@@ -132,11 +134,12 @@ def lag_of(window: WeighWindow) -> RiseLag:
 
 
 def _weights(
-    time: NDArray[np.float64], rise_time: float, transit: float, lag: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the weights of the samples in z, in M and in M times the error of the lag, (n,) each.
+    time: Array, rise_time: float, transit: float, lag: float
+) -> tuple[Array, Array, Array] | None:
+    """Return the weights of the samples in z, in M, and in M times the error of the lag.
 
-    Returns None if the empty belt or the level is too short.
+    The weights are (n,) each. Returns None if there are too few samples of the empty belt or of the
+    full load.
     """
     begin, stop = max(float(time[0]), lag - _EMPTY), transit + min(lag, 0.0)
     zero, level = _bell(time, begin, lag), _bell(time, rise_time + lag, stop)
@@ -155,15 +158,15 @@ def _weights(
     return zero, level, zero * np.add.reduce(area) + level * (area @ share) - area
 
 
-def _bell(time: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
-    """Return a Hann window from `begin` to `end` at the times of samples."""
+def _bell(time: Array, begin: float, end: float) -> Array:
+    """Return the values of a Hann window from `begin` to `end` at the given times."""
     return np.sin(math.pi * np.clip((time - begin) / (end - begin), 0.0, 1.0)) ** 2
 
 
-def _noise(force: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Return the root mean square of a weighted sum of noise such as `force`, (n,).
+def _noise(force: Array, weights: Array) -> float:
+    """Return the root mean square of a weighted sum of noise like that of `force`, (n,).
 
-    The noise is tapered, so that it may be shorter than the weights (m,).
+    The noise is tapered, so that it may be shorter than the weights, (m,).
     """
     noise = force - np.add.reduce(force) / len(force)
     taper = np.sin((np.arange(len(force)) + 0.5) * (math.pi / len(force)))

@@ -1,12 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Mean and standard deviation of a stream of values."""
+"""Running mean and standard deviation of a stream of values."""
 
 import math
 
 
 class RunningMoments:
-    """Count, mean and standard deviation, by the update of Welford, Technometrics 4 (1962) 419."""
+    """Running count, mean and standard deviation (Welford, Technometrics 4 (1962) 419)."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -21,10 +21,10 @@ class RunningMoments:
 
     @property
     def mean(self) -> float:
-        """Mean; NaN without values."""
+        """Mean, or NaN without values."""
         return self._mean if self.count else math.nan
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation; NaN for fewer than two values."""
+        """Standard deviation, or NaN for fewer than two values."""
         return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan

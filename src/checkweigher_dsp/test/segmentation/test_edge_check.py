@@ -107,9 +107,9 @@ def test_where_the_bend_hides_a_lag_the_doubt_is_what_lies_between():
     check = EdgeCheck(SegmenterParameters())
 
     assert shifts(check, [0.0, 0.2, 0.1], bend=6.0) == [0.0] * 3
-    assert check.doubt == pytest.approx(5.9 * MS / 12**0.5)
+    assert check.shift_std_dev == pytest.approx(5.9 * MS / 12**0.5)
     shifts(check, [6.1] * 3, bend=6.0)
-    assert check.doubt == 0.0
+    assert check.shift_std_dev == 0.0
 
 
 def test_another_speed_or_length_is_learned_again():

@@ -24,7 +24,7 @@ sample.
 """
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 import math
 from operator import attrgetter
@@ -238,8 +238,9 @@ class Simulation:
     ----------
     operation : OperationParameters
         Settings of the operator. They may change at any time and take effect within one second.
-    start : int
-        Time stamp in ns of the first sample of the next iteration.
+    start : callable
+        Function that returns the time stamp in ns of the first sample of an iteration. It is called
+        when that sample is ready, which takes up to one second.
     load_cell : LoadCell
         Simulated load cell.
     filler : Filler or None
@@ -248,7 +249,8 @@ class Simulation:
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.operation = OperationParameters()
-        self.start = parameters.start_time * NANOSECONDS
+        self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
+        self._begin = 0
         self._parameters = parameters
         self.load_cell = LoadCell.of(
             parameters,
@@ -271,6 +273,8 @@ class Simulation:
         while machine.total is None or first < machine.total:
             machine.operate(self.operation)
             counts, passes = machine.run(first, first + chunk)
+            if first == 0:
+                self._begin = self.start()
             for begin in range(0, len(counts), size):
                 index = first + begin
                 block = counts[begin : begin + size]
@@ -297,7 +301,7 @@ class Simulation:
     def _stamp(self, time: float) -> int:
         # Whole seconds are added as integers, because a float stores a time to only about 200 ns.
         whole = math.floor(time)
-        return self.start + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
+        return self._begin + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
 
 
 def simulate(parameters: SimulationParameters) -> Recording:

@@ -5,7 +5,7 @@
 from dataclasses import replace
 import random
 
-from foreign_bags import refused, same, store_with, write_foreign, write_mcap
+from foreign_bags import refused, same, store_with, write_foreign, write_mcap, write_split
 from mcap.stream_reader import zstandard  # which comes with it
 from mcap.writer import CompressionType, IndexType
 import numpy as np
@@ -155,6 +155,19 @@ def test_a_bag_of_several_files_is_read(tmp_path, messages, recording):
     content = yaml.safe_load((folder / 'metadata.yaml').read_text())
     content['rosbag2_bagfile_information']['relative_file_paths'] = names
     (folder / 'metadata.yaml').write_text(yaml.safe_dump(content))
+
+    assert same(read_bag(folder), recording)
+
+
+@pytest.mark.parametrize(
+    'mode', [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE]
+)
+def test_a_bag_that_rosbag2_split_and_compressed_is_read(tmp_path, messages, recording, mode):
+    folder = write_split(tmp_path / 'split', messages, mode)
+    ending = '.mcap.zstd' if mode is CompressionMode.FILE else '.mcap'
+    assert sorted(path.name for path in folder.iterdir()) == [
+        'metadata.yaml', *(f'split_{number}{ending}' for number in range(3))
+    ]  # fmt: skip
 
     assert same(read_bag(folder), recording)
 

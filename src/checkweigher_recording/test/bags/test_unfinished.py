@@ -34,10 +34,7 @@ def taped(tmp_path, bag):
 
     def tape(name='taped', begin=0, end=None, extra=(), killed=True):
         path = tmp_path / name
-        with (
-            suppress(KilledError),
-            BagWriter(path, (*PLAYED, DIAGNOSTICS), in_place=True) as bag,
-        ):
+        with suppress(KilledError), BagWriter(path, (*PLAYED, DIAGNOSTICS), in_place=True) as bag:
             for number, message in enumerate([*extra, *messages[begin:end]], 1):
                 bag.put(*message)
                 if number % FLUSHED == 0:

@@ -8,11 +8,13 @@ import os
 from foreign_bags import same
 from full_disk import file_size_limit
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 import pytest
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 import yaml
 
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.ros.ports import PLAYED
 from checkweigher_core.whole_file import OutputError
 from checkweigher_recording.bags.definitions import typestore
@@ -45,6 +47,28 @@ def test_nothing_else_appears_beside_the_bag(tmp_path, bag):
     ordinary = tmp_path / 'ordinary'
     ordinary.mkdir()
     assert bag.stat().st_mode == ordinary.stat().st_mode
+
+
+def test_foxglove_reads_the_messages_from_the_bag_alone(bag, recording):
+    read = {port.name: [] for port in PLAYED}
+    with (bag / 'line_0.mcap').open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages():
+            read[channel.topic.strip('/')].append(message)
+
+    (cell,) = read['load_cell/info']
+    assert cell.counts_per_kg == recording.load_cell.counts_per_kg
+    assert [(block.first_index, list(block.counts)) for block in read['load_cell/samples']] == [
+        (block.first_index, block.counts.tolist()) for block in recording.blocks
+    ]
+    edges = [(_ns(edge.header.stamp), edge.eye, edge.blocked) for edge in read['photo_eyes']]
+    assert edges == [(edge.stamp, edge.eye, edge.blocked) for edge in recording.edges]
+    masses = [(_ns(each.header.stamp), each.mass) for each in read['reference_mass']]
+    assert masses == [(each.stamp, each.mass) for each in recording.references]
+
+
+def _ns(stamp):
+    return stamp.sec * NANOSECONDS + stamp.nanosec
 
 
 def test_a_bag_describes_itself(tmp_path, recording):

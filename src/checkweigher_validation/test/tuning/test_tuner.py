@@ -115,7 +115,7 @@ class TestWhatIsLearned:
 
     @pytest.mark.parametrize(('count', 'held_out'), [(20, True), (59, True), (60, False)])
     def test_few_passes_state_how_those_scatter_that_taught_nothing(self, count, held_out):
-        (speed,) = tune([simulated(count=count)], ['fir_model'], BASE, n_jobs=1)['fir_model'].speeds
+        (speed,) = tune([simulated(count=count)], ['mean'], BASE, n_jobs=1)['mean'].speeds
         expected = uncertainty(np.array(speed.held_out_errors), np.array(speed.masses))
         assert (speed.uncertainty == expected) == held_out
 

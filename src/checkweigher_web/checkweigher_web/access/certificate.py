@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates of the page: make a self-signed one, and check any."""
+"""Functions to make a self-signed certificate for the page, and to check a certificate."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -17,18 +17,19 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from checkweigher_core.whole_file import check_new, write_whole
 
-_VALID = timedelta(days=825)  # the longest time that browsers accept
+_VALID = timedelta(days=825)  # longest validity that browsers accept
 
 
 class CertificateError(ValueError):
-    """Error of a certificate or key; one line with the reason."""
+    """A certificate or key that cannot be used. The message is one line."""
 
 
 def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
-    """Write a self-signed certificate for host names and addresses, and its key.
+    """Write a self-signed certificate for host names and addresses, and its private key.
 
-    Returns its SHA-256 fingerprint, which a person compares with the one in the browser. Raises
-    CertificateError for an invalid name, OutputError if a file exists or cannot be written.
+    Returns the SHA-256 fingerprint, which a user compares with that in the browser. Raises
+    `CertificateError` for an invalid name, and `OutputError` if a file already exists or cannot be
+    written.
     """
     for path in (certificate, key):
         check_new(path)
@@ -44,7 +45,7 @@ def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
         .issuer_name(subject)
         .public_key(secret.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))  # clocks differ
+        .not_valid_before(now - timedelta(hours=1))  # The clock of a browser may be slow.
         .not_valid_after(now + _VALID)
         .add_extension(alternatives, critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -65,7 +66,7 @@ def _name(text: str) -> x509.GeneralName:
 
 
 def check_pair(certificate: Path, key: Path) -> None:
-    """Raise CertificateError if a server cannot use a certificate and its key."""
+    """Raise `CertificateError` if a server cannot use a certificate and its private key."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     for path in (certificate, key):
         try:
@@ -73,7 +74,7 @@ def check_pair(certificate: Path, key: Path) -> None:
                 status = os.stat(file.fileno())
         except OSError as error:
             raise CertificateError(f'{path}: {error.strerror or error}') from None
-    # A key that root owns may be readable by its group, such as ssl-cert on Debian.
+    # The group of a key may read it if root owns the key, as Debian does for the group ssl-cert.
     mode = 0o640 if status.st_uid == 0 != os.geteuid() else 0o600
     if status.st_mode & 0o777 & ~mode:
         raise CertificateError(
@@ -84,6 +85,6 @@ def check_pair(certificate: Path, key: Path) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, 'reason', None) or error
         raise CertificateError(
-            f'{certificate} and {key}: no certificate with its key, in PEM and without a '
-            f'password: {reason}'
+            f'{certificate} and {key}: must be a certificate and its key, in PEM and '
+            f'without a password: {reason}'
         ) from None

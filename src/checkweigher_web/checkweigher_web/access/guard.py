@@ -1,8 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Guard of the page, which refuses requests from strangers and from other sites."""
+"""Guard of the page, which refuses requests without a login and from other web sites."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
@@ -18,16 +19,16 @@ from checkweigher_web.access.site import Site
 from checkweigher_web.access.throttle import Throttle
 from checkweigher_web.access.users import Role, UserFile, default_users
 
-# With unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into its page and
-# compiles Vue's templates in the browser. No attribute may be a script, and nothing may be loaded
-# from or sent to another site.
+# The policy allows unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into
+# its pages and compiles templates of Vue in the browser. Scripts in attributes are forbidden, and
+# so are data from and to other sites.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "font-src 'self' data:; object-src 'none'; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'self'"
 )
-# For pages without NiceGUI, such as the login.
+# Policy of pages without NiceGUI, such as the login.
 PLAIN_POLICY = (
     "default-src 'none'; style-src 'self'; img-src 'self'; frame-ancestors 'none'; "
     "base-uri 'none'; form-action 'self'"
@@ -35,7 +36,7 @@ PLAIN_POLICY = (
 HEADERS = {
     'X-Content-Type-Options': 'nosniff',
     'X-Frame-Options': 'DENY',
-    'Referrer-Policy': 'same-origin',  # without a referrer, forms have no origin either
+    'Referrer-Policy': 'same-origin',  # Forms without a referrer would have no origin either.
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cross-Origin-Resource-Policy': 'same-origin',
     'Permissions-Policy': 'camera=(), geolocation=(), microphone=(), usb=(), serial=()',
@@ -44,37 +45,36 @@ LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
 _SESSION = 'checkweigher.session'  # key in the scope of a request
-_UNANSWERED = 'No response returned.'  # message of Starlette if the browser has left
+_UNANSWERED = 'No response returned.'  # message of Starlette if the browser has disconnected
 
 
 class Access:
-    """Users and sessions of a site, and the rights of each page."""
+    """Users and sessions of a site, which determine the role of each page."""
 
     def __init__(self, site: Site) -> None:
         self.site = site
         self.users = UserFile(site.users or default_users())
         self.sessions = Sessions(self.users, 60 * site.idle)
         self.throttle = Throttle()
-        self._ended: set[str] = set()  # clients without a session at the latest `expel`
-        # Browsers share cookies between the ports of a host, so each page has its own cookie name.
+        # Browsers send a cookie to all ports of a host, so the name of the cookie has the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
+        self._ended: set[str] = set()  # clients whose session had ended at the last `expel`
 
     def session_of(self, client: Client) -> Session | None:
-        """Return the session of a page; None if it never had one or it has ended."""
+        """Return the session of a page, or None if it has ended or never existed."""
         return self.sessions.find(_identifier(client))
 
     def role_of(self, client: Client) -> Role | None:
-        """Return the present role of a page; None if it may show nothing."""
-        session = self.session_of(client)
-        if session is not None:
+        """Return the present role of the user of a page, or None if the page must not be shown."""
+        if (session := self.session_of(client)) is not None:
             return session.user.role
         return Role.VIEWER if self.site.open and not _identifier(client) else None
 
     def expel(self) -> None:
         """Reload and delete the pages whose session had already ended at the previous call.
 
-        At the first call after a logout, its answer may still be on its way, and a page that is
-        reloaded would never receive it.
+        At the first call after a logout, the answer to the logout may not have arrived. A page that
+        is reloaded at this time would never receive the answer.
         """
         clients = list(Client.instances.values())
         ended = {client.id for client in clients if client.page.path and not self.role_of(client)}
@@ -95,10 +95,11 @@ def _identifier(client: Client) -> str:
 
 
 class Guard:
-    """ASGI application that passes requests on with their session, or refuses them.
+    """ASGI application that passes requests to another application, or refuses the requests.
 
-    Another site could make a browser open the page under a name that points to this machine, or
-    open a socket from a page of its own. Neither may reach the data of the line.
+    Another web site could let a browser open the page under a host name that the site points to
+    this machine, or it could open a socket to the page. Such requests are refused, so that the site
+    cannot read the data of the line.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
@@ -106,7 +107,7 @@ class Guard:
         self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one connection."""
+        """Answer a request, or serve a socket."""
         if scope['type'] not in ('http', 'websocket'):
             await self._app(scope, receive, send)
             return
@@ -120,12 +121,12 @@ class Guard:
             await self._pass_on(_bound(scope, identifier), receive, send)
         elif scope['type'] == 'websocket':
             await receive()
-            await send({'type': 'websocket.close', 'code': 1008})  # the server answers 403
+            await send({'type': 'websocket.close', 'code': 1008})  # The server answers with 403.
         else:
             await refusal(scope, receive, send)
 
     async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Call the application; ignore a request or an answer cut short by a browser that left."""
+        """Call the application, and ignore errors that a disconnected browser causes."""
         try:
             await self._app(scope, receive, send)
         except ClientDisconnect:
@@ -135,13 +136,13 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return an error response if host or origin are those of another site, otherwise None."""
+        """Return an error response if the host or the origin is another site, otherwise None."""
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)
         origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
-        # Browsers send the origin with each request that may change something.
+        # Browsers send the origin with each request that may change data.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
         return None
@@ -159,9 +160,10 @@ class Guard:
 
 
 def _bound(scope: Scope, identifier: str) -> Scope:
-    """Return a scope with its session, in which a socket belongs to a page of that session.
+    """Return a scope with the identifier of its session.
 
-    NiceGUI refuses a socket of an unknown page, and the browser then reloads the page.
+    If a socket belongs to the page of another session, the page in the scope is replaced by an
+    unknown one. NiceGUI then refuses the socket, and the browser reloads the page.
     """
     scope = {**scope, _SESSION: identifier}
     if scope['path'].startswith(_SOCKET):
@@ -176,31 +178,32 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 def bind_events(access: Access) -> None:
     """Accept the events of a page only from the sockets of this page.
 
-    NiceGUI accepts them from any socket that names the page. An event of a person counts as use of
+    NiceGUI accepts events from any socket that names the page. An event of a user counts as use of
     the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # a browser could write into the log of the page
+    del handlers['log']  # By this event, a browser could write to the log of the server.
     for name in ('event', 'javascript_response', 'ack'):
-        core.sio.on(name, _from_its_socket(handlers[name], access))
+        core.sio.on(name, partial(_handle, name, handlers[name], access))
 
 
-def _from_its_socket(
-    handle: Callable[[str, dict[str, Any]], None], access: Access
-) -> Callable[[str, dict[str, Any]], None]:
-    event = handle is core.sio.handlers['/']['event']
-
-    def take(socket: str, message: object = None, *_: object) -> None:
-        given = message if isinstance(message, dict) else {}
-        client = Client.instances.get(str(given.get('client_id')))
-        if client is None or client.id not in core.sio.rooms(socket):
-            return
-        if event:
-            access.sessions.find(_identifier(client), used=True)
-        if access.role_of(client) is not None:
-            handle(socket, given)
-
-    return take
+def _handle(
+    name: str,
+    handler: Callable[[str, dict[str, Any]], None],
+    access: Access,
+    socket: str,
+    message: object = None,
+    *_: object,
+) -> None:
+    """Call the handler of an event if the socket belongs to the page that the message names."""
+    given = message if isinstance(message, dict) else {}
+    client = Client.instances.get(str(given.get('client_id')))
+    if client is None or client.id not in core.sio.rooms(socket):
+        return
+    if name == 'event':
+        access.sessions.find(_identifier(client), used=True)
+    if access.role_of(client) is not None:
+        handler(socket, given)
 
 
 def _with_headers(send: Send, path: str, site: Site) -> Send:
@@ -211,7 +214,7 @@ def _with_headers(send: Send, path: str, site: Site) -> Send:
             headers.setdefault('Content-Security-Policy', _POLICY)
             if not path.startswith(_ASSETS):
                 headers['Cache-Control'] = 'no-store'
-            if site.secure and not site.open:  # other servers on localhost have no TLS
+            if site.secure and not site.open:  # Other servers on localhost may have no TLS.
                 headers['Strict-Transport-Security'] = 'max-age=31536000'
         await send(message)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the web server: time for a request, lines in the log, pages without a browser."""
+"""Limits of the web server for slow requests, lines in the log, and pages without a browser."""
 
 import asyncio
 import logging
@@ -13,15 +13,15 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from checkweigher_core.printable import one_line
 
-REQUEST = 10.0  # s, for a whole request
-WAITING = 100  # most pages whose browsers have not opened a socket
-_PLACES = 3  # innermost frames of an error in the log
+REQUEST = 10.0  # maximum time in s for a complete request
+WAITING = 100  # maximum number of pages whose browsers have not opened a socket
+_PLACES = 3  # number of innermost stack frames that are logged for an error
 
 
 class PromptProtocol(HttpToolsProtocol):
-    """Connection that is closed unless each of its requests is complete in time.
+    """Connection that is closed if one of its requests is not complete in time.
 
-    uvicorn has no such limit, so half requests could use up all connections.
+    uvicorn has no such limit, so incomplete requests could use up all connections.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -30,21 +30,21 @@ class PromptProtocol(HttpToolsProtocol):
         self._late = self.loop.call_later(REQUEST, transport.close)
 
     def on_message_begin(self) -> None:
-        """Start the time limit for the end of a request."""
+        """Start the time limit for the rest of a request."""
         super().on_message_begin()
         self._late.cancel()
         self._late = self.loop.call_later(REQUEST, self.transport.close)
 
     def on_message_complete(self) -> None:
-        """End the time limit."""
+        """Cancel the time limit."""
         super().on_message_complete()
         self._late.cancel()
 
 
 class LineHandler(logging.Handler):
-    """Log handler that writes at most one line a second, even if a browser sends more.
+    """Log handler that writes at most one line per second.
 
-    The libraries of the server log malformed input with its line ends, and with tracebacks.
+    The libraries of the server log malformed input with its line ends and with tracebacks.
     """
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class LineHandler(logging.Handler):
         self._log = get_logger('page')
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record."""
+        """Write a log record as one line."""
         text = record.getMessage()
         if record.exc_info and (error := record.exc_info[1]):
             frames = traceback.extract_tb(error.__traceback__)[: -_PLACES - 1 : -1]
@@ -63,16 +63,16 @@ class LineHandler(logging.Handler):
 
 def log_in_lines() -> None:
     """Write the logs of all libraries of the server through a `LineHandler`."""
-    for name in ('engineio.server', 'socketio.server'):  # they have handlers of their own
+    for name in ('engineio.server', 'socketio.server'):  # These loggers have their own handlers.
         logging.getLogger(name).handlers.clear()
     logging.basicConfig(handlers=[LineHandler()], force=True)
 
 
 def forget_waiting() -> None:
-    """Delete the oldest pages that wait for the socket of a browser; keep `WAITING`.
+    """Delete the oldest pages that wait for the socket of a browser, except the last `WAITING`.
 
-    Each takes 0.3 MiB. NiceGUI keeps them for a minute, so a flood of requests could take all
-    memory. A browser that comes too late loads its page again.
+    Each page takes 0.3 MiB. NiceGUI keeps it for a minute, so many requests could exhaust the
+    memory. A browser that opens the socket of a deleted page loads the page again.
     """
     waiting = [client for client in Client.instances.values() if client.environ is None]
     for client in waiting[:-WAITING]:

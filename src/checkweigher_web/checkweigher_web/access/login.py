@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Login and logout: two forms without a script."""
+"""Login and logout, by two forms that need no script."""
 
 import asyncio
 from html import escape
@@ -18,7 +18,7 @@ from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
 from checkweigher_web.access.users import NOBODY
 
-_LARGEST = 4096  # bytes of a form
+_LARGEST = 4096  # maximum size of a form in bytes
 _PAGE = """<!doctype html>
 <html lang="en">
 <head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -36,7 +36,7 @@ _PAGE = """<!doctype html>
 
 
 def logout_form(token: str) -> str:
-    """Return the logout form as HTML."""
+    """Return the form for the logout as HTML."""
     return (
         f'<form method="post" action="{LOGOUT}"><input type="hidden" name="token" '
         f'value="{escape(token)}"><button>Log out</button></form>'
@@ -44,10 +44,10 @@ def logout_form(token: str) -> str:
 
 
 def add_login(app: FastAPI, access: Access, style: Path) -> None:
-    """Serve login and logout, and the style sheet that they share with the page."""
+    """Serve the login, the logout, and the style sheet of the login."""
     forms = _Forms(access)
     app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
-    app.add_api_route(LOGIN, forms.show, methods=['GET'])
+    app.add_api_route(LOGIN, lambda: forms.form(''), methods=['GET'])
     app.add_api_route(LOGIN, forms.log_in, methods=['POST'])
     app.add_api_route(LOGOUT, forms.log_out, methods=['POST'])
 
@@ -58,7 +58,7 @@ class _Forms:
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
-        self._turn = asyncio.Lock()  # a login takes 0.1 s and 64 MiB
+        self._turn = asyncio.Lock()  # A login takes 0.1 s and 64 MiB.
         self._form_cookie = f'{access.cookie}-form'
         self._cookie: dict[str, Any] = {
             'httponly': True,
@@ -66,12 +66,11 @@ class _Forms:
             'secure': access.site.secure,
         }
 
-    async def show(self) -> Response:
-        """Show the form."""
-        return self._form('')
+    def form(self, said: str, status: int = 200) -> Response:
+        """Return the login form with a message and a token.
 
-    def _form(self, said: str, status: int = 200) -> Response:
-        """Return the form with a token, which must come back in the form and as a cookie."""
+        The browser must return the token in the form and as a cookie.
+        """
         token = secrets.token_urlsafe(32)
         look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
         page = _PAGE.format(style=STYLE, login=LOGIN, said=escape(said), token=token, look=look)
@@ -80,33 +79,33 @@ class _Forms:
         return answer
 
     async def log_in(self, request: Request) -> Response:
-        """Begin a session, or show the form with the reason of the refusal."""
+        """Begin a session, or return the form with the reason of the refusal."""
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
-            return self._form('This form was too old or not of this page: try again.', 403)
-        async with self._turn:  # each attempt waits for the result of the previous one
+            return self.form('This form was too old or not of this page: try again.', 403)
+        async with self._turn:
             return await self._decide(request, given)
 
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
-        # Normalised like account names, so that all encodings of a name count as one account.
+        # All encodings of a name are one account, because account names are normalised as well.
         name = unicodedata.normalize('NFC', given.get('name', ''))[:64]
         address = _address(request)
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            # A client can repeat refused attempts at any rate, so they must not fill the log.
+            # A browser may repeat refused attempts at any rate, and they must not fill the log.
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )
             seconds = f'{wait + 1:.0f}'
-            answer = self._form(f'Too many failed attempts: try again in {seconds} s.', 429)
+            answer = self.form(f'Too many failed attempts: try again in {seconds} s.', 429)
             answer.headers['Retry-After'] = seconds
             return answer
         user = self._access.users.find(name) or NOBODY
         if not await asyncio.to_thread(user.has_password, given.get('password', '')):
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
-            return self._form('Name or password are wrong.', 403)
+            return self.form('Name or password are wrong.', 403)
         throttle.forget(*keys)
         self._log.info(f'{who}: {user.role.name.lower()}')
         self._access.sessions.end(request.cookies.get(self._access.cookie, ''))
@@ -117,7 +116,7 @@ class _Forms:
         return answer
 
     async def log_out(self, request: Request) -> Response:
-        """End the session."""
+        """End the session, and show the login form."""
         identifier = request.cookies.get(self._access.cookie, '')
         session, given = self._access.sessions.find(identifier), await _fields(request)
         if session is not None:
@@ -131,7 +130,7 @@ class _Forms:
 
 
 async def _fields(request: Request) -> dict[str, str]:
-    """Return the fields of a form; none if it is too large."""
+    """Return the fields of a form by name, or an empty dict if the form is too large."""
     body = b''
     async for part in request.stream():
         body += part

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions, which end by logout, after some time without use, or after a long shift."""
+"""Sessions, which end by logout, after some time without use, or after 12 hours."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,24 +9,25 @@ import time
 
 from checkweigher_web.access.users import User, UserFile
 
-ABSOLUTE = 12 * 3600.0  # s; a long shift
+ABSOLUTE = 12 * 3600.0  # maximum duration of a session in s
 
 
 @dataclass
 class Session:
-    """One login of a user; the forms of its pages must contain `token`."""
+    """One login of a user. The forms of its pages must contain `token`."""
 
     user: User
     address: str
     token: str
-    began: float  # s
-    used: float  # s
+    began: float  # time of the login in s
+    used: float  # time of the latest use in s
 
 
 class Sessions:
-    """Sessions by identifiers that nobody can guess.
+    """Sessions by random identifiers.
 
-    A session ends after `idle` s without use, at the latest after `ABSOLUTE` s. `clock` is in s.
+    A session ends after `idle` s without use, or `ABSOLUTE` s after the login. `clock` returns the
+    time in s.
     """
 
     def __init__(
@@ -38,16 +39,16 @@ class Sessions:
         self._sessions: dict[str, Session] = {}
 
     def begin(self, user: User, address: str) -> str:
-        """Begin a session and return its identifier, which is always a new one."""
+        """Begin a session, and return its new identifier."""
         identifier, now = secrets.token_urlsafe(32), self._clock()
         self._sessions[identifier] = Session(user, address, secrets.token_urlsafe(32), now, now)
         return identifier
 
     def find(self, identifier: str, *, used: bool = False) -> Session | None:
-        """Return the session of an identifier, or None if there is none or it has ended.
+        """Return the session with an identifier, or None if it has ended or never existed.
 
-        A session also ends if the user is removed, or the role or password changes. With
-        `used`, the call counts as use of the session.
+        A session also ends if its user is removed or gets another role or password. With `used`,
+        the call counts as use of the session.
         """
         session, now = self._sessions.get(identifier), self._clock()
         if session is None:
@@ -61,5 +62,5 @@ class Sessions:
         return session
 
     def end(self, identifier: str) -> None:
-        """End a session."""
+        """End a session if it exists."""
         self._sessions.pop(identifier, None)

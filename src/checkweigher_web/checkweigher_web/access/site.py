@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The site: address, certificate and users of the page."""
+"""Address, certificate and users of the page."""
 
 from dataclasses import dataclass, replace
 from ipaddress import ip_address
@@ -14,7 +14,7 @@ from checkweigher_web.access.users import default_users, read_users
 
 
 class PageError(ValueError):
-    """Error of a page that cannot be served; one line with the reason and what to do."""
+    """A page that cannot be served. The message is one line with the reason and a remedy."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +26,17 @@ class Site:
     certificate: Path | None = None
     key: Path | None = None
     users: Path | None = None
-    origin: str = ''  # https://NAME of a reverse proxy, or ''
-    idle: float = 30.0  # min without use, after which a session ends
+    origin: str = ''  # address https://NAME of a reverse proxy, or ''
+    idle: float = 30.0  # time in min without use after which a session ends
 
     @property
     def loopback(self) -> bool:
-        """Whether only this machine can reach the page."""
+        """Whether the page can be reached only from this machine."""
         return self.host == 'localhost' or _is_loopback(self.host)
 
     @property
     def open(self) -> bool:
-        """Whether anyone at this machine may look without a login."""
+        """Whether users of this machine may see the page without a login."""
         return self.loopback and not self.origin
 
     @property
@@ -46,7 +46,7 @@ class Site:
 
     @property
     def address(self) -> str:
-        """Address of the page, and its address at the proxy."""
+        """Address of the page, followed by its address at the reverse proxy if there is one."""
         host = gethostname() if self.host in ('0.0.0.0', '::') else self.host
         host = f'[{host}]' if ':' in host else host
         scheme = 'http' if self.certificate is None else 'https'
@@ -54,20 +54,20 @@ class Site:
         return f'{scheme}://{host}:{self.port}/{proxy}'
 
     def serves(self, host: str) -> bool:
-        """Return whether the page is served under the name `host`, which includes the port.
+        """Return whether the page is served under the name and port in `host`.
 
-        Another site can make its own name point to this machine. With TLS, the certificate does
-        not have that name.
+        Another web site can point its own host name to this machine. With TLS, the browser refuses
+        that name, because the certificate lacks it.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
-        # The port may differ, as in a tunnel.
+        # The port is not compared, because a tunnel may have another port.
         return not self.loopback or host.rpartition(':')[0].strip('[]') in (self.host, 'localhost')
 
     def checked(self) -> 'Site':
-        """Return the site with its users.
+        """Return the site with the path of its users file.
 
-        Raises PageError, CertificateError or SettingsError if it cannot be served.
+        Raises `PageError`, `CertificateError` or `SettingsError` if the site cannot be served.
         """
         if (self.certificate is None) != (self.key is None):
             raise PageError('--certificate and --key: one needs the other')
@@ -82,7 +82,7 @@ class Site:
         return replace(self, users=users, origin=_origin(self.origin))
 
     def _check_reach(self, *, has_users: bool) -> None:
-        """Raise PageError if others can reach the page without a login or without TLS."""
+        """Raise `PageError` if other machines can reach the page without a login or without TLS."""
         if not self.loopback and not (has_users and self.certificate):
             raise PageError(
                 f'--host {self.host}: needs --certificate and --key, which checkweigher '
@@ -100,7 +100,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _origin(given: str) -> str:
-    """Return an origin as browsers write it."""
+    """Return an origin in the form that browsers send, or raise `PageError`."""
     if not given:
         return ''
     parts = urlsplit(given.lower())

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The users of the page: names, roles and argon2 hashes of their passwords."""
+"""Users of the page, with their names, roles and argon2 hashes of their passwords."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -22,14 +22,14 @@ from checkweigher_core.settings_files import Settings, read_settings, settings_o
 from checkweigher_core.state_files import changing, make_folder
 from checkweigher_core.whole_file import output_error
 
-SHORTEST, LONGEST = 8, 128  # characters of a password
+SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
-_HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for little memory
+_HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for low memory
 
 
 class Role(IntEnum):
-    """Rights of a user; each role includes the rights of the roles before it."""
+    """Rights of a user. Each role includes the rights of the lower ones."""
 
     VIEWER = 1
     OPERATOR = 2
@@ -40,12 +40,12 @@ ROLES = tuple(role.name.lower() for role in Role)
 
 
 class UsersError(SettingsError):
-    """Error in reading or changing users; one line with the reason and what to do."""
+    """An error in a user or in the users file. The message is one line with a remedy."""
 
 
 @dataclass(frozen=True)
 class User(Settings):
-    """A user in the file."""
+    """A user of the page."""
 
     name: str = parameter(text='of the login')
     role: Role = parameter(text='what the user may do', choices=ROLES)
@@ -57,7 +57,7 @@ class User(Settings):
             raise UsersError('is no argon2 hash; run: checkweigher user password', 'hash')
 
     def has_password(self, password: str) -> bool:
-        """Return whether this is the password of the user; it takes about 0.1 s."""
+        """Return whether a password is that of the user. The check takes about 0.1 s."""
         try:
             return _HASHER.verify(self.hash, unicodedata.normalize('NFC', password))
         except (VerificationError, InvalidHashError):
@@ -65,13 +65,13 @@ class User(Settings):
 
 
 def default_users() -> Path:
-    """Return the default path of the users file, in the user's configuration folder."""
+    """Return the default path of the users file, which is in the user's configuration folder."""
     given = Path(os.environ.get('XDG_CONFIG_HOME', ''))
     return (given if given.is_absolute() else Path.home() / '.config') / 'checkweigher/users'
 
 
 def check_name(name: str) -> str:
-    """Return the normalised name of a user, or raise UsersError."""
+    """Return the normalised name of a user, or raise `UsersError` if the name is not valid."""
     name = unicodedata.normalize('NFC', name)
     if not re.fullmatch(r'[\w@-][\w.@-]{0,63}', name):
         rule = 'a name has up to 64 letters, digits, "_", "-", "@" and "." (not as the first)'
@@ -80,7 +80,7 @@ def check_name(name: str) -> str:
 
 
 def hash_password(name: str, password: str) -> str:
-    """Return the hash of a new password, or raise UsersError if it is too easy to guess."""
+    """Return the hash of a new password, or raise `UsersError` if it is too short or the name."""
     if not SHORTEST <= len(password) <= LONGEST:
         raise UsersError(
             f'the password of {name} has {len(password)}: it must have {SHORTEST} to {LONGEST} '
@@ -91,13 +91,14 @@ def hash_password(name: str, password: str) -> str:
     return _HASHER.hash(unicodedata.normalize('NFC', password))
 
 
-# A user with an unknown password, so that a wrong name takes as much time as a wrong password.
+# User with a random password. Checking a password for this user takes as much time as for any other
+# user, so that the time does not reveal which names exist.
 NOBODY = User('nobody', Role.VIEWER, _HASHER.hash(os.urandom(16)))
 
 
 @dataclass(frozen=True)
 class UsersFile(Settings):
-    """The file of the users."""
+    """Content of the users file."""
 
     format: ClassVar[int] = 2
     users: Mapping[str, User] | None = parameter(None, 'users by their names')
@@ -106,10 +107,7 @@ class UsersFile(Settings):
 def read_users(path: Path) -> dict[str, User]:
     """Return the users of a file by name.
 
-    Raises
-    ------
-    SettingsError
-        If the file does not exist, is not valid, or may be read by others.
+    Raises `SettingsError` if the file does not exist, is not valid, or is accessible to others.
     """
     return dict(_read(path).users or {})
 
@@ -132,7 +130,7 @@ def _read(path: Path) -> UsersFile:
 
 
 def _older(path: Path) -> UsersFile:
-    """Return the users of format 1, which has a line NAME:ROLE:HASH for each."""
+    """Return the content of a file of format 1, which has a line NAME:ROLE:HASH for each user."""
     users: dict[str, User] = {}
     for number, line in enumerate(path.read_bytes().decode(errors='replace').splitlines(), 1):
         if line and not line.startswith('#'):
@@ -149,12 +147,9 @@ def _older(path: Path) -> UsersFile:
 
 
 def write_users(path: Path, users: dict[str, User]) -> None:
-    """Write a users file that only its owner may read, whole or not at all.
+    """Write a users file that only its owner may read.
 
-    Raises
-    ------
-    OutputError
-        If it cannot be written; the previous file then stays.
+    Raises `OutputError` and keeps the previous file if the file cannot be written.
     """
     known = _read(path) if path.exists() else UsersFile()
     try:
@@ -165,9 +160,10 @@ def write_users(path: Path, users: dict[str, User]) -> None:
 
 @contextmanager
 def changing_users(path: Path) -> Iterator[None]:
-    """Hold up other changes of a users file during a block, from reading to writing.
+    """Lock a users file during a block that reads and writes it.
 
-    Creates the folder of `default_users`. Raises OutputError if another folder does not exist.
+    The folder of `default_users` is created if necessary. Raises `OutputError` if the folder of
+    another file does not exist.
     """
     try:
         if path == default_users():
@@ -180,21 +176,21 @@ def changing_users(path: Path) -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
-    """Return the users in a file, cached while the file is unchanged."""
+    """Return the users of a file. The result is cached for the same `state` of the file."""
     return read_users(path)
 
 
 class UserFile:
     """The users of a file that may change while the page is served.
 
-    A file that cannot be read counts as empty, because its users may have been removed.
+    If the file cannot be read, it has no users, because they may have been removed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def find(self, name: str) -> User | None:
-        """Return the present user with a name, or None."""
+        """Return the present user with a name, or None if there is none."""
         return self.now().get(unicodedata.normalize('NFC', name))
 
     def now(self) -> dict[str, User]:

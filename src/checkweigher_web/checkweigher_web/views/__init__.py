@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Views of a lane, one file each, listed in `registry.VIEWS`."""
+"""Views of a lane, which `registry.VIEWS` lists. Each view is a module."""

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The alarms of a lane."""
+"""View of the alarms of a lane."""
 
 from nicegui import ui
 
@@ -11,7 +11,7 @@ from checkweigher_web.words import clock
 
 
 class AlarmsView(View):
-    """What went wrong, until it is over and a person has acknowledged it; the latest first."""
+    """The alarms that last or that no user has acknowledged, the latest alarm first."""
 
     title = 'Alarms'
     recorded = False
@@ -41,7 +41,7 @@ class AlarmsView(View):
 
 
 def state_of(alarm: Alarm) -> str:
-    """Return whether an alarm lasts, how long it was active, and who has acknowledged it."""
+    """Return a text on the duration and the acknowledgement of an alarm."""
     parts = ['lasts'] if alarm.active else []
     parts += [f'{alarm.duration:.0f} s'] if alarm.duration else []
     parts += [f'acknowledged by {alarm.acknowledged_by}'] if alarm.acknowledged_by else []

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The control charts: means and standard deviations of subgroups of items."""
+"""Views of the control charts, for the means and standard deviations of subgroups of items."""
 
 from typing import ClassVar
 
@@ -13,11 +13,11 @@ from checkweigher_web.charts import DENOISED, Options
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.views.view import FigureView
 
-_ROOM = 0.05  # margin beside data and limits, as a fraction of their range
+_ROOM = 0.05  # margin above and below the data and limits, as a fraction of their range
 
 
 class MeansView(FigureView):
-    """Means of the subgroups in this batch, between their limits."""
+    """Control chart of the means of the subgroups in this batch."""
 
     title = 'Control chart: means'
     label = 'control chart of the means'
@@ -31,7 +31,7 @@ class MeansView(FigureView):
 
 
 class SpreadsView(MeansView):
-    """Standard deviations of the subgroups in this batch, below their limit."""
+    """Control chart of the standard deviations of the subgroups in this batch."""
 
     title = 'Control chart: standard deviations'
     label = 'control chart of the standard deviations'
@@ -39,10 +39,11 @@ class SpreadsView(MeansView):
 
 
 def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) -> Options:
-    """Return the means of the subgroups, or their standard deviations, with their limits.
+    """Return the figure of a control chart with its limits.
 
-    A point that breaks a rule has a symbol, which the legend explains. `forgotten` subgroups came
-    before those of `chart`.
+    The figure shows the standard deviations of the subgroups with `spread`, otherwise their means.
+    A symbol marks each point that breaks a rule, and the legend names the rule. `forgotten` is the
+    number of subgroups before those of `chart`.
     """
     if chart is None:
         return charts.nothing(f'needs two subgroups of {SUBGROUP} accepted items of the batch')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnostics of the nodes of a lane."""
+"""View of the diagnostics of the nodes of a lane."""
 
 from nicegui import ui
 
@@ -11,7 +11,7 @@ from checkweigher_web.views.view import View
 
 
 class DiagnosticsView(View):
-    """Findings in a lane that are not OK, the worst first, with what to check."""
+    """The diagnostics of a lane that are not OK, each with a hint, the worst first."""
 
     title = 'Diagnostics'
     recorded = False

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The spectrum of the empty belt, its strongest lines and their possible causes."""
+"""View of the spectrum of the empty belt, with its strongest lines and their possible causes."""
 
 from dataclasses import dataclass
 import math
@@ -17,19 +17,20 @@ from checkweigher_web.elements import Figure, Table
 from checkweigher_web.views.view import View
 from checkweigher_web.words import grams
 
-_LEAST = 128  # fewest samples for a spectrum
-_PROMINENCE = 4.0  # least amplitude of a line, relative to the median around it
-_SURROUNDING = 10  # bins at each side of a line
+_LEAST = 128  # minimum number of samples for a spectrum
+_PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
+_SURROUNDING = 10  # number of bins at each side of a line for the median
 _MAX_LINES = 6
-_FLOOR = 12.0  # Hz; buildings vibrate below it
-_MAINS = (50.0, 60.0, 100.0, 120.0)  # Hz
-_NEAR, _PLATFORM = 0.02, 0.15  # relative distances from the mains and from the platform
-_HIGHEST = 150.0  # Hz; no machine shakes a belt above it
+# Maximum relative differences of a line from the frequencies of the mains and of the platform.
+_NEAR, _PLATFORM = 0.02, 0.15
+_FLOOR = 12.0  # maximum frequency in Hz of the vibrations of buildings
+_MAINS = (50.0, 60.0, 100.0, 120.0)  # frequencies in Hz of the mains and of its second harmonic
+_HIGHEST = 150.0  # maximum frequency in Hz of the vibrations of machines
 
 
 @dataclass(frozen=True, slots=True)
 class SpectralLine:
-    """A line of the spectrum."""
+    """A line of a spectrum."""
 
     frequency: float  # Hz
     amplitude: float  # kg
@@ -38,7 +39,7 @@ class SpectralLine:
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Amplitudes (n,) in kg of the sines at `frequencies` (n,) in Hz, and the strongest lines."""
+    """Amplitudes (n,) in kg of the sines with `frequencies` (n,) in Hz, and the strongest lines."""
 
     frequencies: NDArray[np.float64]
     amplitudes: NDArray[np.float64]
@@ -50,7 +51,6 @@ class EmptyBeltView(View):
 
     title = 'Empty belt'
     columns = 2, 8
-    style = '.belt .chart { flex: 0 0 auto; }'
 
     def _build(self) -> None:
         self._figure = Figure('spectrum of the empty belt')
@@ -78,7 +78,7 @@ class EmptyBeltView(View):
 
 
 def spectrum_chart(found: Spectrum | None) -> Options:
-    """Return the spectrum of the empty belt with its lines."""
+    """Return the figure of a spectrum with its lines marked."""
     if found is None:
         return charts.nothing('needs a stretch of the empty belt')
     shown = found.frequencies <= _HIGHEST
@@ -96,10 +96,11 @@ def spectrum(
     belt_speed: float = math.nan,
     platform: float = math.nan,
 ) -> Spectrum | None:
-    """Compute the spectrum of the empty belt from samples (n,) in kg; None if they are too few.
+    """Compute the spectrum of the empty belt, or return None if there are too few samples.
 
-    `sample_rate` and the natural frequency of the `platform` are in Hz, the belt speed is in m/s.
-    Lines are attributed to rollers by the belt speed, and to the platform by its frequency.
+    The samples `force` (n,) are in kg, and the sample rate is in Hz. The belt speed in m/s gives
+    the diameter of a roller that may cause a line. `platform` is the natural frequency of the
+    weighing platform in Hz.
     """
     count = len(force)
     if count < _LEAST:
@@ -125,7 +126,7 @@ def _surrounding(amplitudes: NDArray[np.float64], k: int) -> float:
 
 
 def _guess(frequency: float, belt_speed: float, platform: float) -> str:
-    """Return the possible cause of a line, judged only by its frequency."""
+    """Return the possible cause of a line with this frequency in Hz."""
     mains = [known for known in _MAINS if abs(frequency - known) <= _NEAR * known]
     if mains:
         return f'mains or a motor at {mains[0]:g} Hz: check the shield of the cable'

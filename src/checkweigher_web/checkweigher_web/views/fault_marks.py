@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Marks that explain a fault in a plot of the signal, each with a text and a time range."""
+"""Marks that explain a fault in a figure of its signal, each with a text and a time range."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 import math
 
@@ -17,9 +18,9 @@ from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 from checkweigher_web.lane import ShownItem
 from checkweigher_web.raw_signal import Stretch
 
-_BEFORE_RISE = 0.3  # s of empty belt that a rise is compared with
-_GAP = 1.5  # sample periods; samples are lost in a longer gap
-_FLICKER = 0.25  # shortest product, relative to the longest time that an eye was blocked
+_BEFORE_RISE = 0.3  # duration in s of the empty belt with which a rise is compared
+_GAP = 1.5  # longest time between two samples without a loss, in sample periods
+_FLICKER = 0.25  # shortest time of a product, relative to the longest time that an eye was blocked
 _EYES = {Eye.INFEED: 'infeed eye', Eye.OUTFEED: 'outfeed eye'}
 # Edges of an item: the eye, and whether the item blocks it.
 EDGES = {
@@ -32,9 +33,9 @@ EDGES = {
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A text for the signal from `begin` to `end`, in ns, which are equal for a moment.
+    """A text for the signal from `begin` to `end` in ns, or for a moment if both are equal.
 
-    `edge` is the edge of `EDGES` that was expected there and did not come.
+    `edge` is the name in `EDGES` of an edge that was expected there and is missing, or ''.
     """
 
     text: str
@@ -49,11 +50,11 @@ class Scene:
     Attributes
     ----------
     times : dict of str to int
-        t1 to t4 in ns, as far as they are known.
+        Known times among t1 to t4, in ns.
     force : array of shape (n,)
-        Signal in kg from the zero of calibration.
+        Signal in kg, relative to the zero of calibration.
     usual_speed : float
-        Belt speed of earlier items in m/s, or NaN.
+        Belt speed of earlier items in m/s, or NaN if it is not known.
     """
 
     def __init__(self, item: ShownItem, stretch: Stretch, load_cell: LoadCell) -> None:
@@ -68,23 +69,23 @@ class Scene:
             self.usual_speed = item.estimate.line_speed
 
     def between(self, begin: int, end: int) -> NDArray[np.float64]:
-        """Return the signal from `begin` to `end` in ns: (m,) in kg."""
+        """Return the signal from `begin` to `end` in ns, shape (m,), in kg."""
         time = self.stretch.time
         return self.force[(begin <= time) & (time <= end)]
 
     def mean(self, begin: int, end: int) -> float:
-        """Return the mean of the signal from `begin` to `end` in ns, in kg; NaN without samples."""
+        """Return the mean in kg of the signal from `begin` to `end` in ns, or NaN if empty."""
         force = self.between(begin, end)
         return float(np.mean(force)) if len(force) else math.nan
 
     def span(self, first: str, last: str) -> tuple[int, int] | None:
-        """Return the times of two edges of the item, or None if one is not known."""
+        """Return the times in ns of two edges of the item, or None if one of them is missing."""
         if first not in self.times or last not in self.times:
             return None
         return self.times[first], self.times[last]
 
     def edges_of(self, eye: Eye) -> list[EyeEdge]:
-        """Return the edges of an eye in order of their stamps."""
+        """Return the edges of an eye in order of time."""
         edges = (edge for edge in self.stretch.edges if edge.eye == eye)
         return sorted(edges, key=lambda edge: edge.stamp)
 
@@ -96,9 +97,9 @@ def fault_marks(scene: Scene) -> list[Mark]:
 
 
 def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
-    """Return begin and end of the empty belt before an item in ns, and its mean in kg.
+    """Return the start and end in ns of the empty belt before an item, and its mean in kg.
 
-    The mean is relative to the zero of calibration.
+    The mean is relative to the zero of calibration. Returns None if no samples are available.
     """
     end = scene.times.get('t1')
     if end is None:
@@ -110,9 +111,9 @@ def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
 
 
 def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """Return the rise of the load expected from the eyes: time (n,) in ns, and force (n,) in kg.
+    """Return the rise of the load that the edges predict: time (n,) in ns and force (n,) in kg.
 
-    Returns None unless the measured rise contradicts the eyes.
+    Returns None unless the item has the reason EDGE_MISMATCH.
     """
     rise, rest = scene.span('t1', 't2'), scene.span('t2', 't3')
     if Reason.EDGE_MISMATCH not in scene.reasons or rise is None or rest is None:
@@ -128,16 +129,14 @@ def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]]
 Finder = Callable[[Scene], Iterable[Mark]]
 
 
-def _over(first: str, last: str, describe: Callable[[Scene, int, int], str]) -> Finder:
-    """Return a finder that marks the time between two edges, unless its text is empty."""
-
-    def find(scene: Scene) -> Iterator[Mark]:
-        span = scene.span(first, last)
-        text = '' if span is None else describe(scene, *span)
-        if span is not None and text:
-            yield Mark(text, *span)
-
-    return find
+def _over(
+    first: str, last: str, describe: Callable[[Scene, int, int], str], scene: Scene
+) -> Iterator[Mark]:
+    """Mark the time between two edges by the text of `describe`, unless the text is empty."""
+    span = scene.span(first, last)
+    text = '' if span is None else describe(scene, *span)
+    if span is not None and text:
+        yield Mark(text, *span)
 
 
 def _missing_edges(scene: Scene) -> Iterator[Mark]:
@@ -156,7 +155,7 @@ def _missing_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _equal_edges(scene: Scene) -> Iterator[Mark]:
-    """Mark successive edges of an eye in the same direction."""
+    """Mark each pair of successive edges that both block or both clear an eye."""
     for eye in Eye:
         for one, other in pairwise(scene.edges_of(eye)):
             if one.blocked == other.blocked:
@@ -166,7 +165,7 @@ def _equal_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _expected_times(scene: Scene) -> dict[str, int]:
-    """Return the expected times of the edges of an item, from the speed of earlier items."""
+    """Return the times in ns at which edges of an item are expected at the usual speed."""
     times, found, speed = scene.times, dict[str, int](), scene.usual_speed
     if speed > 0:
         transit = round(NANOSECONDS * scene.load_cell.weigh_length / speed)
@@ -182,11 +181,11 @@ def _expected_times(scene: Scene) -> dict[str, int]:
 
 
 def _two_products(scene: Scene) -> list[Mark]:
-    return [*_neighbours(scene)] or [*_over('t2', 't3', _change)(scene)]
+    return [*_neighbours(scene)] or [*_over('t2', 't3', _change, scene)]
 
 
 def _neighbours(scene: Scene) -> Iterator[Mark]:
-    """Mark the time in which the eyes saw another product on the belt."""
+    """Mark the time in which another product was on the belt as well."""
     span = scene.span('t1', 't3')
     if span is None:
         return
@@ -265,24 +264,19 @@ def _saturation(scene: Scene) -> Iterator[Mark]:
             yield Mark(text, int(time[begin]), int(time[end - 1]))
 
 
-def _sample(place: int, text: str) -> Finder:
-    """Return a finder that marks one sample of the signal."""
-
-    def find(scene: Scene) -> list[Mark]:
-        stamp = int(scene.stretch.time[place])
-        return [Mark(text, stamp, stamp)]
-
-    return find
+def _sample(place: int, text: str, scene: Scene) -> list[Mark]:
+    stamp = int(scene.stretch.time[place])
+    return [Mark(text, stamp, stamp)]
 
 
-def _load(text: str) -> Finder:
-    """Return a finder that marks the time from t2 to t3, with the mean load in its text."""
+def _load(text: str, scene: Scene) -> Iterator[Mark]:
+    """Mark the time from t2 to t3 by a text with the mean load and the capacity in g."""
 
     def describe(scene: Scene, begin: int, end: int) -> str:
         load, capacity = GRAMS * scene.mean(begin, end), GRAMS * scene.load_cell.capacity
         return '' if math.isnan(load) else text.format(load=load, capacity=capacity)
 
-    return _over('t2', 't3', describe)
+    return _over('t2', 't3', describe, scene)
 
 
 def _zero(scene: Scene) -> Iterator[Mark]:
@@ -327,33 +321,37 @@ def _rise(scene: Scene, t1: int, t2: int, t3: int) -> RiseLag:
 
 
 def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return begin and end of each run of true values."""
+    """Return the start and the end of each run of true values. The end is exclusive."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]
 
 
-# Other reasons have no place in the signal; their hints say what to check.
+_LENGTH = partial(_over, 't1', 't2', _length)
+_SPEED = partial(_over, 't1', 't3', _speed)
+# Finders of the reasons that are visible in the signal.
 _FINDERS: dict[Reason, Finder] = {
     Reason.DISTANCE_FAULT: _two_products,
     Reason.MISSING_EDGE: _missing_edges,
     Reason.CHATTERING_EYE: _chatter,
-    Reason.PRODUCT_TOO_LONG: _over('t1', 't2', _length),
-    Reason.PRODUCT_TOO_SHORT: _over('t1', 't2', _length),
-    Reason.PRODUCT_ASKEW: _over('t1', 't2', _length),
-    Reason.BELT_SPEED: _over('t1', 't3', _speed),
-    Reason.BELT_SPEED_CHANGED: _over('t1', 't3', _speed),
-    Reason.BELT_STOPPED: _over('t1', 't3', _speed),
-    Reason.SPEED_NOT_TRAINED: _over('t1', 't3', _speed),
-    Reason.WINDOW_TOO_SHORT: _over('t2', 't3', _short_window),
+    Reason.PRODUCT_TOO_LONG: _LENGTH,
+    Reason.PRODUCT_TOO_SHORT: _LENGTH,
+    Reason.PRODUCT_ASKEW: _LENGTH,
+    Reason.BELT_SPEED: _SPEED,
+    Reason.BELT_SPEED_CHANGED: _SPEED,
+    Reason.BELT_STOPPED: _SPEED,
+    Reason.SPEED_NOT_TRAINED: _SPEED,
+    Reason.WINDOW_TOO_SHORT: partial(_over, 't2', 't3', _short_window),
     Reason.SAMPLES_LOST: _lost_samples,
     Reason.CLOCK_JUMP: _lost_samples,
     Reason.SATURATION: _saturation,
-    Reason.STREAM_ENDED: _sample(-1, 'the samples end here'),
-    Reason.SOURCE_RESTARTED: _sample(-1, 'the source began again after this'),
-    Reason.START_UP: _sample(0, 'the samples begin here'),
-    Reason.NO_LOAD: _load('the load is {load:.1f} g: nothing rests on the belt'),
-    Reason.OVERLOAD: _load('the load is {load:.1f} g, the capacity of the cell {capacity:.0f} g'),
-    Reason.NO_CONVERGENCE: _load('no level was found here; the mean is {load:.1f} g'),
+    Reason.STREAM_ENDED: partial(_sample, -1, 'the samples end here'),
+    Reason.SOURCE_RESTARTED: partial(_sample, -1, 'the source began again after this'),
+    Reason.START_UP: partial(_sample, 0, 'the samples begin here'),
+    Reason.NO_LOAD: partial(_load, 'the load is {load:.1f} g: nothing rests on the belt'),
+    Reason.OVERLOAD: partial(
+        _load, 'the load is {load:.1f} g, the capacity of the cell {capacity:.0f} g'
+    ),
+    Reason.NO_CONVERGENCE: partial(_load, 'no level was found here; the mean is {load:.1f} g'),
     Reason.ZERO_OUT_OF_RANGE: _zero,
     Reason.LATE_EDGE: _late_edges,
     Reason.EDGE_MISMATCH: _mismatch,

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reasons of the faults in a recorded shift."""
+"""View of the reasons of the faults in a recorded shift."""
 
 from collections import Counter
 
@@ -12,7 +12,7 @@ from checkweigher_web.views.view import View
 
 
 class FaultsView(View):
-    """Reasons of the faults so far, the most frequent first, each with what to check."""
+    """The reasons of the faults so far, each with a hint, the most frequent reason first."""
 
     title = 'Faults'
     live = False

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest item: mass and verdict, or the reason why the lane does not weigh."""
+"""View of the latest item, or of the reason why the lane does not weigh."""
 
 from collections.abc import Sequence
 import math
@@ -15,7 +15,7 @@ from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import decided, grams, when, why
 
 _WEIGHS = ('driver', *STAGES)
-# Reasons of a standstill by the state of the driver.
+# Texts for the states of the driver in which the lane does not weigh.
 _ENDED = {
     'inactive': 'weighing is stopped',
     'finished': 'weighing has ended, for the source has',
@@ -24,26 +24,11 @@ _ENDED = {
 
 
 class ItemView(View):
-    """Mass and verdict of the latest item, in letters that can be read from two metres.
-
-    They are grey while the lane does not weigh.
-    """
+    """Mass and verdict of the latest item, which are grey while the lane does not weigh."""
 
     title = 'Item'
     columns = 1, 5
     period = FAST
-    style = """
-.decision { font-size: min(11cqi, 4.5rem); line-height: 1.25; font-weight: 700; color: #fff;
-  padding: 0 1rem; border-radius: 8px; }
-.mass { font-size: min(19cqi, 9rem); line-height: 1.15; font-weight: 700; white-space: nowrap;
-  font-variant-numeric: tabular-nums; letter-spacing: -0.02em; }
-.decision.ACCEPT { background: var(--green); }
-:is(.decision.UNDER, .decision.OVER) { background: var(--amber); }
-.decision.FAULT { background: var(--red); }
-.NONE { background: #595f69; }
-.mass.still { color: var(--muted); }
-.stop:not(:empty) { border: 2px solid var(--red); border-radius: 8px; padding: 0.5rem 0.75rem; }
-"""
 
     def _build(self) -> None:
         self._still = ui.label('').classes('level-ERROR').props('role=status')
@@ -74,7 +59,7 @@ class ItemView(View):
 
 
 def about(item: ShownItem) -> str:
-    """Return what else is known of an item, such as its belt speed, as text."""
+    """Return a text with further values of an item, such as its number and the belt speed."""
     verdict, known = item.verdict, item.estimate
     parts = (
         f'item {verdict.item_id}',
@@ -88,7 +73,7 @@ def about(item: ShownItem) -> str:
 
 
 def standstill(rows: Sequence[Row]) -> str:
-    """Return the reason why a lane does not weigh, by its diagnostics; '' while it does."""
+    """Return the reason in the diagnostics why a lane does not weigh, or '' if it weighs."""
     if silent := silence(rows):
         return f'silent for {silent:.0f} s'
     source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]
@@ -97,7 +82,7 @@ def standstill(rows: Sequence[Row]) -> str:
 
 
 def silence(rows: Sequence[Row]) -> float:
-    """Return the longest silence in s of a node that weighs, by the diagnostics; or 0."""
+    """Return the longest time in s for which a node that weighs has sent no diagnostics."""
     return max((row.silence for row in rows if _name(row) in _WEIGHS), default=0.0)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The histogram of the masses."""
+"""View of the histogram of the masses."""
 
 import math
 
@@ -17,7 +17,7 @@ _BINS = 25
 
 
 class MassesView(FigureView):
-    """The distribution of the masses in this batch, between the limits."""
+    """Histogram of the masses in this batch, with the limits."""
 
     title = 'Masses of the accepted items'
     label = 'histogram of the masses'
@@ -29,10 +29,10 @@ class MassesView(FigureView):
 
 
 def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:
-    """Return a histogram of masses, with limits, TU1, TU2 and nominal mass.
+    """Return a histogram of masses, with the limits, TU1, TU2 and the nominal mass.
 
-    The `latest` verdict has the limits. TU1, TU2 and nominal mass are shown if the statistics have
-    the same product and batch.
+    The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are shown if the
+    statistics are those of the product and batch of the series.
     """
     masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Counts of product and batch, and the state of the packers' rules for the batch."""
+"""View of the production counts and of the packers' rules for the batch (76/211/EEC)."""
 
 import math
 
@@ -12,7 +12,7 @@ from checkweigher_web.words import grams, number
 
 
 class ProductionView(View):
-    """Counts of product and batch, and the state of the rules for the batch."""
+    """Counts of the product and the batch, and the state of the packers' rules."""
 
     title = 'Production'
     columns = 1, 3
@@ -28,7 +28,7 @@ class ProductionView(View):
 
 
 def production(known: Statistics | None, filler: FillerFeedback | None) -> list[tuple[str, str]]:
-    """Return the counts of product and batch by name, and the correction of the filler."""
+    """Return the counts of the product and the batch, and the correction of the filler."""
     if known is None:
         return [('', 'no statistics: the node product does not run')]
     counts = {
@@ -51,21 +51,22 @@ def production(known: Statistics | None, filler: FillerFeedback | None) -> list[
 
 
 def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[str, str]]:
-    if filler is None or filler.product != known.product:  # of the previous product
+    if filler is None or filler.product != known.product:
         return []
     text = f'{GRAMS * filler.correction:+.3f}, at a median of {grams(filler.median)}'
     return [('filler correction, g', f'{text}; limited' if filler.limited else text)]
 
 
 def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
-    """Return the packers' rules for the batch on the line, each with its present state.
+    """Return the packers' rules for the present batch, each with its present state.
 
-    The `known` statistics have the rules of the recipe, the `latest` verdict has their counts.
+    The statistics in `known` have the rules of the recipe, and the `latest` verdict has the counts
+    on which the rules depend.
     """
     if known is None or not math.isfinite(known.nominal):
         return []
     tally = BatchTally() if latest is None else BatchTally.of(latest)
-    if tally.key != (known.product, known.batch):  # nothing has passed yet
+    if tally.key != (known.product, known.batch):  # No item of this batch has passed yet.
         tally = BatchTally(known.product, known.batch)
     none_below = f'{_kept(not known.below_tu2)}{known.below_tu2} accepted'
     return [

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The table of the views."""
+"""Table of the views."""
 
 from checkweigher_web.views.alarms import AlarmsView
 from checkweigher_web.views.control_charts import MeansView, SpreadsView
@@ -15,7 +15,7 @@ from checkweigher_web.views.signal import SignalView
 from checkweigher_web.views.view import View
 from checkweigher_web.views.zero import ZeroView
 
-# In the order of the page, each by the CSS class of its panel.
+# Views in the order of the page, by the CSS class of their panels.
 VIEWS: dict[str, type[View]] = {
     'item': ItemView,
     'signal': SignalView,

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The signal of an item: its window, or for a fault the raw signal with marks."""
+"""View of the signal of an item. For a fault, this is the raw signal with marks."""
 
 from collections.abc import Sequence
 import math
@@ -18,23 +18,19 @@ from checkweigher_web.views.fault_marks import EDGES, Mark, Scene, expected_rise
 from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import said, when, why
 
-_ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour, and row in the figure
-_LEAD = 0.5  # part of the figure before t1, as a fraction of t3 - t1
+_ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour and row of each eye
+_LEAD = 0.5  # time before t1 that is shown, as a fraction of t3 - t1
 
-Edge = tuple[float, bool, bool]  # time in ms, whether it blocks the eye, whether it was seen
-Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both ends were seen
+Edge = tuple[float, bool, bool]  # time in ms, whether it blocks the eye, whether it was detected
+Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both ends were detected
 
 
 class SignalView(View):
-    """The signal of the latest item, or of the one that the viewer has chosen."""
+    """The signal of the latest item, or of the item that the viewer has chosen."""
 
     title = 'Signal'
     columns = 1, 7
     period = FAST
-    style = """
-ol.marks { margin: 0; padding-left: 1.5rem; color: var(--red); font-weight: 600; }
-ol.marks:empty { display: none; }
-"""
 
     def _build(self) -> None:
         self._item: ShownItem | None = None
@@ -43,7 +39,7 @@ ol.marks:empty { display: none; }
         self._why = ui.label('').classes('level-ERROR')
         self._marks = Lines().classes('marks')
         with ui.element('div').classes('in-a-row'):
-            # In a recorded shift, the latest item is the one chosen by the slider.
+            # In a recorded shift, the slider chooses the latest item.
             text = 'show this item' if self.look.board is None else 'show the latest item'
             self._latest = ui.button(text, on_click=lambda: self.look.choose(''))
             self._latest.props('outline no-caps dense padding="xs sm"')
@@ -71,7 +67,7 @@ ol.marks:empty { display: none; }
 
 
 def drawn(drawing: Drawing, item: ShownItem) -> tuple[str, tuple[str, ...]]:
-    """Return the figure of an item as JSON, and its marks; both may change with new samples."""
+    """Return the figure of an item as JSON and the texts of its marks, from the cache."""
     made = drawing.once('signals', drawing.lane.version, dict)
     if item.key not in made:
         known, cell = drawing.lane.with_signals(item), drawing.lane.load_cell
@@ -81,7 +77,7 @@ def drawn(drawing: Drawing, item: ShownItem) -> tuple[str, tuple[str, ...]]:
 
 
 def signal_chart(item: ShownItem, load_cell: LoadCell | None) -> tuple[Options, list[Mark]]:
-    """Return the signal of an item: its window, or the raw signal around a fault with its marks."""
+    """Return the figure of an item: its window, or the raw signal around a fault with marks."""
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell)
         marks = fault_marks(scene)
@@ -123,7 +119,7 @@ def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
 
 
 def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
-    """Return the raw signal around an item with its marks, above the states of the eyes."""
+    """Return the raw signal around an item with marks, above a row for the state of each eye."""
     first, origin = next(
         iter(scene.times.items()), ('the first sample', int(scene.stretch.time[0]))
     )
@@ -145,7 +141,7 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
-        # For an eye that is blocked from the start: whether its blocking edge is known.
+        # The eye may be blocked at the left end of the figure, with or without a known edge.
         was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()))
@@ -153,7 +149,7 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
 
 
 def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
-    """Add marks to the raw signal, numbered from 1: spans as areas, moments as lines."""
+    """Add numbered marks to the raw signal, as areas for spans and as lines for moments."""
     numbered = [
         (str(number), (mark.begin - origin) / 1e6, (mark.end - origin) / 1e6)
         for number, mark in enumerate(marks, 1)
@@ -166,24 +162,22 @@ def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
 
 
 def _add_rows_of_eyes(figure: Options, shown: tuple[float, float], name: str) -> None:
-    """Add a row for each eye below a figure, on the same time axis."""
+    """Add a row for each eye below a figure, with the same time axis."""
     upper = figure['xAxis'] | {'min': shown[0], 'max': shown[1]}
     lower = upper | {'gridIndex': 1, 'name': name}
     eyes = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1}
     sides = {'left': 80, 'right': 30}
-    figure['grid'] = [
-        sides | {'top': 40, 'bottom': 110},
-        sides | {'height': 50, 'bottom': 45},
-    ]
+    figure['grid'] = [sides | {'top': 40, 'bottom': 110}, sides | {'height': 50, 'bottom': 45}]
     figure['xAxis'] = [upper | {'axisLabel': {'show': False}}, lower]
     figure['yAxis'] = [figure['yAxis'], eyes | {'axisTick': {'show': False}}]
 
 
 def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_seen: bool) -> Bars:
-    """Return a bar for each time in which an eye was blocked, at `row` on the y axis.
+    """Return a bar for each time in which an eye was blocked.
 
-    The edges are in order of time and include missing ones. `shown` is the range of the figure in
-    ms. `was_seen` tells whether the start of a bar at the left end was seen.
+    The `edges` are in order of time and include missing ones. The position of the bars on the y
+    axis is `row`. The time axis covers the range `shown` in ms. `was_seen` says whether the eye
+    detected the start of a bar at the left end.
     """
     bars: Bars = {True: [], False: []}
     since = (shown[0], was_seen) if edges and not edges[0][1] else None

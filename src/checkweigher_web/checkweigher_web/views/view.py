@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Base classes of the views, and the state of one viewer."""
+"""Base classes of the views, and the state of a viewer."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
@@ -16,15 +16,15 @@ from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import Figure
 from checkweigher_web.lane import ShownItem
 
-FAST, SLOW = 0.1, 1.0  # periods of updates in s
+FAST, SLOW = 0.1, 1.0  # periods of the updates in s
 
 
 @dataclass
 class Look:
     """State of one viewer of a lane.
 
-    `board` is None for a recorded shift, and `keep` for a viewer who may not keep items.
-    `chosen` is the key of the item that the viewer has chosen, '' for the latest one.
+    `board` is None for a recorded shift. `keep` is None if the viewer may not keep items. `chosen`
+    is the key of the item that the viewer has chosen, or '' for the latest item.
     """
 
     drawing: Drawing
@@ -34,11 +34,11 @@ class Look:
     only_faults: bool = False
 
     def choose(self, key: str) -> None:
-        """Choose an item by its key; '' for the latest one."""
+        """Choose the item with a key, or the latest item for the key ''."""
         self.chosen = key
 
     def nodes(self) -> list[Row]:
-        """Return the diagnostics of the nodes of the lane, made once a second for all viewers."""
+        """Return the diagnostics of the nodes of the lane, which are collected once a second."""
         return self.drawing.each_second('nodes', self._nodes)
 
     def _nodes(self) -> list[Row]:
@@ -50,23 +50,21 @@ class Look:
 class View(ABC):
     """A panel on the page of a lane.
 
-    It shows the present state, so a slow browser skips items and never delays the line.
+    A view shows the present state, so a slow browser skips items and never delays the line.
 
     Attributes
     ----------
-    title, style : str
-        Heading of the panel, and CSS of the view.
+    title : str
+        Heading of the panel.
     columns : tuple of int
-        Columns that the panel takes, of 2 on a tablet and of 12 on a desktop.
+        Width of the panel in columns, of 2 columns on a tablet and of 12 on a desktop.
     period : float
-        Period of updates in s; in a recorded shift all views have `FAST`, because the viewer
-        waits.
+        Period of the updates in s. In a recorded shift, the period of all views is `FAST`.
     live, recorded : bool
-        Whether a running lane and a recorded shift have this view.
+        Whether the view is shown for a running lane, and for a recorded shift.
     """
 
     title: ClassVar[str]
-    style: ClassVar[str] = ''
     columns: ClassVar[tuple[int, int]] = 1, 4
     period: ClassVar[float] = SLOW
     live: ClassVar[bool] = True
@@ -80,14 +78,14 @@ class View(ABC):
         self._build()
 
     def update(self) -> None:
-        """Show the present state if it has changed."""
+        """Show the present state if it has changed since the last call."""
         state = self._state()
         if state != self._shown:
             self._shown = state
             self._show()
 
     def _state(self) -> object:
-        """Return a value that changes whenever the view must be updated."""
+        """Return a value that differs from the previous one if the view must be updated."""
         return self.lane.version, self.look.chosen, self.look.only_faults
 
     @abstractmethod
@@ -96,17 +94,17 @@ class View(ABC):
 
     @abstractmethod
     def _show(self) -> None:
-        """Show the present state in these elements."""
+        """Show the present state in the elements of the view."""
 
 
 class FigureView(View):
-    """View with one figure over many items; `label` is its name for screen readers."""
+    """View with one figure of many items. `label` is the name of the figure for screen readers."""
 
     label: ClassVar[str]
 
     @classmethod
     def figure(cls, drawing: Drawing) -> str:
-        """Return the figure as JSON; it is drawn again for a new item, product or batch."""
+        """Return the figure as JSON, which is drawn again for a new item, product or batch."""
         return drawing.once(cls.label, drawing.of_items(), lambda: json.dumps(cls._draw(drawing)))
 
     @classmethod

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The zero before each item."""
+"""View of the zero before each item."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -18,7 +18,7 @@ from checkweigher_web.views.view import FigureView
 
 
 class ZeroView(FigureView):
-    """The zero before each item, and the empty belt if the zero was out of range."""
+    """The zero before each item, and the reading of the empty belt if the zero is out of range."""
 
     title = 'Zero'
     label = 'zero of the empty belt'
@@ -29,9 +29,10 @@ class ZeroView(FigureView):
 
 
 def _read_empty_belts(drawing: Drawing) -> dict[Key, float]:
-    """Return the empty belt before each item with a zero out of range, in kg or NaN.
+    """Return the reading of the empty belt before each item with a zero out of range.
 
-    Readings are kept for all viewers, because the lane soon drops its samples.
+    The readings are in kg, or NaN without samples of the empty belt. All viewers share the
+    readings, because the lane soon drops its samples.
     """
     readings: dict[Key, float] = drawing.once('readings', None, dict)
     cell = drawing.lane.load_cell
@@ -46,10 +47,10 @@ def _read_empty_belts(drawing: Drawing) -> dict[Key, float]:
 
 
 def zero_chart(items: Sequence[ShownItem], readings: Mapping[Key, float]) -> Options:
-    """Return the zero before each item, relative to the zero of calibration.
+    """Return the figure of the zero before each item, relative to the zero of calibration.
 
-    The latest of `items` comes first. Times with a zero out of range are marked, with the empty
-    belt in kg from `readings`.
+    The latest of `items` comes first. Areas mark the times with a zero out of range. Symbols show
+    the `readings` of the empty belt in kg.
     """
     shown = [item for item in reversed(items) if _has_zero(item)]
     if not shown:
@@ -60,7 +61,7 @@ def zero_chart(items: Sequence[ShownItem], readings: Mapping[Key, float]) -> Opt
     line = charts.line('zero', time, zeros, DENOISED, width=2)
     name, last = Reason.ZERO_OUT_OF_RANGE.value, len(time) - 1
     out = runs([_is_out(item) for item in shown])
-    # Each area reaches to the items before and after it.
+    # Each area extends from the item before these items to the item after them.
     spans = [(name, time[max(begin - 1, 0)], time[min(end, last)]) for begin, end in out]
     line['markArea'] = charts.red_areas(spans)
     series = [line]

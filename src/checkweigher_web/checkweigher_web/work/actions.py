@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Actions of operators and technicians on a lane."""
+"""Actions of operators and technicians on a lane. Each returns its outcome as a text."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -32,7 +32,7 @@ _STEPS = {
 
 @dataclass(frozen=True)
 class MassLimits:
-    """Limits of the reject node in kg; infinite for none."""
+    """Limits of the reject node in kg. An infinite value is no limit."""
 
     lower: float
     upper: float
@@ -44,7 +44,7 @@ class MassLimits:
 async def products(services: LaneServices) -> dict[str, Product]:
     """Return the products of the recipe file of a lane, by name.
 
-    Raises `ActionRefusedError` if the lane has no recipe file or it is not on this machine.
+    Raises `ActionRefusedError` if the lane has no recipe file or the file is not on this machine.
     """
     try:
         return read_recipes(
@@ -55,13 +55,13 @@ async def products(services: LaneServices) -> dict[str, Product]:
 
 
 async def select_product(services: LaneServices, name: str) -> str:
-    """Select a product."""
+    """Select the product of a lane."""
     await services.call('select_product', product=name)
     return f'product {name} is selected'
 
 
 async def new_batch(services: LaneServices, name: str) -> str:
-    """Begin a batch."""
+    """Begin a new batch, which ends the present batch."""
     answer = await services.call('new_batch', batch=name)
     return f'batch {name} has begun; the one before had {counted(answer.finished.items, "item")}'
 
@@ -75,7 +75,7 @@ async def zero(services: LaneServices) -> str:
 
 
 async def reset_stop(services: LaneServices) -> str:
-    """Reset a stop request."""
+    """Reset the stop request of a lane."""
     return await services.message(ports.RESET_STOP_REQUEST) or 'the stop request is taken back'
 
 
@@ -85,23 +85,19 @@ async def acknowledge_alarms(services: LaneServices) -> str:
 
 
 async def stop(services: LaneServices) -> str:
-    """Stop weighing: deactivate the driver."""
+    """Stop weighing by deactivating the driver."""
     await _change(services, 'driver', Transition.TRANSITION_DEACTIVATE)
     return 'weighing has stopped'
 
 
 async def start(services: LaneServices) -> str:
-    """Start weighing: activate reject and driver from any state."""
+    """Start weighing by activating the nodes `reject` and `driver` from any state."""
     for node in _MANAGED:
         for _ in _STEPS:
-            if (step := _STEPS.get(await state(services, node))) is not None:
-                await _change(services, node, step)
+            state = (await services.call(f'{node}/get_state')).current_state.id
+            if state in _STEPS:
+                await _change(services, node, _STEPS[state])
     return 'weighing has started'
-
-
-async def state(services: LaneServices, node: str) -> int:
-    """Return the state of a managed node."""
-    return int((await services.call(f'{node}/get_state')).current_state.id)
 
 
 async def _change(services: LaneServices, node: str, step: int) -> None:
@@ -109,7 +105,7 @@ async def _change(services: LaneServices, node: str, step: int) -> None:
 
 
 def limits(services: LaneServices) -> MassLimits:
-    """Return the limits of a lane."""
+    """Return the present limits of a lane."""
     in_use = _in_use(services)
     return MassLimits(in_use.lower_limit, in_use.upper_limit)
 
@@ -122,7 +118,7 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits, or neither."""
-    if wanted.lower > wanted.upper:  # the node would say so in kg
+    if wanted.lower > wanted.upper:  # The message of the node would be in kg.
         raise ActionRefusedError(
             f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
             f'{_grams(wanted.upper)}'
@@ -133,7 +129,7 @@ async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
 
 @dataclass(frozen=True)
 class Operation:
-    """Settings of a simulated machine in m/s and kg; 0 for the configured value."""
+    """Settings of a simulated machine in m/s and kg. The value 0 stands for the configured one."""
 
     feed: bool
     speed: float
@@ -154,7 +150,7 @@ _OPERATION = 'simulator.now.'
 
 
 async def operation(services: LaneServices) -> Operation:
-    """Return the settings of a simulated machine; raise `ActionRefusedError` if it is real."""
+    """Return the settings of a simulated machine, or raise `ActionRefusedError` if it is real."""
     names = [_OPERATION + entry.name for entry in fields(Operation)]
     feed, *others = [*await _parameters(services, 'driver', *names), None][: len(names)]
     if feed is None:
@@ -163,7 +159,7 @@ async def operation(services: LaneServices) -> Operation:
 
 
 async def operate(services: LaneServices, wanted: Operation) -> str:
-    """Set speed, feed and masses of a simulated machine."""
+    """Set the speed, the feed and the masses of a simulated machine."""
     await _set(
         services, 'driver', {_OPERATION + name: value for name, value in asdict(wanted).items()}
     )
@@ -191,22 +187,23 @@ def _grams(limit: float) -> str:
 
 
 def _in_grams(text: str) -> str:
-    return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)  # + 0: never -0
+    # Adding zero turns -0.0 into 0.0.
+    return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)
 
 
 async def batch_folder(services: LaneServices) -> Path:
-    """Return the folder of the batch records; raise `ActionRefusedError` if there is none."""
+    """Return the folder of the batch records, or raise `ActionRefusedError` if there is none."""
     return await _path(services, 'batch_folder', 'keeps no records: set its parameter batch_folder')
 
 
 async def audit_log(services: LaneServices) -> Path:
-    """Return the audit log of a lane; raise `ActionRefusedError` if it has none."""
+    """Return the path of the audit log of a lane, or raise `ActionRefusedError` without a log."""
     missing = 'writes no audit log: set its parameter audit_log, or run the line with --folder'
     return (await _path(services, 'audit_log', missing)).absolute()
 
 
 async def _path(services: LaneServices, name: str, missing: str) -> Path:
-    """Return a path parameter of the node product; raise `ActionRefusedError` if it is empty."""
+    """Return a path in a parameter of the node `product`, or raise `ActionRefusedError`."""
     (path,) = await _parameters(services, 'product', name)
     if not path:
         raise ActionRefusedError(f'the node product {missing}')

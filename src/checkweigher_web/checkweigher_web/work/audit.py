@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The audit log of a lane: its state, its seals and the latest changes."""
+"""Dialog with the audit log of a lane: its state, its seals and the latest changes."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ async def audit_log(desk: Desk, services: LaneServices) -> None:
 
 
 class AuditDialog(Dialog):
-    """Dialog with an audit log as it was last read."""
+    """Dialog that shows an audit log."""
 
     def __init__(self, desk: Desk, log: Path) -> None:
         super().__init__('Audit log', wide=True)
@@ -40,7 +40,7 @@ class AuditDialog(Dialog):
         self.button('Read again', self.update)
 
     async def update(self) -> None:
-        """Read the log, and read it again if the filter changes meanwhile."""
+        """Read the log, and read it again if the filter has changed meanwhile."""
         if self._reading:
             return
         if self._desk.role < Role.OPERATOR:
@@ -52,7 +52,7 @@ class AuditDialog(Dialog):
             while read != (wanted := str(self._wanted.value or '')):
                 read = wanted
                 view = await self._desk.auditor.read(self._log, wanted)
-                if self._count.is_deleted:  # the dialog was closed meanwhile
+                if self._count.is_deleted:  # The user has closed the dialog.
                     return
                 self._show(view)
         finally:

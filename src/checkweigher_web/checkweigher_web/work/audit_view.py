@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""An audit log as the page shows it: its state, its seals and its latest entries."""
+"""State, seals and latest entries of an audit log, in the words of the page."""
 
 import asyncio
 from dataclasses import dataclass
@@ -14,28 +14,28 @@ from checkweigher_production.audit_log import AuditError, Entry, Verification, r
 from checkweigher_production.audit_seal import hold_to_seals, sealing, seals_path
 from checkweigher_production.audit_words import changes, conclusion, shortened
 
-NEWEST = 200  # entries that are shown
+NEWEST = 200  # maximum number of entries that are shown
 HEADS = 'entry', 'time, UTC', 'who', 'kind', 'what: before → after', 'why'
-_MOST = 20  # changes of an entry that are shown
-_LONGEST = 200  # characters of a name or a value
+_MOST = 20  # maximum number of changes of an entry that are shown
+_LONGEST = 200  # maximum number of characters of a name or a value
 
 
 @dataclass(frozen=True, slots=True)
 class AuditView:
-    """An audit log as the page shows it."""
+    """Texts of the page on an audit log."""
 
     whole: bool
-    conclusion: str  # as in the command audit, or why the log cannot be read
-    seals_hold: bool | None = None  # None if not verified
-    seals: str = ''  # their state, or how to verify them; '' if the conclusion has it
-    count: str = ''  # number of entries, and which of them are shown
-    rows: tuple[tuple[str, ...], ...] = ()  # by HEADS, the latest first; a line for each change
+    conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
+    seals_hold: bool | None = None  # None if the seals were not verified
+    seals: str = ''  # state of the seals, '' if the conclusion contains it
+    count: str = ''  # text on the number of entries
+    rows: tuple[tuple[str, ...], ...] = ()  # cells for HEADS of each entry, the latest entry first
 
 
 class Auditor:
-    """Reader of audit logs, one at a time, because a large one takes seconds and much memory.
+    """Reader of audit logs, whose seals are verified by the public key `trust`.
 
-    Seals are verified by the public key `trust`.
+    One log is read at a time, because a large log takes seconds and much memory.
     """
 
     def __init__(self, trust: Ed25519PublicKey | None = None) -> None:
@@ -43,7 +43,7 @@ class Auditor:
         self._turn = asyncio.Lock()
 
     async def read(self, log: Path, wanted: str) -> AuditView:
-        """Return a log as the page shows it; see `view_of`."""
+        """Return the texts of the page on a log, with entries as in `view_of`."""
         async with self._turn:
             try:
                 return await asyncio.to_thread(view_of, log, self._trust, wanted)
@@ -52,25 +52,24 @@ class Auditor:
 
 
 def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditView:
-    """Read an audit log for the page.
+    """Return the texts of the page on an audit log, or raise `AuditError` if it cannot be read.
 
     Parameters
     ----------
     log : Path
-        The log, with its seals beside it.
+        Audit log. The file of its seals is in the same folder.
     key : Ed25519PublicKey or None
-        Key for the seals; without it they are not verified.
-    wanted : str
-        Text to find: an entry is shown if its row or the name of its node contains it.
-
-    Raises
-    ------
-    AuditError
-        If the log cannot be read.
+        Public key of the seals. If it is None, the seals are not verified.
+    wanted : str, optional
+        Filter. Only entries are shown that contain this text in their row or the name of the node.
     """
     found, hold, seals = _sealed(log, read_log(log), key)
     sought = wanted.strip().casefold()
-    shown = [entry for entry in reversed(found.entries) if _has(entry, sought)]
+    shown = [
+        entry
+        for entry in reversed(found.entries)
+        if not sought or sought in f'{one_line(entry.source)} {" ".join(_row(entry))}'.casefold()
+    ]
     return AuditView(
         whole=found.whole,
         conclusion=conclusion(found),
@@ -84,9 +83,9 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
 def _sealed(
     log: Path, found: Verification, key: Ed25519PublicKey | None
 ) -> tuple[Verification, bool | None, str]:
-    """Check the seals; return the log, whether all seals are valid, and a text for the page."""
+    """Return a log after a check of its seals, whether all seals are valid, and a text."""
     path, command = seals_path(log), f'./checkweigher audit {quote(str(log))} --trust PUBLIC'
-    if not found.whole:  # seals need an unbroken chain
+    if not found.whole:  # Seals can be verified only for an unbroken chain.
         return found, None, ''
     if not path.exists():
         text = f'There are no seals in {path}. To verify those that are elsewhere, run'
@@ -96,10 +95,6 @@ def _sealed(
         return found, None, f'{text}: start it with --trust PUBLIC, or run {command}'
     seals, found = hold_to_seals(found, path, key)
     return found, found.whole, sealing(seals, found.entries) if found.whole else ''
-
-
-def _has(entry: Entry, sought: str) -> bool:
-    return not sought or sought in f'{one_line(entry.source)} {" ".join(_row(entry))}'.casefold()
 
 
 def _count(found: Verification, matching: int, wanted: str) -> str:
@@ -117,7 +112,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
         what.append(f'and {len(changed) - _MOST} more')
     return (
         str(entry.sequence),
-        shortened(entry.time)[:19].replace('T', ' '),  # to the second
+        shortened(entry.time)[:19].replace('T', ' '),  # without fractions of a second
         shortened(entry.who),
         shortened(entry.kind),
         '\n'.join(what),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Buttons for work on a lane, by the role of the person."""
+"""Buttons for the work on a lane that the role of the user allows."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -32,11 +32,15 @@ _STOP = (
     'started and its stop is reset.'
 )
 _ACKNOWLEDGE = 'You have seen all alarms. Those that are over leave the list.'
+_LIMITS = (
+    'Limits of the gross mass; empty for none. The next selection of a product sets those of its '
+    'recipe.'
+)
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
 def work_bar(desk: Desk) -> None:
-    """Show the buttons that the person may use."""
+    """Show the buttons that the role of the user allows."""
     with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
         for label, role, begin in _BUTTONS:
             if desk.role >= role:
@@ -57,7 +61,7 @@ def _is_simulated(lane: Lane) -> bool:
 
 
 async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
-    """Ask before an item is kept, and keep it."""
+    """Ask for confirmation, and write an item as a small bag."""
     number, recording = item.verdict.item_id, desk.lane.recording()
 
     async def begin(desk: Desk, services: LaneServices) -> None:
@@ -69,13 +73,13 @@ async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
             f'Item {number} is written to {keeper.folder} as a small bag, with what came before it '
             'and its mass needs.'
         )
-        ask(desk, Role.OPERATOR, 'Keep item', text, 'Keep', lambda: (f'keep item {number}', keep))
+        ask(desk, 'Keep item', text, 'Keep', lambda: (f'keep item {number}', keep))
 
     await _open(desk, 'Keep item', Role.OPERATOR, begin)
 
 
 async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
-    """Open a dialog, if the person still has the role."""
+    """Open a dialog if the user still has the role, otherwise go to the login."""
     if desk.role < role:
         ui.navigate.to('/login')
         return
@@ -107,15 +111,8 @@ async def _product(desk: Desk, services: LaneServices) -> None:
             raise ActionRefusedError('choose a product')
         return f'select product {name}', partial(actions.select_product, services, name)
 
-    ask(
-        desk,
-        Role.OPERATOR,
-        'Product',
-        'All parameters of the product are set. Change it while the belt is empty.',
-        'Select',
-        plan,
-        choice,
-    )
+    text = 'All parameters of the product are set. Change it while the belt is empty.'
+    ask(desk, 'Product', text, 'Select', plan, choice)
 
 
 async def _batch(desk: Desk, services: LaneServices) -> None:
@@ -123,25 +120,18 @@ async def _batch(desk: Desk, services: LaneServices) -> None:
         name = str(batch.value or '').strip()
         return f'begin batch {name}', partial(actions.new_batch, services, name)
 
-    ask(
-        desk,
-        Role.OPERATOR,
-        'New batch',
-        'The counts of this batch end, and those of the new one begin at 0.',
-        'Begin',
-        plan,
-        partial(field, 'Batch'),
-    )
+    text = 'The counts of this batch end, and those of the new one begin at 0.'
+    ask(desk, 'New batch', text, 'Begin', plan, partial(field, 'Batch'))
 
 
 _Act = Callable[[LaneServices], Awaitable[str]]
 
 
 def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
-    """Return a function that asks before an action without any field."""
+    """Return a function that opens a dialog which asks for confirmation of an action."""
 
     async def begin(desk: Desk, services: LaneServices) -> None:
-        ask(desk, Role.OPERATOR, verb, text, verb, lambda: (what, partial(act, services)))
+        ask(desk, verb, text, verb, lambda: (what, partial(act, services)))
 
     return begin
 
@@ -151,7 +141,7 @@ async def _reset(desk: Desk, services: LaneServices) -> None:
     why = 'No stop is requested. ' if stop is None else f'{stop.reason}: {stop.hint}. '
     text = f'{why}The machine may run again: see that what caused the stop is put right.'
     plan = 'reset stop request', partial(actions.reset_stop, services)
-    ask(desk, Role.OPERATOR, 'Reset stop', text, 'Reset', lambda: plan)
+    ask(desk, 'Reset stop', text, 'Reset', lambda: plan)
 
 
 async def _limits(desk: Desk, services: LaneServices) -> None:
@@ -166,20 +156,12 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     def limit(label: str, value: float) -> ui.input:
         return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
 
-    ask(
-        desk,
-        Role.TECHNICIAN,
-        'Limits',
-        'Limits of the gross mass; empty for none. The next selection of a product sets those of '
-        'its recipe.',
-        'Set',
-        plan,
-        partial(limit, 'Lower limit', now.lower),
-        partial(limit, 'Upper limit', now.upper),
-    )
+    lower = partial(limit, 'Lower limit', now.lower)
+    upper = partial(limit, 'Upper limit', now.upper)
+    ask(desk, 'Limits', _LIMITS, 'Set', plan, lower, upper, role=Role.TECHNICIAN)
 
 
-# Label, least role and function of each dialog. Add an action as a row.
+# Label, lowest role and function of each dialog. A new action needs only a row in this table.
 _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Product', Role.OPERATOR, _product),
     ('New batch', Role.OPERATOR, _batch),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The static calibration in steps: the empty belt, then known masses."""
+"""Dialog of the static calibration, with the empty belt and known masses."""
 
 from functools import partial
 import re
@@ -11,14 +11,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
 from checkweigher_web.elements import Lines
 from checkweigher_web.words import grams
-from checkweigher_web.work.dialogs import (
-    Action,
-    Desk,
-    Guide,
-    field,
-    number_in,
-    reason_field,
-)
+from checkweigher_web.work.dialogs import Action, Desk, Guide, field, number_in, reason_field
 from checkweigher_web.work.services import LaneServices
 
 _PERIOD = 0.5  # s
@@ -31,7 +24,7 @@ _STEPS = (
 
 
 class CalibrationDialog(Guide):
-    """Dialog of a calibration, whose readings the driver keeps."""
+    """Dialog of a static calibration. The driver keeps the readings."""
 
     title = 'Calibration'
     needs = ports.CALIBRATE_ZERO
@@ -50,9 +43,8 @@ class CalibrationDialog(Guide):
         self.button('Read empty belt', partial(self._take, 'empty belt', ports.CALIBRATE_ZERO))
         self.button('Read mass', self._read_mass)
         cancel = partial(services.message, ports.CANCEL_CALIBRATION)
-        self.button(
-            'Begin again', partial(self._end, 'forget what was read for a calibration', cancel)
-        )
+        what = 'forget what was read for a calibration'
+        self.button('Begin again', partial(self._end, what, cancel))
         self.button('Write calibration', self._write)
 
     def _show(self) -> None:
@@ -91,7 +83,7 @@ class CalibrationDialog(Guide):
 
 
 def note(readings: list[str], load: str, said: str) -> None:
-    """Add the reading of a load; remove readings that the driver has dropped."""
+    """Add the reading of a load, and remove readings that the driver has dropped."""
     counted = re.search(r'(\d+) read by now', said)
     if counted is not None:
         del readings[: len(readings) + 1 - int(counted[1])]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialogs that ask before an action and show its outcome."""
+"""Dialogs that ask for confirmation of an action and show its outcome."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -18,14 +18,15 @@ from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')  # or with a decimal comma
+# Numbers in which the comma may separate thousands or be the decimal mark.
+_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')
 Action = Callable[[], Awaitable[str]]
 
 
 class Desk:
-    """Access of the person at one browser to one lane.
+    """Access of the user of a browser to a lane.
 
-    `services` returns the services of the lane; `auditor` reads its audit log.
+    `services` returns the services of the lane, and `auditor` reads its audit log.
     """
 
     def __init__(
@@ -33,22 +34,22 @@ class Desk:
         access: Access,
         lane: Lane,
         services: Callable[[], Awaitable[LaneServices]],
-        auditor: Auditor | None = None,
+        auditor: Auditor,
     ) -> None:
         self.lane = lane
         self.services = services
-        self.auditor = auditor or Auditor()
-        self.needs_reason = False  # by the recipe on the line
+        self.auditor = auditor
+        self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
         self._client = ui.context.client
 
     @property
     def role(self) -> Role:
-        """Present role of the person, whose session may have ended."""
+        """Present role of the user, which is VIEWER after the end of the session."""
         return self._access.role_of(self._client) or Role.VIEWER
 
     async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
-        """Perform an action if the role of the person allows it; see `LaneServices.act`."""
+        """Perform an action with audit log entries if the role of the user allows it."""
         session = self._access.session_of(self._client)
         if session is None or session.user.role < role:
             return Outcome(False, f'this needs a login as {role.name.lower()}')
@@ -60,9 +61,9 @@ class Desk:
 
 
 class Dialog:
-    """A dialog with a title, a body for the caller to fill, a line for results, and buttons.
+    """A dialog with a title, a body for the fields of the caller, a line for results, and buttons.
 
-    A `wide` one has room for a table.
+    A `wide` dialog has room for a table.
     """
 
     def __init__(self, title: str, closing: str = 'Close', *, wide: bool = False) -> None:
@@ -79,7 +80,7 @@ class Dialog:
         self._dialog.open()
 
     def button(self, text: str, click: Callable[[], Awaitable[object]]) -> ui.button:
-        """Add a button, which is busy while `click` runs; a refusal is shown."""
+        """Add a button that calls `click`, and that shows the reason if the action is refused."""
 
         async def work() -> None:
             button.props('loading')
@@ -107,11 +108,11 @@ class Dialog:
 class Guide(Dialog):
     """A dialog that guides a technician through several actions.
 
-    The node that serves `needs` keeps the state, so the dialog may be closed and opened again.
+    The node with the service `needs` keeps the state, so the dialog may be closed and opened again.
     """
 
     title: ClassVar[str]
-    needs: ClassVar[str]  # name of a service
+    needs: ClassVar[str]
     reason: ui.input
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
@@ -121,18 +122,17 @@ class Guide(Dialog):
 
     @classmethod
     async def open(cls, desk: Desk, services: LaneServices) -> None:
-        """Open the dialog if the service runs; raise `ActionRefusedError` if it does not."""
+        """Open the dialog, or raise `ActionRefusedError` if its service does not run."""
         await services.found(cls.needs)
         cls(desk, services)
 
     def service_button(self, text: str, what: str, service: str) -> ui.button:
-        """Add a button that calls a service; the audit log calls the action `what`."""
-        return self.button(
-            text, partial(self.perform, what, partial(self.services.message, service))
-        )
+        """Add a button that calls a service. The name of the action in the audit log is `what`."""
+        action = partial(self.services.message, service)
+        return self.button(text, partial(self.perform, what, action))
 
     async def perform(self, what: str, action: Action) -> bool:
-        """Perform an action with the reason that was filled in; return whether it was done."""
+        """Perform an action with the reason in the field, and return whether it was done."""
         reason = str(self.reason.value or '')
         outcome = await self.desk.perform(Role.TECHNICIAN, what, action, reason)
         self.tell(outcome)
@@ -140,7 +140,7 @@ class Guide(Dialog):
 
 
 def reason_field(desk: Desk) -> ui.input:
-    """Add the field for the reason of a change."""
+    """Add a field for the reason of an action."""
     return field('Reason' if desk.needs_reason else 'Reason (may be empty)')
 
 
@@ -151,7 +151,10 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
 
 
 def number_in(given: ui.input, *, empty: float | None = None) -> float:
-    """Return the number in a field; raise `ActionRefusedError` if it is missing or ambiguous."""
+    """Return the number in a field, or `empty` if the field is empty.
+
+    Raises `ActionRefusedError` if the number is missing or ambiguous.
+    """
     text = str(given.value or '').strip()
     if not text and empty is not None:
         return empty
@@ -167,18 +170,18 @@ def number_in(given: ui.input, *, empty: float | None = None) -> float:
 
 def ask(
     desk: Desk,
-    role: Role,
     title: str,
     text: str,
     verb: str,
     plan: Callable[..., tuple[str, Action]],
     *fields: Callable[[], Element],
+    role: Role = Role.OPERATOR,
 ) -> Element:
-    """Ask before an action, and return the body of the dialog.
+    """Open a dialog that asks for confirmation of an action, and return the body of the dialog.
 
-    Each of the `fields` adds a field to the dialog and returns its element. `plan` takes
-    these elements and returns the words for the audit log and the action, or raises
-    `ActionRefusedError` if a field cannot be used.
+    Each function in `fields` adds a field and returns its element. The function `plan` gets these
+    elements. `plan` returns the name of the action in the audit log and the action, or raises
+    `ActionRefusedError` if a field is not valid. `role` is the lowest role that may confirm.
     """
     dialog = Dialog(title, 'Cancel')
     with dialog.body:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The dynamic setting in steps: passes at each belt speed, training, and a table of accuracy."""
+"""Dialog of the dynamic setting, with passes at each belt speed, training, and the accuracy."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from checkweigher_web.work.dialogs import Desk, Guide, field, number_in, reason_
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _PERIOD = 0.2  # s
-_MANY = 100_000  # passes
+_MANY = 100_000  # upper limit of the number of passes, exclusive
 _STEPS = (
     'Set a belt speed, record passes of one known mass, and let that product pass as often; then '
     'the same at the next speed. Train on all that was recorded: it takes minutes, and the line '
@@ -27,10 +27,7 @@ _STATES = {
     DynamicSetting.TUNING: 'training',
     DynamicSetting.FAILED: 'failed',
 }
-_ENDINGS = {
-    DynamicSetting.RECORDING: 'End recording',
-    DynamicSetting.TUNING: 'End training',
-}
+_ENDINGS = {DynamicSetting.RECORDING: 'End recording', DynamicSetting.TUNING: 'End training'}
 _HEADS = 'estimator', 'm/min', 'passes', 'A trained g', 'A held out g'
 
 
@@ -43,7 +40,7 @@ class DynamicSettingGuide(Guide):
     def __init__(self, desk: Desk, services: LaneServices) -> None:
         super().__init__(desk, services)
         self._said: DynamicSetting | None = None
-        self._table: list[str] = []  # lines of the table that the person sees
+        self._table: list[str] = []  # lines of the table of accuracy that the dialog shows
         with self.body:
             ui.label(_STEPS)
             self._mass = field('Mass', unit='g')
@@ -71,7 +68,7 @@ class DynamicSettingGuide(Guide):
             return
         self._said = said
         lines = await self._trained()
-        if self._state.is_deleted:  # the dialog was closed meanwhile
+        if self._state.is_deleted:  # The user has closed the dialog.
             return
         self._show(lines)
         self._state.set_text(_state(said, waits=bool(lines)))
@@ -84,7 +81,7 @@ class DynamicSettingGuide(Guide):
         self._restarting.set_visibility(bool(said.file) and said.state == DynamicSetting.IDLE)
 
     async def _trained(self) -> list[str]:
-        """Return the table of parameters that wait to be taken over; empty if there are none."""
+        """Return the table of accuracy of parameters that wait to be accepted, or []."""
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except ActionRefusedError:
@@ -132,14 +129,14 @@ class DynamicSettingGuide(Guide):
 
         async def take_over() -> str:
             if await self._trained() != seen:
-                raise ActionRefusedError('what was trained is not what the table shows: look again')
+                raise ActionRefusedError('the trained parameters have changed: see the table again')
             return await self.services.message(ports.ACCEPT_TUNED)
 
         await self.perform('take over the trained parameters', take_over)
 
 
 def _state(said: DynamicSetting, *, waits: bool) -> str:
-    """Return the state in words; `waits` if there are trained parameters to take over."""
+    """Return the state as a text. `waits` is true if trained parameters wait to be accepted."""
     if said.state == DynamicSetting.IDLE:
         return 'trained: look at the table, then take it over or drop it' if waits else said.text
     counted = f', {said.passes} of {said.wanted} passes' if said.wanted else ''

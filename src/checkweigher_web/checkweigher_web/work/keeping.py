@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items of a running line, written as small bags from the samples that the page holds."""
+"""Writer of small bags, each with an item of a running line."""
 
 import asyncio
 from datetime import UTC, datetime
@@ -15,12 +15,12 @@ from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import ShownItem
 from checkweigher_web.work.services import ActionRefusedError
 
-HELD = 120.0  # s of samples, which leaves a person time to look at a fault first
+HELD = 120.0  # duration in s of the samples that the page holds for users who keep an item
 _ELSE = 'record the line, and cut the item out with checkweigher keep'
 
 
 class Keeper:
-    """Writer of items to a folder, one at a time, because each item is weighed again."""
+    """Writer of items to a folder. One item is written at a time, because it is weighed again."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -29,23 +29,11 @@ class Keeper:
     async def keep(
         self, lane: str, recording: Recording | None, parameters: LineParameters, item: ShownItem
     ) -> str:
-        """Write an item with the samples that its mass needs, and return the path in words.
+        """Write an item with the samples on which its mass depends, and return a text on the bag.
 
-        Parameters
-        ----------
-        lane : str
-            Namespace of the lane.
-        recording : Recording or None
-            Samples and edges that the page holds.
-        parameters : LineParameters
-            Present parameters of the lane.
-        item : ShownItem
-            The item with its verdict.
-
-        Raises
-        ------
-        ActionRefusedError
-            If the recording is too short for the item, or the bag cannot be written.
+        The recording has the samples and edges that the page holds, or is None without samples.
+        `parameters` has the present parameters of the lane. Raises `ActionRefusedError` if the
+        recording is too short for the item, or if the bag cannot be written.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)
@@ -73,8 +61,8 @@ class Keeper:
             write_bag(path, part.load_cell, part, lane)
         except KeepError:
             raise ActionRefusedError(
-                f'{held}, and item {verdict.item_id} is weighed another way in it: what it needs '
-                f'came before, or a parameter was changed since; {_ELSE}'
+                f'{held}, in which item {verdict.item_id} gets another result: earlier samples are '
+                f'missing, or a parameter was changed since; {_ELSE}'
             ) from None
         except OutputError as error:
             raise ActionRefusedError(str(error)) from None

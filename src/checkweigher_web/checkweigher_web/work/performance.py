@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The performance test of the recipe, with the error of each pass of the test product."""
+"""Dialog of the performance test, with the error of each pass of the test product."""
 
 import math
 
@@ -8,9 +8,8 @@ from nicegui import ui
 
 from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
-from checkweigher_web.access.users import Role
 from checkweigher_web.work.dialogs import Desk, ask
-from checkweigher_web.work.services import LaneServices, Person
+from checkweigher_web.work.services import ACTING, LaneServices, Person
 
 _PERIOD = 0.5  # s
 _STATES = {
@@ -24,35 +23,31 @@ _STATES = {
 
 
 async def performance_test(desk: Desk, services: LaneServices) -> None:
-    """Show the performance test, and ask before beginning it or breaking it off."""
+    """Show the state of the performance test, and ask whether to begin it or to cancel it."""
     running = services.test is not None and services.test.state is PerformanceState.RUNNING
     verb = 'Break off' if running else 'Begin'
 
     async def act() -> str:
-        person, reason = services.acting or (Person('', ''), '')
-        return await services.message(
-            ports.BEGIN_TEST, who=person.name, reason=reason, cancel=running
-        )
+        person, reason = ACTING.get() or (Person('', ''), '')
+        who = person.name
+        return await services.message(ports.BEGIN_TEST, who=who, reason=reason, cancel=running)
 
     text = 'Let the test product pass as often as is asked for. Every item is rejected meanwhile.'
     plan = f'{verb.lower()} performance test', act
-    with ask(desk, Role.OPERATOR, 'Performance test', text, verb, lambda: plan):
+    with ask(desk, 'Performance test', text, verb, lambda: plan):
         shown = ui.label('').classes('read').props('role=status')
         ui.timer(_PERIOD, lambda: shown.set_text(text_of(services.test)))
 
 
 def text_of(test: PerformanceTest | None) -> str:
-    """Return the state of the test in one line."""
+    """Return the state of the test as one line of text."""
     if test is None:
         return 'Nothing is known of a performance test: no product is selected'
     text = _STATES[test.state]
     if test.text:
         text += f' ({test.text})'
     if test.errors or test.state is PerformanceState.RUNNING:
-        errors = ', '.join(_error(each) for each in test.errors)
-        text += f'. {len(test.errors)} of {test.passes} passes: {errors or "none yet"}'
+        errors = ('no mass' if math.isnan(e) else f'{GRAMS * e:+.2f} g' for e in test.errors)
+        known = ', '.join(errors) or 'none yet'
+        text += f'. {len(test.errors)} of {test.passes} passes: {known}'
     return text
-
-
-def _error(error: float) -> str:
-    return 'no mass' if math.isnan(error) else f'{GRAMS * error:+.2f} g'

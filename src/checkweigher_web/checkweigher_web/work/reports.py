@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches and verifications: links to them, and their files."""
+"""Reports on batches and verifications, with links to them on the page."""
 
 import asyncio
 from collections.abc import Iterable
@@ -18,12 +18,12 @@ from checkweigher_web.work.dialogs import Desk, Dialog
 from checkweigher_web.work.services import LaneServices, Workshop
 
 BATCH, VERIFICATION = 'batch', 'verification'
-_MANY = 20  # in a list
+_MANY = 20  # maximum number of reports in a list
 _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 
 
 def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
-    """Serve the reports of the lanes on which somebody has worked, with a content policy."""
+    """Serve the reports of the lanes in `workshop`, with a content policy for browsers."""
 
     @app.get('/reports/{kind}/{name}.{ending}')
     async def answer(kind: str, name: str, ending: str, lane: str = '') -> Response:
@@ -35,9 +35,8 @@ def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
             text = None
         if text is None:
             raise HTTPException(404, 'there is no such report')
-        return Response(
-            text, headers={'Content-Security-Policy': policy}, media_type=_KINDS[ending]
-        )
+        headers = {'Content-Security-Policy': policy}
+        return Response(text, headers=headers, media_type=_KINDS[ending])
 
 
 def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | None:
@@ -46,14 +45,14 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
     if kind == BATCH and services.batch_folder is not None:
         beside = services.batch_folder / f'{name}{SUFFIX}'
         return services.batch_folder / f'{name}.{ending}' if beside.is_file() else None
-    # The name of a verification is a folder, so '..' would be the folder above.
+    # The name of a verification is the name of a folder, and '..' is the parent folder.
     if kind == VERIFICATION and services.verification is not None and name not in ('.', '..'):
         return Path(services.verification.folder) / VERIFICATIONS / name / f'report.{ending}'
     return None
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports, each given by its name in the address and by its text."""
+    """Show links to reports. A report is given by its name in the address and by a text."""
     for name, text in reports:
         with ui.element('li'):
             ui.label(f'{text}: ')
@@ -63,7 +62,7 @@ def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> No
 
 
 async def batch_reports(desk: Desk, services: LaneServices) -> None:
-    """Show the reports on the batches of a lane, the latest first."""
+    """Show links to the reports on the batches of a lane, the latest first."""
     services.batch_folder = folder = await actions.batch_folder(services)
     records = [path for path in folder.glob(f'*{SUFFIX}') if path.with_suffix('.html').is_file()]
     records.sort(key=lambda path: path.stat().st_mtime_ns, reverse=True)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the services of a lane, with audit log entries for the persons who call them."""
+"""Clients of the services of a lane, with audit log entries for the users who call them."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -32,8 +32,8 @@ from checkweigher_core.ros.services import (
 )
 from checkweigher_core.ros.spinner import Spinner
 
-_DISCOVERY = 3.0  # s, for a service to be found
-_PATIENCE = 120.0  # s, for an answer: a load may take half a minute to come to rest
+_DISCOVERY = 3.0  # maximum time in s until a service is discovered
+_PATIENCE = 120.0  # maximum time in s until an answer, which may wait until a load is at rest
 _LOOK_PERIOD = 1.0  # s
 
 # Type of each service and the node that serves it, by the name of the service in the lane.
@@ -66,12 +66,12 @@ _FOLLOWED = {
 
 
 class ActionRefusedError(Exception):
-    """An action that was not done; the message says why."""
+    """An action that was refused. The message has the reason."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """A user, and the address of the browser."""
+    """A user, and the address of the user's browser."""
 
     name: str
     address: str
@@ -79,14 +79,14 @@ class Person:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of an action in words."""
+    """Outcome of an action, with a text for the user."""
 
     done: bool
     text: str
 
 
-# The person who acts in the running task, and the reason.
-_ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
+# User who performs an action in the running task, and the reason of the action.
+ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
 
 
 class LaneServices(PortNode):
@@ -95,15 +95,15 @@ class LaneServices(PortNode):
     Attributes
     ----------
     readings : list of str
-        Loads that were read for a calibration.
+        Readings of loads for a calibration.
     setting, test, verification, product
-        Latest message of each topic, or None.
+        Latest message on each topic, or None if none has arrived.
     batch_folder : Path or None
-        Folder of the reports; None until a person asks for them.
+        Folder of the batch reports, or None until a user asks for them.
     """
 
-    def __init__(self, lane: str) -> None:
-        super().__init__('page_work', namespace=f'/{lane}')
+    def __init__(self, lane: str, name: str = PAGE_WORK) -> None:
+        super().__init__(name, namespace=f'/{lane}')
         self._by_name: dict[str, Client] = {
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
@@ -117,15 +117,10 @@ class LaneServices(PortNode):
         for name, port in _FOLLOWED.items():
             self.subscribe(port, partial(setattr, self, name), qos=port.qos)
 
-    @property
-    def acting(self) -> tuple[Person, str] | None:
-        """Person who acts in the running task, and the reason."""
-        return _ACTING.get()
-
     async def call(self, name: str, **values: Any) -> Any:
-        """Return the answer of a service; raise `ActionRefusedError` if there is none."""
+        """Return the answer of a service, or raise `ActionRefusedError` if it refuses the call."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
-        acting = _ACTING.get()
+        acting = ACTING.get()
         if acting is not None and changes_line(name):
             await self._note(acting, services=[name])
         answer = await self._answer(client, kind.Request(**values), node)
@@ -136,11 +131,11 @@ class LaneServices(PortNode):
         return answer
 
     async def message(self, name: str, **values: Any) -> str:
-        """Return the message in the answer of a service; see `call`."""
+        """Return the message in the answer of a service, which is called as by `call`."""
         return str((await self.call(name, **values)).message)
 
     async def found(self, name: str) -> Client:
-        """Return the client of a running service; raise `ActionRefusedError` if it does not run."""
+        """Return the client of a service, or raise `ActionRefusedError` if it does not run."""
         client, (_, node) = self._by_name[name], _SERVICES[name]
         deadline = time.monotonic() + _DISCOVERY
         while not client.service_is_ready():
@@ -167,11 +162,11 @@ class LaneServices(PortNode):
     async def act(
         self, person: Person, what: str, reason: str, action: Callable[[], Awaitable[str]]
     ) -> Outcome:
-        """Perform an action for a person, with entries in the audit log before and after it.
+        """Perform an action for a user, with entries in the audit log before and after it.
 
-        `action` returns its outcome in words, or raises `ActionRefusedError`; any other error is
-        reported and logged as well. A lane without an audit log gets no entries, but on a lane that
-        has had one, no action is performed without it.
+        `action` returns a text on its outcome, or raises `ActionRefusedError`. Any other error is
+        logged, and is part of the outcome. A lane that never had an audit log gets no entries. If
+        an existing audit log cannot be written, the action is not performed.
         """
         acting = person, reason
         why = f'; reason: {reason}' if reason else ''
@@ -179,18 +174,18 @@ class LaneServices(PortNode):
             await self._note(acting, f'{what}: asked from {person.address}{why}')
         except ActionRefusedError as error:
             return Outcome(False, f'nothing was done: not in the audit log: {error}')
-        token = _ACTING.set(acting)
+        token = ACTING.set(acting)
         try:
             outcome, ending = Outcome(True, await action()), 'done'
         except ActionRefusedError as error:
             outcome = Outcome(False, one_line(error))
             ending = f'refused: {outcome.text}'
-        except Exception as error:  # a defect of this program
+        except Exception as error:
             self.fail(error, what)
             ending = f'failed: {type(error).__name__}: {one_line(error)}'
             outcome = Outcome(False, f'it {ending}')
         finally:
-            _ACTING.reset(token)
+            ACTING.reset(token)
         try:
             await self._note(acting)
             await self._note(acting, f'{what}: {ending}')
@@ -203,9 +198,10 @@ class LaneServices(PortNode):
     async def _note(
         self, acting: tuple[Person, str], text: str | None = None, services: Sequence[str] = ()
     ) -> None:
-        """Log what a person does; without a text, announce calls of services to the audit log.
+        """Write an entry on a user to the audit log, or announce calls of services without a text.
 
-        An announcement without services ends the earlier ones.
+        The node of the audit log attributes changes by the announced services to the user. An
+        announcement without services ends the earlier ones.
         """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
         if not self._has_log:
@@ -223,15 +219,15 @@ class LaneServices(PortNode):
 
 
 class Workshop:
-    """The services of the lanes on which somebody has worked, by namespace."""
+    """Services of the lanes on which users have worked, by the namespace of the lane."""
 
-    def __init__(self, spinner: Spinner) -> None:
-        self._spinner = spinner
+    def __init__(self, spinner: Spinner, name: str = PAGE_WORK) -> None:
+        self._spinner, self._name = spinner, name
         self.lanes: dict[str, LaneServices] = {}
 
     async def of(self, lane: str) -> LaneServices:
         """Return the services of a lane."""
         if lane not in self.lanes:
-            self.lanes[lane] = LaneServices(lane)
+            self.lanes[lane] = LaneServices(lane, self._name)
             await asyncio.to_thread(self._spinner.add, self.lanes[lane])
         return self.lanes[lane]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of a simulated machine: its feed, its belt speed, and masses on its belt."""
+"""Dialog of a simulated machine, with its feed, its belt speed, and the masses on its belt."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ _TEXT = (
 
 
 async def operate(desk: Desk, services: LaneServices) -> None:
-    """Ask for the settings of the machine, and make them."""
+    """Open a dialog with the settings of the simulated machine."""
     now = await actions.operation(services)
 
     def value(label: str, given: float, unit: str) -> ui.input:
@@ -39,7 +39,6 @@ async def operate(desk: Desk, services: LaneServices) -> None:
 
     ask(
         desk,
-        Role.TECHNICIAN,
         'Simulated machine',
         _TEXT,
         'Set',
@@ -48,4 +47,5 @@ async def operate(desk: Desk, services: LaneServices) -> None:
         partial(value, 'Belt speed (empty: as configured)', 60 * now.speed, 'm/min'),
         partial(value, 'Mass of each product (empty: as configured)', GRAMS * now.mass, 'g'),
         partial(value, 'Mass that stands on the belt', GRAMS * now.load, 'g'),
+        role=Role.TECHNICIAN,
     )

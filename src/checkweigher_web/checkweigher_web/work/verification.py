@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The verification in steps: a plan, then one step after the other, and the report at the end."""
+"""Dialog of a verification, with the choice of a plan, the steps, and links to the reports."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -28,7 +28,7 @@ from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import LaneServices, Outcome
 
 _PERIOD = 0.2  # s
-_MANY = 10  # verifications in the list
+_MANY = 10  # maximum number of verifications in the list
 _EXAMPLE = 'example'
 _STEPS = (
     'Choose a plan, look at its steps, and begin. You are asked for one step after another; a step '
@@ -39,7 +39,7 @@ _STATES = {
     ProgressState.ASKING: 'do this, then press Make: ',
     ProgressState.DECIDING: 'failed: make it again, or go on? ',
 }
-# The browser cuts off a file that is too long to be a plan.
+# The browser reads only the start of a file that is too long for a plan.
 _READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(t => emit(t))'
 
 
@@ -52,7 +52,7 @@ class VerificationGuide(Guide):
     def __init__(self, desk: Desk, services: LaneServices) -> None:
         super().__init__(desk, services)
         self._said: VerificationProgress | None = None
-        self._paths: dict[str, Path] = {}  # plans by their paths in the folder
+        self._paths: dict[str, Path] = {}  # plans by their relative paths in the folder
         with self.body:
             ui.label(_STEPS)
             with ui.element('div').classes('fields') as self._choice:
@@ -64,7 +64,8 @@ class VerificationGuide(Guide):
                 upload.on(
                     'change', lambda event: self._plan.set_value(str(event.args)), js_handler=_READ
                 )
-                # Not in the state of the verifier, which may come after a plan is chosen.
+                # The state of the verifier does not replace this text, because a message of the
+                # verifier may arrive after the user has chosen a plan.
                 self._found = ui.label('').classes('found').props('role=status')
             self._state = ui.label('').classes('state').props('role=status')
             self._lines = Lines().classes('read lines')
@@ -92,7 +93,7 @@ class VerificationGuide(Guide):
         self._said = said
         self._state.set_text(_state(said))
         self._lines.show(reversed(said.lines))
-        # A plan that was chosen before the first message of the verifier keeps the table.
+        # If the user chose a plan before the first message of the verifier, the table shows it.
         chosen = before is None and said.state is ProgressState.IDLE and self._plan.value
         if said.steps and not chosen:
             self._table.show(zip(said.steps, said.results, strict=True))
@@ -133,14 +134,16 @@ class VerificationGuide(Guide):
                 self.tell(Outcome(False, f'{name}: {error}'))
 
     def _show_plan(self) -> None:
-        """Show the steps of the plan, or its error."""
         steps: tuple[Step, ...] = ()
         try:
             steps = steps_of(read_plan(str(self._plan.value or '')))
             self._found.set_text(counted(len(steps), 'step'))
         except ParameterError as error:
             self._found.set_text(f'the plan: {error}')
-        self._table.show((step.name, _asked(step)) for step in steps)
+        self._table.show(
+            (step.name, f'{step.count} passes: {step.to_do}' if step.count else step.to_do)
+            for step in steps
+        )
 
     # What is done
 
@@ -150,7 +153,7 @@ class VerificationGuide(Guide):
         await self.perform('begin verification', begin)
 
     async def _answer(self, answer: StepAnswer, verb: str) -> None:
-        """Answer the question that this person sees, even if another one was asked meanwhile."""
+        """Answer the question that the dialog shows. The verifier refuses an outdated answer."""
         seen, reason = self._said, str(self.reason.value or '')
         if seen is None or not seen.steps:
             return
@@ -173,12 +176,8 @@ def _state(said: VerificationProgress) -> str:
     return f'{at}{_STATES.get(said.state, "")}{said.text}'
 
 
-def _asked(step: Step) -> str:
-    return f'{step.count} passes: {step.to_do}' if step.count else step.to_do
-
-
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:
-    """Yield the verifications that have a report, each by its name and with its verdict."""
+    """Yield the name of each verification with a report, and a text with the verdict."""
     for folder in folders:
         try:
             verdict = json.loads((folder / 'report.json').read_bytes())['verdict']

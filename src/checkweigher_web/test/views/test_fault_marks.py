@@ -187,10 +187,7 @@ def test_speed_length_load_and_zero_are_said_in_numbers(line: Recording):
 
 @pytest.mark.parametrize(
     ('reason', 'text'),
-    [
-        (Reason.STREAM_ENDED, 'the samples end here'),
-        (Reason.START_UP, 'the samples begin here'),
-    ],
+    [(Reason.STREAM_ENDED, 'the samples end here'), (Reason.START_UP, 'the samples begin here')],
 )
 def test_begin_and_end_of_the_samples_are_marked(line: Recording, reason: Reason, text: str):
     middle = edges_of(line, BROKEN)['t2'].stamp

@@ -15,6 +15,7 @@ from checkweigher_web.access.guard import Access
 from checkweigher_web.access.site import Site
 from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
 from checkweigher_web.lane import Lane
+from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.dialogs import Desk, field, number_in
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
@@ -65,7 +66,7 @@ def test_a_role_that_somebody_lacks_when_it_acts_is_refused(needed: Role, tmp_pa
 
     async def act() -> None:
         with Client(ui.page('/'), request=Request(scope)):
-            desk = Desk(access, Lane('a'), nobody)
+            desk = Desk(access, Lane('a'), nobody, Auditor())
         assert desk.role == Role.OPERATOR
         if needed == Role.OPERATOR:  # with a dialog open she loses it
             known = read_users(users)

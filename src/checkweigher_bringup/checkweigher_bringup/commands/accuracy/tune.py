@@ -21,7 +21,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune and write the parameter file; 1 if a bag was skipped."""
+    """Tune, and write the parameter file. Return 1 if a bag was skipped, otherwise 0."""
     from checkweigher_bringup import settings
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.training import train

@@ -38,14 +38,14 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the procedure and write the report; 0 if everything passed, else 1."""
+    """Run the procedure and write its report. Return 0 if everything passed, otherwise 1."""
     from checkweigher_validation.verification.plan import EXAMPLE
 
     if arguments.example:
         print(EXAMPLE, end='')
         return 0
     if (arguments.plan is None) == (arguments.procedure is None):
-        raise UserError('a PLAN, or with --from BAG none; verify --example shows a plan')
+        raise UserError('give a PLAN, or with --from BAG none; verify --example shows a plan')
     if arguments.steps:
         return _show_steps(arguments.plan)
     if arguments.output is None:
@@ -64,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
-    """Write the reports of bags again, each into a folder with the name of its bag.
+    """Write the report of each bag again, into a folder with the name of the bag.
 
-    Returns 1 if a verification did not pass, or its report could not be made.
+    Returns 1 if a verification did not pass or a bag could not be read, otherwise 0.
     """
     from checkweigher_bringup.commissioning import verification
     from checkweigher_core.whole_file import check_new

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commands for a running line, and for its page."""
+"""Commands that run a line or its page, or that work on a running line."""

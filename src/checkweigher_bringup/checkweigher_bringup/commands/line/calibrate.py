@@ -37,7 +37,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Guide the user through the masses or the speeds, and write the file."""
+    """Guide the user through the masses or the speeds, and write the parameter file."""
     if not (arguments.masses or arguments.zero or arguments.dynamic):
         raise UserError('one of the arguments --masses --zero --dynamic is required')
     if arguments.dynamic:

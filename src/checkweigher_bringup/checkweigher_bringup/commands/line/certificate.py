@@ -18,7 +18,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write certificate and key."""
+    """Write the certificate and its key, and print the fingerprint."""
     from checkweigher_web.access.certificate import make_certificate
 
     print(make_certificate(arguments.names, arguments.certificate, arguments.key))

@@ -13,15 +13,14 @@ import time
 
 from checkweigher_bringup.commands import DURATION, NAMESPACE
 
-_PATIENCE = 5.0  # s without a verdict before the reason is shown
+_PATIENCE = 5.0  # time in s without a verdict after which the reason is shown
 _POLL_PERIOD = 0.2  # s
-
 
 OPTIONS = (NAMESPACE, ('--count N', int, 'end after N verdicts'), DURATION)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show one line per verdict until interrupted."""
+    """Print one line for each verdict until a signal interrupts the command."""
     from checkweigher_bringup.errors import warn
     from checkweigher_bringup.listening import EchoNode
     from checkweigher_bringup.output import ItemTable

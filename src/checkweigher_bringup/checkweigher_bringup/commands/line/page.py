@@ -15,7 +15,6 @@ from checkweigher_web import ADDRESS, PORT
 if TYPE_CHECKING:
     from checkweigher_web.access.site import Site
 
-
 OPTIONS = (
     ('--port N', int, f'default {PORT}', PORT),
     ('--namespace NAME', str, 'only this lane'),
@@ -36,7 +35,7 @@ OPTIONS = (
 
 
 def run(given: argparse.Namespace) -> int:
-    """Serve the page until interrupted."""
+    """Serve the page until a signal interrupts the command."""
     from checkweigher_bringup.settings import check_namespace, refuse
     from checkweigher_core.whole_file import check_folder_of
     from checkweigher_web.access.site import Site
@@ -74,6 +73,6 @@ def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int
     from checkweigher_web.shift import Shift
 
     shift = Shift(recording, parameters)
-    del recording  # its samples are in a file now
+    del recording  # The shift has the samples in a file, so they need no memory.
     serve_shift(site, shift, given.bag.resolve().name, given.report)
     return 0

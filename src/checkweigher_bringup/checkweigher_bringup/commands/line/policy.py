@@ -17,7 +17,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the policy."""
+    """Write the security policy to a file or to the standard output."""
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_namespace
     from checkweigher_core.ros.graph.policy import policy

@@ -28,11 +28,16 @@ OPTIONS = (
     ),
     ('--page', bool, 'serve the page of the line as well, see page --help'),
     ('--page-port N', int, f'port of the page; default {PORT}'),
+    (
+        '--gateways FILE',
+        Path,
+        'run the gateways of the sections of FILE as well, see gateway --help',
+    ),
 )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the line until interrupted; 2 if it cannot start."""
+    """Run the line until a signal interrupts the command. Return 2 if the line cannot start."""
     if arguments.line is not None or arguments.host is not None:
         return _run_host(arguments)
     from checkweigher_bringup.commissioning.machine_folder import MachineFolder
@@ -41,19 +46,25 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_driver.devices import DriverParameters
 
     namespace = check_namespace(arguments.namespace)
-    # Raises ParameterError before anything is started.
+    # An invalid file raises ParameterError here, before a process starts.
     line_parameters(arguments.params, lane=namespace or None)
     driver: dict[str, object] = {}
     if arguments.bag:
         driver = {'source': 'bag', 'bag.path': str(arguments.bag.absolute())}
     if arguments.source:
         driver['source'] = DriverParameters(source=arguments.source).source
-    page = PORT if arguments.page else None
-    if arguments.page_port is not None:
-        page = arguments.page_port
+    page = PORT if arguments.page and arguments.page_port is None else arguments.page_port
     folder = arguments.folder and MachineFolder.made(arguments.folder)
     apart = arguments.processes
-    return run_line(arguments.params, namespace, driver, apart=apart, page=page, folder=folder)
+    return run_line(
+        arguments.params,
+        namespace,
+        driver,
+        apart=apart,
+        page=page,
+        folder=folder,
+        gateways=arguments.gateways,
+    )
 
 
 def _run_host(arguments: argparse.Namespace) -> int:

@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from checkweigher_core.ros.status_board import Row, StatusBoard
 
 _PERIOD = 1.0  # s
-_PATIENCE = 5.0  # s, for the first report of each stage of a running line
-_FIRST_LOOK = 1.5  # s after that, for the reports of the other nodes
-_NARROWEST = 40  # columns of text
+_PATIENCE = 5.0  # maximum time in s to wait for the diagnostics of each stage of a line
+_FIRST_LOOK = 1.5  # further time in s to wait for the diagnostics of the other nodes
+_NARROWEST = 40  # minimum width of the texts, in columns
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
-
 
 OPTIONS = (
     ('--namespace NAME', str, 'only this lane', ''),
@@ -39,7 +38,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show tables until interrupted; 1 if a node then has an error or is silent."""
+    """Print tables until interrupted. Return 1 if a node has an error or is silent, otherwise 0."""
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
     from checkweigher_core.health.findings import Level
@@ -48,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_core.ros.status_board import StatusBoard, worst
 
     if arguments.all and arguments.namespace:
-        raise UserError('--all: is of all lanes; leave --namespace away')
+        raise UserError('--all: shows all lanes, so leave out --namespace')
     check_positive(arguments, 'count', 'duration')
     board = StatusBoard(check_namespace(arguments.namespace))
     with spinning() as spinner:
@@ -66,7 +65,7 @@ def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
 
     end = time.monotonic() + (arguments.duration or math.inf)
     patience = min(time.monotonic() + _PATIENCE, end)
-    # STALE is the highest level.
+    # The board has the level STALE until each stage of the line has sent diagnostics.
     while time.monotonic() < patience and worst(board.rows(time.monotonic())) == Level.STALE:
         time.sleep(0.05)
     if board.heard:
@@ -92,7 +91,7 @@ def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
-    """Yield the lines of a table of lanes, cut to `width` columns if that leaves room."""
+    """Yield the lines of a table of lanes, cut to `width` columns unless that is too narrow."""
     from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
@@ -105,9 +104,10 @@ def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
 
 
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
-    """Yield the lines of a table, `width` columns wide if that leaves room for the text.
+    """Yield the lines of a table of diagnostics.
 
-    Rows that are not OK show their values, too; with `values`, all rows do.
+    The table is `width` columns wide, or wider if the texts would have less than `_NARROWEST`
+    columns. Rows that are not OK also show their values. With `values`, all rows show their values.
     """
     from checkweigher_core.health.findings import Level
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from checkweigher_web.access.users import User
 
 _ROLES = 'viewer', 'operator', 'technician'
-
+_DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
 _PASSWORD = 'the password is typed twice, or is a line of the standard input'
 OPTIONS = (
     ('action', ('add', 'list', 'password', 'remove'), _PASSWORD),
@@ -34,21 +34,21 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Change or show the users file."""
+    """Change the file of the users, or list its users."""
     from checkweigher_web.access import users as accounts
 
     path = arguments.users or accounts.default_users()
     action, name = arguments.action, arguments.name
     if (name is None) != (action == 'list'):
-        raise UserError(f'{action}: must have a NAME, and only list has none')
+        raise UserError(f'{action}: needs a NAME, except for list')
     if (arguments.role is None) != (action != 'add'):
-        raise UserError(f'{action}: must have a --role, and only add has one')
+        raise UserError(f'{action}: must have a --role if it is add, and none otherwise')
     if action == 'list':
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
     name = accounts.check_name(name)
-    _users(path, action, name)  # refuses before a password is typed
+    _users(path, action, name)  # raises an error before the user types a password
     password = '' if action == 'remove' else accounts.hash_password(name, _password(name))
     with accounts.changing_users(path):
         users = _users(path, action, name)
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
-    """Return the users in a file; UserError if the action is not possible for the name."""
+    """Return the users in a file, or raise `UserError` if the action cannot be done for `name`."""
     from checkweigher_web.access.users import read_users
 
     users = read_users(path) if path.exists() or action != 'add' else {}
@@ -74,11 +74,8 @@ def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
     return users
 
 
-_DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
-
-
 def _password(name: str) -> str:
-    """Return a password, typed twice without echo or read from an input that is no terminal."""
+    """Return a password that is typed twice, or the first line of an input from a file or pipe."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip('\r\n')
     password = getpass(f'Password of {name}: ')

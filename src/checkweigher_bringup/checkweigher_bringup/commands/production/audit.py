@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from checkweigher_production.audit_log import Entry, Verification
     from checkweigher_production.audit_seal import Seal
 
-
 OPTIONS = (
     ('log LOG', Path, 'audit log; LOG.head is beside it'),
     ('--hash HASH', str, 'an entry with this hash, noted elsewhere, has to be there'),
@@ -32,14 +31,9 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the changes; 1 if the chain is broken, or does not match the seals."""
+    """Print the changes. Return 1 if the chain is broken or contradicts the seals, otherwise 0."""
     from checkweigher_production.audit_log import read_log
-    from checkweigher_production.audit_seal import (
-        hold_to_seals,
-        public_key,
-        sealing,
-        seals_path,
-    )
+    from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
     from checkweigher_production.audit_words import conclusion
 
     found = read_log(arguments.log, _noted_hash(arguments.hash))
@@ -60,13 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the hash in the option, or '' without one; UserError if it is not a hash."""
+    """Return the hash of an option, or '' without it. Raise `UserError` if the hash is wrong."""
     if given is None:
         return ''
     noted = given.strip().lower()
-    # An empty hash, as from an unset shell variable, would check nothing.
+    # An unset shell variable gives an empty text, which must not disable the check.
     if not re.fullmatch('[0-9a-f]{64}', noted):
-        raise UserError(f'--hash {given!r}: is no hash of an entry, 64 hexadecimal digits')
+        raise UserError(f'--hash {given!r}: is no hash of an entry (64 hexadecimal digits)')
     return noted
 
 
@@ -83,7 +77,7 @@ def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path
 
 
 def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
-    """Return the entries before the first bad line, the problem of that line, and the seals."""
+    """Return the entries before the first damaged line, its problem, and the seals."""
     return {
         'whole': found.whole,
         'bad_line': found.bad_line or None,
@@ -96,7 +90,6 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
 
 
 def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
-    """Yield the head, and a line for each changed value."""
     from checkweigher_core.printable import one_line
     from checkweigher_production.audit_words import changes, shortened
 

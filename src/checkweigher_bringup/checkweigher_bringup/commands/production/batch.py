@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from checkweigher_production.recipes import Product
     from checkweigher_validation.batch.batch import Batch
 
-
 _SOURCE = 'record of the line (.jsonl, of product.batch_folder), CSV of weigh, or a bag'
 _PLANS = (
     'plan of the reference test: double of 76/211/EEC (30, 50 or 80, and as many again) or '
@@ -44,7 +43,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the figures and write the files; 1 if the record differs from the audit log."""
+    """Print the figures, and write the files.
+
+    Returns 1 if the hash of the record differs from that in the audit log, otherwise 0.
+    """
     from checkweigher_bringup.batch_report import batch_lines, write_report
     from checkweigher_bringup.output import check_output_file
     from checkweigher_core.whole_file import is_stream

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import NEW_BAG
 
-# The options have the names of ImportParameters, and its defaults apply. The names are repeated
-# here so that --help needs no imports.
+# The names of the options are those of `ImportParameters`, which has their defaults. The names are
+# repeated here, so that --help does not import `ImportParameters`.
 OPTIONS = (
     ('log CSV', Path, 'one sample a row'),
     NEW_BAG,
@@ -53,7 +53,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read the log and write the bag."""
+    """Convert a CSV log to a bag."""
     from checkweigher_core.whole_file import check_new
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.csv.log_import import ImportParameters, import_csv

@@ -21,7 +21,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Cut the item out, and show its result in the small bag."""
+    """Write the bag of the item, and print the result of weighing it."""
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.output import ItemTable, read_with_warning
     from checkweigher_bringup.settings import line_parameters

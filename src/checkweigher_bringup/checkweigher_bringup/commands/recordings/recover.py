@@ -14,7 +14,7 @@ OPTIONS = (('bag BAG', Path, 'folder without metadata.yaml, or cut .mcap file'),
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the bag; the recording is not changed."""
+    """Write a complete bag, and leave the damaged recording unchanged."""
     from checkweigher_recording.bags.recovery import recover_bag
 
     print(f'{arguments.output}: {recover_bag(arguments.bag, arguments.output)} messages')

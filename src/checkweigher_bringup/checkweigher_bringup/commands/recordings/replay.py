@@ -23,7 +23,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay the bag; 1 if an item got no verdict."""
+    """Replay the bag, and print each verdict."""
     from checkweigher_bringup import output
     from checkweigher_bringup.replaying import replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_validation.accuracy.columns import items_as_csv
     from checkweigher_validation.accuracy.results import ResultJoiner
 
-    # Raises ParameterError before anything is done.
+    # Invalid options raise ParameterError here, before the bag is read.
     DriverParameters(rate=arguments.rate, listeners=arguments.listeners)
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     output.check_output_file(arguments.csv, arguments.overwrite)

@@ -15,7 +15,7 @@ from checkweigher_bringup.errors import UserError
 if TYPE_CHECKING:
     from checkweigher_core.recording import Event
 
-# Options in customary units: their parameter, their unit, and how many make one SI unit.
+# Options that are not in SI units: parameter, unit, and number of these units in an SI unit.
 _CONVERTED = {
     'speed': ('speed', 'm/min', 60.0),
     'mass': ('masses', 'g', 1000.0),
@@ -23,8 +23,6 @@ _CONVERTED = {
     'filler-drift': ('filler_drift', 'g in 1000 products', 1e6),
     'filler-spread': ('filler_spread', 'g', 1000.0),
 }
-
-
 _PROFILES = (
     'machine and what shakes it: paper (default), roller, soft, floor, quiet, or machine:SEED, '
     'one of a family, with its own sample rate, sensitivity and lengths'
@@ -53,7 +51,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate the line and write the bag."""
+    """Simulate a line, and write its samples and edges to a bag."""
     from checkweigher_bringup.settings import recipe_of
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.progress import with_progress
@@ -70,11 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     given = {n: value for n, value in vars(arguments).items() if n in names and value is not None}
     if arguments.count == 0:
         raise UserError('--count 0 is an endless line, which fits in no bag')
-    given['speed'] = _to_si('speed', arguments.speed)
     given['masses'] = tuple(_to_si('mass', mass) for mass in arguments.mass)
-    for option in ('zero-drift', 'filler-drift', 'filler-spread'):
-        name = _CONVERTED[option][0]
-        if name in given:
+    for option, (name, *_) in _CONVERTED.items():
+        if option != 'mass' and name in given:
             given[name] = _to_si(option, given[name])
     parameters = SimulationParameters.from_mapping(own_values(arguments.profile) | given)
     product = recipe_of(arguments)
@@ -93,14 +89,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _to_si(option: str, value: float) -> float:
-    """Return the value of an option in SI units; UserError if it is out of range."""
+    """Return the value of an option in SI units, or raise `UserError` if it is out of range."""
     from checkweigher_core.parameters import describe
     from checkweigher_recording.simulation.simulator import SimulationParameters
 
     name, unit, per_si = _CONVERTED[option]
     allowed = describe(SimulationParameters.entries()[name])
     converted = value / per_si
-    if not allowed.minimum <= converted <= allowed.maximum:  # false for NaN
+    if not allowed.minimum <= converted <= allowed.maximum:  # NaN is out of range, too.
         raise UserError(
             f'--{option} {value:g}: must be between {per_si * allowed.minimum:g} and '
             f'{per_si * allowed.maximum:g} {unit}'

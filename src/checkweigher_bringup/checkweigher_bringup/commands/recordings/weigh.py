@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from checkweigher_dsp.pipeline.line import LineParameters
     from checkweigher_validation.archive.weighing import Weighed
 
-
 _FOLDER = (
     'write a Parquet file per bag, and summary.csv, to DIR; what is there of the same bags, '
     'parameters and program is kept'
@@ -42,7 +41,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Weigh one bag and show each item, or any number of bags and write their results."""
+    """Weigh one bag and print each item, or weigh any number of bags and write their results."""
     from checkweigher_bringup.settings import line_parameters
 
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
@@ -76,7 +75,7 @@ def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParamet
 
 
 def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
-    """Weigh any number of bags and write the results of each; 1 if a bag was skipped."""
+    """Weigh bags and write the results of each. Return 1 if a bag was skipped, otherwise 0."""
     from checkweigher_bringup.settings import on_scheduler_of, places_of, refuse
     from checkweigher_recording.archive.finding import find_bags, result_names
     from checkweigher_validation.archive.program import program
@@ -99,7 +98,6 @@ def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
 
 
 def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
-    """Print a line on a bag, and its warnings on stderr."""
     for note in weighed.summary.notes if weighed.summary else ():
         warn(f'{weighed.bag}: {note}')
     if weighed.problem:
@@ -110,9 +108,10 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
 
 
 def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tuple[TextIO, TextIO]:
-    """Weigh the segments of a bag; return files with its table and its CSV rows.
+    """Weigh the segments of a bag, and return files with the table and the rows in CSV.
 
-    Nothing is shown before the whole bag is read, because an error at its end voids all results.
+    The results are written to files first, because an error at the end of the bag voids all
+    results.
     """
     from checkweigher_bringup.output import ItemTable, with_warning
     from checkweigher_validation.accuracy.columns import items_as_csv

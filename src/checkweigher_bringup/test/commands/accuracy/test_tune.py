@@ -20,7 +20,7 @@ Bags = dict[str, list[Path]]
 
 MASSES = (0.0745, 0.1645, 0.2545)  # kg
 SPEEDS = (1.0, 1.5)  # m/s
-BUDGET = 16
+BUDGET = 8
 FAST = ('--budget', BUDGET, '--jobs', 1)
 
 
@@ -229,20 +229,20 @@ class TestEvaluation:
 
     def test_the_protocol_of_the_paper(self, checkweigher: Run, tmp_path: Path):
         path = tmp_path / 'result.csv'
-        options = ('--passes', 12, '--estimator', 'mean', 'hann', '--csv', path, '--jobs', 1)
+        options = ('--passes', 4, '--estimator', 'mean', 'hann', '--csv', path, '--jobs', 1)
         done = checkweigher('evaluate', '--protocol', 'paper', *options)
         assert 'bound' in done.stdout
         rows = read_rows(path)
         # Speeds, masses, parts, estimators.
         assert len(rows) == 5 * 5 * 2 * 2
-        assert {(row['count'], row['faults']) for row in rows} == {('6', '0')}
+        assert {(row['count'], row['faults']) for row in rows} == {('2', '0')}
 
     def test_machines_beside_what_is_attainable(self, checkweigher: Run, tmp_path: Path):
         files = {kind: tmp_path / f'result.{kind}' for kind in ('csv', 'json', 'html')}
         outputs = [each for kind, path in files.items() for each in (f'--{kind}', path)]
         done = checkweigher(
-            'evaluate', '--protocol', 'machines', '--count', 1, '--seed', 3, '--passes', 10,
-            '--further', 60, '--mass', 100, 200, '--estimator', 'mean', '--jobs', 1, *outputs,
+            'evaluate', '--protocol', 'machines', '--count', 1, '--seed', 3, '--passes', 6,
+            '--further', 20, '--mass', 100, 200, '--estimator', 'mean', '--jobs', 1, *outputs,
         )  # fmt: skip
         assert 'attainable A, g' in done.stdout
         rows = read_rows(files['csv'])

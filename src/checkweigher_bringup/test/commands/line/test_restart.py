@@ -75,8 +75,9 @@ class Operator:
         before = self.known
         killed = self._line.pid('line')
         os.kill(killed, signal.SIGKILL)
-        wait_for(lambda: pids_of(self._line.command.pid, 'line') not in ([], [killed]))
-        with suppress(queue.Empty):  # what the killed line has said
+        time.sleep(0.5)  # half of the time to the next start: what was under way has come
+        assert pids_of(self._line.command.pid, 'line') in ([], [killed])
+        with suppress(queue.Empty):  # messages of the killed line
             while True:
                 self._products.get_nowait()
         self.await_product(lambda new: new.product)

@@ -6,20 +6,16 @@ from pathlib import Path
 import subprocess
 import sys
 
-from lines import (
-    edges_of,
-    saturated_at,
-    simulated,
-    without_block_at,
-    without_edges,
-    write_line,
-)
+from foreign_bags import messages_of, write_split
+from lines import edges_of, saturated_at, simulated, without_block_at, without_edges, write_line
 import pytest
 from rclpy.node import Node
+from rosbags.rosbag2 import CompressionMode
 from running import BAGS, PATIENCE, Rows, run_command, wait_for
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.records import NANOSECONDS
+from checkweigher_recording.bags.reading import read_bag
 
 
 @pytest.fixture(scope='module')
@@ -36,15 +32,18 @@ def faulty_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     ('name', 'options'),
-    [
-        ('paper_60', ('--rate', '0')),
-        ('paper_75', ('--rate', '20', '--namespace', 'lane1')),
-    ],
+    [('paper_60', ('--rate', '0')), ('paper_75', ('--rate', '20', '--namespace', 'lane1'))],
 )
 def test_a_replay_gives_the_same_rows_as_offline(rows: Rows, name: str, options: tuple[str, ...]):
     offline = rows('weigh', BAGS / name)
     assert rows('replay', BAGS / name, *options) == offline
     assert len(offline) == 25
+
+
+def test_a_bag_that_rosbag2_split_and_compressed_is_replayed(rows: Rows, tmp_path: Path):
+    messages = messages_of(read_bag(BAGS / 'paper_90'))
+    bag = write_split(tmp_path / 'split', messages, CompressionMode.FILE)
+    assert rows('replay', bag, '--rate', '0') == rows('weigh', BAGS / 'paper_90')
 
 
 def test_every_item_has_one_verdict_and_what_cannot_be_weighed_its_reason(

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Connections of a node: missing publishers and subscribers, and QoS that does not fit."""
+"""Monitoring of the connections of a node: missing endpoints and incompatible QoS."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,21 +13,21 @@ from checkweigher_core.ros.outputs import Input, Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port, fits, misfit
 
-_PATIENCE = 5.0  # s for the nodes of a line to find each other
+_PATIENCE = 5.0  # longest time in s that the nodes of a line need to discover each other
 
 
 class Connections:
-    """Watch of the inputs and outputs of a node that was started at `began`, s."""
+    """Monitor of the inputs and outputs of a node that was started at time `began` in s."""
 
     def __init__(self, node: PortNode, began: float) -> None:
         self._node = node
         self._began = began
         self._refused = RecentValues()
         self._refusal = ''
-        self._told: set[str] = set()  # logged texts on QoS that does not fit
+        self._logged: set[str] = set()  # texts on incompatible QoS that were logged
 
     def refused(self, now: float, name: str, why: str) -> None:
-        """Add a message that was refused."""
+        """Add a message that was refused at time `now` in s on the clock of `began`."""
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
 
@@ -36,7 +36,7 @@ class Connections:
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Connections; `now`, s, is on the clock of `began`."""
+        """Return the finding Connections at time `now` in s on the clock of `began`."""
         self._refused.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []
@@ -59,7 +59,7 @@ class Connections:
         return conclude('Connections', 'all there', found, values)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
-        """Yield a concern for each endpoint at the other end whose QoS does not fit."""
+        """Yield a concern for each endpoint at the other end with an incompatible QoS."""
         is_input = isinstance(end, Input)
         for other in self._others(end):
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
@@ -67,8 +67,8 @@ class Connections:
                 who = full_name(other)
                 does = 'publishes' if is_input else 'subscribes to'
                 text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
-                if text not in self._told:
-                    self._told.add(text)
+                if text not in self._logged:
+                    self._logged.add(text)
                     self._node.get_logger().warning(text)
                 yield Concern(
                     Level.ERROR if needed else Level.WARN,
@@ -77,7 +77,7 @@ class Connections:
                 )
 
     def _others(self, end: Input | Output) -> list[Any]:
-        """Return the endpoints at the other end, none if DDS has connected all of them."""
+        """Return the endpoints at the other end, or an empty list if all are connected."""
         node, name = self._node, end.topic_name
         if isinstance(end, Output):
             if node.count_subscribers(name) <= end.publisher.get_subscription_count():
@@ -89,7 +89,7 @@ class Connections:
 
 
 def has_matched_all(node: Node, *outputs: Output) -> bool:
-    """Return whether outputs have matched every subscriber in the graph that they can match."""
+    """Return whether outputs are connected to all compatible subscribers in the ROS graph."""
     return all(
         output.publisher.get_subscription_count()
         >= sum(
@@ -101,7 +101,7 @@ def has_matched_all(node: Node, *outputs: Output) -> bool:
 
 
 def _partner(end: Input | Output) -> str:
-    """Return the nodes that are expected at the other end, empty for none."""
+    """Return the names of the nodes that are required at the other end, empty if none is."""
     port = end.port
     if isinstance(end, Input):
         return port.maker if end.needed and port.maker in port.expected else ''

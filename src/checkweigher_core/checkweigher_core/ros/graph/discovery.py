@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Discovery and transport of the nodes: profiles for Fast DDS, made for each environment.
+"""XML profiles of Fast DDS for the discovery and the transport of the nodes.
 
-Nodes receive only by UDP, even on one computer. With the shared memory of Fast DDS 2.14.5, the
-largest messages of a node no longer arrived after processes that read them had been killed some 30
-times (compare eProsima/Fast-DDS issue 5469).
+Nodes receive messages only by UDP, even on one computer. With the shared memory of Fast DDS 2.14.5,
+large messages of a node no longer arrived after about 30 processes that read them had been killed
+(see eProsima/Fast-DDS issue 5469).
 
-Without multicast, Fast DDS contacts only the ports of the first four participants of an address. A
-fifth and a sixth process on one computer would never find each other.
+Without multicast, Fast DDS contacts only the first four participants at each address. Further
+processes on one computer would not discover each other. The profiles therefore list more ports.
 """
 
 from collections.abc import Mapping
@@ -17,9 +17,9 @@ import os
 from pathlib import Path
 import stat
 
-PARTICIPANTS = 64  # processes to contact at each address
+PARTICIPANTS = 64  # largest number of processes at each address
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
-# Fast DDS keeps files there, too. The folder is empty after a restart of the computer.
+# The folder of the profiles is empty after each restart of the computer.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
@@ -27,7 +27,7 @@ _PLACE = '      <!-- peers -->\n'
 
 
 def set_profiles() -> None:
-    """Make Fast DDS read these profiles, unless the user has set others."""
+    """Make Fast DDS use these profiles, unless the user has set other profiles."""
     given = [os.environ.get(name, '') for name in ('FASTDDS_DEFAULT_PROFILES_FILE', _FILE)]
     ours = (str(_PACKAGED), f'{_FOLDER}/')
     if any(each and not each.startswith(ours) for each in given):
@@ -39,15 +39,15 @@ def set_profiles() -> None:
 def _written(text: str) -> Path:
     """Write profiles to a file that all processes of a user share, and return its path.
 
-    If it cannot be written, return the file of the package. Only four processes of a computer are
-    then certain to find each other.
+    If the file cannot be written, return the file of the package, with which only four processes of
+    a computer reliably discover each other.
     """
     path = _FOLDER / f'{blake2b(text.encode(), digest_size=8).hexdigest()}.xml'
     try:
         _FOLDER.mkdir(mode=0o700, exist_ok=True)
         found = _FOLDER.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid():
-            return _PACKAGED  # another user made it first
+            return _PACKAGED  # another user has made the folder
         if not path.exists():
             own = path.with_suffix(f'.{os.getpid()}')
             own.write_text(text, encoding='utf-8')
@@ -58,12 +58,12 @@ def _written(text: str) -> Path:
 
 
 def profiles(environment: Mapping[str, str]) -> str:
-    """Return the profiles as XML, with the ports to contact if there is no multicast."""
+    """Return the profiles as XML, with the ports to contact if multicast is not used."""
     return _PACKAGED.read_text(encoding='utf-8').replace(_PLACE, _initial_peers(peers(environment)))
 
 
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
-    """Return address and port of each participant to contact, here and on other computers."""
+    """Return the addresses and ports to contact, or an empty list if multicast is used."""
     if environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
         return []
     named = environment.get('ROS_STATIC_PEERS', '').split(';')

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Places of nodes, so that each node of a lane runs only once on this computer.
+"""Exclusive places of nodes, by which each node of a lane runs only once on a computer.
 
-A place is a name in the abstract namespace of Unix sockets. The kernel gives it to one process and
-frees it when that process ends, even by a kill. No file stays behind, or can be removed while the
-line runs. A place has the reach of DDS on localhost: one network namespace, all users.
+A place is a name in the abstract namespace of Unix sockets, which only one process can bind. The
+kernel releases it when the process ends, even if it is killed. The name is unique for all users in
+one network namespace, like DDS on localhost.
 """
 
 import errno
@@ -19,19 +19,19 @@ from rclpy.node import Node
 
 from checkweigher_core.parameters import ParameterError
 
-PARTICIPANT = 12  # bytes of a gid that all endpoints of a process share: the RTPS GUID prefix
+PARTICIPANT = 12  # length of the RTPS GUID prefix, which all endpoints of a process share
 
 
 class Place:
-    """The place of a node, held until `free` or the end of the process.
+    """Place of a node, which is held until `free` is called or the process ends.
 
-    `name` is the full name of the node in the ROS `domain`. After `sign`, `is_held` can tell this
-    process from another one that claims to be the node.
+    `name` is the full name of the node in the ROS `domain`. After a call of `sign`, `is_held` can
+    distinguish the node from a node of the same name in another process.
 
     Raises
     ------
     ParameterError
-        If another node holds it.
+        If another node holds the place.
     """
 
     def __init__(self, domain: int, name: str) -> None:
@@ -44,7 +44,7 @@ class Place:
             )
 
     def sign(self, participant: bytes) -> None:
-        """Register the DDS participant by which the graph shows the node of this place."""
+        """Register the DDS participant of the node."""
         self._hold(participant)
 
     def free(self) -> None:
@@ -58,13 +58,13 @@ class Place:
         try:
             holder.bind(_address(self._domain, self._name, participant))
         except OSError as error:
-            # A system without such names has no places; only the graph tells its lines apart.
+            # A system without abstract names cannot prevent a second node.
             return error.errno != errno.EADDRINUSE
         return True
 
 
 def participant_of(node: Node) -> bytes:
-    """Return the DDS participant by which the graph shows the nodes of this process."""
+    """Return the GUID prefix of the DDS participant of this process."""
     events = PublisherEventCallbacks(use_default_callbacks=False)
     publisher = node.create_publisher(KeyValue, f'~/_{uuid4().hex}', 1, event_callbacks=events)
     (own,) = node.get_publishers_info_by_topic(publisher.topic_name)
@@ -73,7 +73,7 @@ def participant_of(node: Node) -> bytes:
 
 
 def is_held(domain: int, name: str, participant: bytes = b'') -> bool:
-    """Return whether a node holds its place and, if given, has signed as this participant."""
+    """Return whether a node holds its place and, if given, has signed with a participant."""
     with _socket() as probe:
         return probe.connect_ex(_address(domain, name, participant)) == 0
 
@@ -83,7 +83,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # may exceed the 107 bytes of an address
+    text = f'{domain} {name} {participant.hex()}'  # hashed, because addresses have 107 bytes
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

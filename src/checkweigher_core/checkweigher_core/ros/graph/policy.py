@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Security policy of a line for SROS2: the least rights of each node, and the enclaves."""
+"""SROS2 security policy of a line, with the enclaves and the minimal rights of each node."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -10,19 +10,27 @@ from xml.etree import ElementTree
 
 from checkweigher_core.ros import ports, services
 from checkweigher_core.ros.ports import NODES, Port
-from checkweigher_core.ros.services import OF_MACHINE, PAGE_WORK, REPORTER, VERIFIER, VERIFY
+from checkweigher_core.ros.services import (
+    GATEWAY_WORK,
+    GATEWAYS,
+    OF_MACHINE,
+    PAGE_WORK,
+    REPORTER,
+    VERIFIER,
+    VERIFY,
+)
 
-LINE = 'line'  # the process in which all nodes of a lane may run
+LINE = 'line'  # enclave of a process with all nodes of a lane
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which observers subscribe, by node. The page uses this table, too.
+# Topics to which nodes outside the table of ports subscribe, by node. The page uses it, too.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # for clocks, if its stamps come from two hosts
+    'segmenter': (ports.DIAGNOSTICS,),  # the diagnostics of other hosts show their clocks
     'page_results': ports.PAGE_RESULTS,
     'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
@@ -33,6 +41,8 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     ),
     VERIFY: tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION),
     REPORTER: (ports.BATCH_RESULT,),
+    **{f'{name}_board': (ports.DIAGNOSTICS,) for name in GATEWAYS},
+    **{f'{name}_lane': ports.GATEWAY_RECORDS for name in GATEWAYS},
 }
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')
 
@@ -43,8 +53,8 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
 
 # Services of rclpy that a node calls.
 _CALLED = {
-    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets parameters of a recipe, reads all
-    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # for the digest in the report
+    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets the parameters of a recipe
+    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # reports a digest of the parameters
     PAGE_WORK: _of(services.LIFE_CYCLE_NODES, ('get_state', 'change_state'))
     | _of(NODES, ('get_parameters',))
     | _of((*services.LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (services.SETTER,)),
@@ -53,7 +63,7 @@ _CALLED = {
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Rights of a node as full names; DDS reads a ``*`` in a name as any characters."""
+    """Rights of a node as full names of topics and services, with ``*`` for any characters."""
 
     publish: frozenset[str] = frozenset()
     subscribe: frozenset[str] = frozenset()
@@ -62,19 +72,20 @@ class Rights:
 
 
 def rights(node: str, lane: str = '') -> Rights:
-    """Return the rights of a node, by its name, in the namespace `lane`."""
+    """Return the rights of a node in the namespace `lane`."""
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
+    client = PAGE_WORK if node in GATEWAY_WORK else node
     subscribe = {
-        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(node, ())
+        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(client, ())
     }
     reply = {each.name for each in services.SERVICES if each.server == node} | _of(
         [node], services.NODE_SERVICES
     )
-    request = {each.name for each in services.SERVICES if node in each.callers} | _CALLED.get(
-        node, set()
+    request = {each.name for each in services.SERVICES if client in each.callers} | _CALLED.get(
+        client, set()
     )
     if node in (*NODES, *OF_MACHINE):
-        publish.add(f'{node}/_*')  # shows a starting node its own participant
+        publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
     if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
         reply |= _of([node], services.LIFE_CYCLE_SERVICES)
@@ -82,22 +93,22 @@ def rights(node: str, lane: str = '') -> Rights:
 
 
 def _makes(node: str, port: Port) -> bool:
-    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE)
-    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # rejects that its inputs show
+    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE, *GATEWAYS)
+    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # from its machine inputs
     return every or inputs or port.maker == node
 
 
 def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
-    """Return the full names in a lane; a name with a leading slash is already full."""
+    """Return the full names in a lane. A name with a leading slash is already full."""
     space = f'/{lane}' if lane else ''
     return frozenset(name if name.startswith('/') else f'{space}/{name}' for name in names)
 
 
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
-    """Return the enclaves of some lanes, each with its nodes as namespace and name.
+    """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave. The process with all six nodes has one, too. The page serves
-    all lanes from one process, so it has only one.
+    Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
+    page is one process for all lanes, with one enclave.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
@@ -105,16 +116,20 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
         space = f'/{lane}' if lane else ''
         for node in (*NODES, *OF_MACHINE, REPORTER):
             found[f'{space}/{node}'] = [(lane, node)]
-        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # it records in the same process
+        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # runs in the same process
         found[f'{space}/{LINE}'] = [(lane, node) for node in NODES]
         found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
     found[f'/{PAGE}'] = [('', PAGE), *of_lanes]
+    for name in GATEWAYS:
+        nodes = [f'{name}_lane', *({f'{name}_work'} & {*GATEWAY_WORK})]
+        own = [('', name), ('', f'{name}_board')]
+        found[f'/{name}'] = [*own, *product(lanes, nodes)]
     return found
 
 
 def enclave_arguments(lane: str, name: str) -> list[str]:
-    """Return the ROS arguments for the enclave of a name in a lane, none without security."""
+    """Return the ROS arguments that select an enclave of a lane, empty without security."""
     if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
         return []
     return ['--enclave', f'/{lane}/{name}' if lane else f'/{name}']

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Arrival times of items at the rejector by their verdicts, on a clock that never steps."""
+"""Times at which items arrive at the rejector, on the monotonic clock."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -11,18 +11,18 @@ from checkweigher_driver.line_io.clock_steps import ClockStepWatch
 from checkweigher_driver.line_io.rejector.belt_items import BeltItem
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 
-# Smallest relative change of the travel time that shows two merged products.
-_OTHER_WAY = 0.2
+# A relative change of the travel time by more than this shows that two products were merged.
+_OTHER_TRAVEL = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
-# Longest time to the rejector; a later reject time is not on the clock of this machine.
+# Longest travel time to the rejector in ns. A later reject time is on the clock of another machine.
 _FURTHEST = 600 * NANOSECONDS
-_CLOCK_STEP = 5_000_000  # ns
-# Reasons that make the speed from the eyes unreliable, because the belt may have stopped.
+# With these reasons the belt may have been stopped, so the speed of the item is unreliable.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
+_CLOCK_STEP = 5_000_000  # ns
 
 
 class Times(NamedTuple):
-    """Times of an item at rejector or station, at the outfeed eye and at the infeed eye, ns."""
+    """Times in ns of an item at rejector or station, at the outfeed eye and at the infeed eye."""
 
     due: int
     since: int | None
@@ -30,32 +30,32 @@ class Times(NamedTuple):
 
 
 class Arrivals:
-    """Times of the items of a belt; `clock` has the offset from their stamps to the clock of `now`.
+    """Conversion of the stamps in verdicts to times on the monotonic clock.
 
-    If the edges of two products were merged, their item takes a different time from the infeed eye
-    to the rejector than a single product.
+    If two products were merged into one item, its travel time from the infeed eye to the rejector
+    differs from the travel time of a single product.
     """
 
     def __init__(self, motion: BeltMotion) -> None:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._motion = motion
-        self._way: int | None = None  # last item, infeed eye to rejector, ns of running belt
+        self._travel: int | None = None  # travel time of the last item in ns of belt time
 
     def times(self, verdict: Verdict, now: int) -> Times | None:
-        """Return the times of an item, None if unknown or if it may be two merged products."""
+        """Return the times of an item, or None if they are unknown or two products were merged."""
         times = self._by_eyes(verdict, now)
         if times is None or times.entered is None:
             return times
-        belt, before = self._motion.time, self._way
-        way = belt.arrival(*times)[0] - belt.at(times.entered)
+        belt, before = self._motion.time, self._travel
+        travel = belt.arrival(*times)[0] - belt.at(times.entered)
         if not _MAY_BE_TWO.intersection(verdict.reasons):
-            self._way = way
-        elif before is not None and abs(way - before) > _OTHER_WAY * before:
+            self._travel = travel
+        elif before is not None and abs(travel - before) > _OTHER_TRAVEL * before:
             return None
         return times
 
     def _by_eyes(self, verdict: Verdict, now: int) -> Times | None:
-        """Return the times of an item by its edges, None if they are not known."""
+        """Return the times of an item from its stamps, or None if they are unknown."""
         to_monotonic = self.clock.look()
         in_doubt = self._motion.measured is None and _SPEED_IN_DOUBT.intersection(verdict.reasons)
         if verdict.reject_at is None or to_monotonic is None or in_doubt:
@@ -67,7 +67,7 @@ class Arrivals:
         return Times(due, t3, t1)
 
     def entered_before(self, verdict: Verdict, time: int) -> bool:
-        """Return whether an item entered the belt before a time and has never left it."""
+        """Return whether an item entered the belt before time `time` and has not left it."""
         to_monotonic = self.clock.look()
         if to_monotonic is None or verdict.t1 is None or verdict.t3 is not None:
             return False
@@ -76,11 +76,14 @@ class Arrivals:
     def unjudged(
         self, items: Iterable[BeltItem], now: int, late: int, to_monotonic: int | None
     ) -> list[BeltItem]:
-        """Return the items without a verdict that were due at the rejector over `late` ns ago."""
-        if self._way is None or to_monotonic is None:
+        """Return the items without a verdict that arrived at the rejector over `late` ns ago.
+
+        The travel time of the last item with a verdict is assumed.
+        """
+        if self._travel is None or to_monotonic is None:
             return []
         belt = self._motion.time
-        latest = belt.at(now) - self._way - late
+        latest = belt.at(now) - self._travel - late
         return [
             item
             for item in items
@@ -91,7 +94,7 @@ class Arrivals:
 
 
 def at_station(verdict: Verdict, times: Times | None) -> Times | None:
-    """Return the times of an item at its station instead of the rejector."""
+    """Return times with the arrival at the station of the item instead of the rejector."""
     if times is None or not verdict.station:
         return times
     if verdict.station_at is None or verdict.reject_at is None:

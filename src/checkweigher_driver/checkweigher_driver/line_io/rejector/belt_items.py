@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items between the infeed eye and the rejector."""
+"""Items that are between the infeed eye and the rejector."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,10 +15,12 @@ _MAX_NAMES = 10
 
 @dataclass(slots=True)
 class BeltItem:
-    """One item with its stamps at the infeed eye.
+    """Item between the infeed eye and the rejector.
 
-    `number` is 0 before the item is announced or judged. `end` is the time of the belt, ns, when it
-    has passed the rejector, None before its verdict. `told` is true if it has stopped the line.
+    `entered` and `cleared` are the stamps in ns at which the item has blocked and cleared the
+    infeed eye. `number` is 0 as long as it is unknown. `end` is the belt time in ns at which the
+    item has passed the rejector, None before its verdict. `reported` is true if the item has caused
+    a stop.
     """
 
     entered: int | None
@@ -26,11 +28,11 @@ class BeltItem:
     number: int = 0
     decision: Decision | None = None
     end: int | None = None
-    told: bool = False
+    reported: bool = False
 
     @property
     def passage(self) -> int | None:
-        """Time for which the item blocked the infeed eye, ns; None if it is not known."""
+        """Time in ns for which the item blocked the infeed eye, None if it is unknown."""
         if self.entered is None or self.cleared is None:
             return None
         return self.cleared - self.entered
@@ -46,7 +48,7 @@ class BeltItem:
 
 
 class BeltItems:
-    """Items in order of entry, with stamps of the eyes. `here` is the time of the belt, ns."""
+    """Items between the infeed eye and the rejector, in order of entry."""
 
     def __init__(self) -> None:
         self._items: list[BeltItem] = []
@@ -69,7 +71,7 @@ class BeltItems:
             del self._items[:-_MAX_ITEMS]
 
     def announce(self, item: Item) -> None:
-        """Set number and t2 of an item that the infeed eye has seen and that has no verdict yet."""
+        """Set number and t2 of an item on the belt that has no verdict yet."""
         found = self._find(item.t1)
         if found is not None and found.decision is None:
             found.number, found.cleared = item.item_id, item.t2 or found.cleared
@@ -78,10 +80,14 @@ class BeltItems:
         return next((each for each in self._items if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
-        """Set verdict and `end` of an item and return it; remove it if its place is unknown."""
+        """Set the verdict of an item, and return the item.
+
+        `end` is the belt time in ns at which the item will have passed the rejector. If it is None,
+        the item is removed.
+        """
         item = self._find(verdict.t1)
         if item is None:
-            item = BeltItem(verdict.t1)  # in front, so that no other item leaves with it
+            item = BeltItem(verdict.t1)  # inserted in front, because `leave` removes earlier items
             self._items.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:
@@ -89,7 +95,10 @@ class BeltItems:
         return item
 
     def leave(self, here: int) -> None:
-        """Remove the items that have passed the rejector, and all in front of them."""
+        """Remove the items that have passed the rejector at belt time `here` in ns.
+
+        Items without a verdict in front of such an item are removed, too.
+        """
         passed = [each.end is not None and each.end <= here for each in self._items]
         gone = max((place for place, is_gone in enumerate(passed, 1) if is_gone), default=0)
         self._items = [
@@ -103,7 +112,7 @@ class BeltItems:
         self._items.clear()
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the items for a person who looks for them."""
+        """Return the names of the items, by which a person can look for them."""
         names = tuple(str(each) for each in self._items[:_MAX_NAMES])
         more = len(self._items) - _MAX_NAMES
         return (*names, f'{more} more') if more > 0 else names

@@ -1,64 +1,65 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Products that the rejector may have missed, kept until a person has looked for them."""
+"""Products that the rejector may have missed, which stop the line until a person has looked."""
 
 from enum import Enum, auto
 
-_MAX_MISSED = 3  # products that are named
+_MAX_MISSED = 3  # largest number of products whose texts are kept
 _MORE = 'and others'
 
 
 class Latch(Enum):
-    """State of a missed product, which keeps the line stopped until it is cleared."""
+    """State of the latch that stops the line after a missed product."""
 
     CLEAR = auto()
-    UNTOLD = auto()  # missed, and the stop request does not show it yet
-    SHOWN = auto()  # missed, and the stop request shows it
+    PENDING = auto()  # the latch is set, and the stop request does not show all products yet
+    SHOWN = auto()  # the latch is set, and the stop request shows all missed products
 
 
 class LatchEvent(Enum):
-    """Events that change the latch."""
+    """Event that changes the latch."""
 
     MISS = auto()
     SHOW = auto()  # the stop request shows all missed products
-    FORGET = auto()  # reject is not ready, or silent: it may have been started again
-    RUN = auto()  # the stop request was taken back
+    FORGET = auto()  # the node reject is silent or not ready, because it may have been restarted
+    RUN = auto()  # the stop request was reset
     RESET = auto()
 
 
-# If a stop request that showed a product is taken back, a person has looked for the product. A
-# request that is taken back before it showed the product had another reason. All other pairs change
-# nothing.
+# If a stop request that showed a product is reset, a person has looked for the product. A stop
+# request that is reset before it showed the product had another reason. All other pairs of state
+# and event change nothing.
 _TRANSITIONS = {
-    (Latch.CLEAR, LatchEvent.MISS): Latch.UNTOLD,
-    (Latch.UNTOLD, LatchEvent.SHOW): Latch.SHOWN,
-    (Latch.UNTOLD, LatchEvent.RESET): Latch.CLEAR,
-    (Latch.SHOWN, LatchEvent.MISS): Latch.UNTOLD,
-    (Latch.SHOWN, LatchEvent.FORGET): Latch.UNTOLD,
+    (Latch.CLEAR, LatchEvent.MISS): Latch.PENDING,
+    (Latch.PENDING, LatchEvent.SHOW): Latch.SHOWN,
+    (Latch.PENDING, LatchEvent.RESET): Latch.CLEAR,
+    (Latch.SHOWN, LatchEvent.MISS): Latch.PENDING,
+    (Latch.SHOWN, LatchEvent.FORGET): Latch.PENDING,
     (Latch.SHOWN, LatchEvent.RUN): Latch.CLEAR,
     (Latch.SHOWN, LatchEvent.RESET): Latch.CLEAR,
 }
 
 
 class MissedProducts:
-    """The latch, and the `texts` of the missed products.
+    """Latch that stops the line, with the `texts` on the missed products.
 
-    `looked_at` is the time in ns at which a person had last looked for all of them, else None.
+    `looked_at` is the last time in ns at which a person had looked for all missed products, or
+    None.
     """
 
     def __init__(self) -> None:
         self.state = Latch.CLEAR
         self.looked_at: int | None = None
         self.texts: tuple[str, ...] = ()
-        self._stopped = False  # last result of `stop`
+        self._stopped = False  # previous result of `stop`
 
     @property
     def text(self) -> str:
-        """The texts in one line, empty if there are none."""
+        """Texts on the missed products in one line, empty if no product is missed."""
         return '; '.join(self.texts)
 
     def add(self, text: str) -> None:
-        """Add the text of a product that may have been missed; only the first texts are kept."""
+        """Add the text on a product that may have been missed."""
         if text in self.texts:
             return
         named = self.texts[:_MAX_MISSED]
@@ -66,13 +67,13 @@ class MissedProducts:
         self.take(LatchEvent.MISS)
 
     def take(self, event: LatchEvent) -> None:
-        """Make the transition of an event."""
+        """Change the state of the latch by an event."""
         self.state = _TRANSITIONS.get((self.state, event), self.state)
         if self.state is Latch.CLEAR:
             self.texts = ()
 
     def stop(self, now: int) -> bool:
-        """Return whether the line has to stop for a missed product."""
+        """Return whether the line has to stop because of a missed product."""
         stopped, self._stopped = self._stopped, self.state is not Latch.CLEAR
         if stopped and not self._stopped:
             self.looked_at = now

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Permits to pass the rejector: one for each accepted item, on the time of the belt.
+"""Permits to pass the rejector, one for each accepted item.
 
-A permit begins shortly before the leading edge of its item is at the rejector, and ends
-shortly after the trailing edge. Permits never touch: each begins with a rising edge of its own, so
-that a PLC can assign it to one product.
+A permit begins shortly before the leading edge of its item is at the rejector, and ends shortly
+after the trailing edge. A pause separates two permits, so that a PLC can assign the rising edge of
+each permit to one product.
 """
 
 from bisect import insort
@@ -14,22 +14,24 @@ from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 
 
 class Permits:
-    """The permits, with a `margin` at both ends and a shortest `pause` between them, in ns.
+    """Schedule of permits, with a `margin` at both ends and a shortest `pause` in ns.
 
-    A permit that begins after its item arrives is dropped, because the next item would use it.
+    A permit that could begin only after the arrival of its item is cancelled, because the next item
+    would use it.
     """
 
     def __init__(self, belt: BeltTime, margin: int, pause: int) -> None:
         self._belt = belt
         self._margin = margin
         self._pause = pause
-        self._windows: list[tuple[int, int]] = []  # begin and end, in the time of the belt
+        self._windows: list[tuple[int, int]] = []  # start and end of each permit in belt time
         self._given = False
 
     def permit(self, arrival: int, passage: int, now: int) -> bool:
         """Add the permit of an item; return False if the item is already at the rejector.
 
-        `arrival` is the time of the belt at the rejector, and `passage` the duration there, ns.
+        `arrival` is the belt time in ns at which the item arrives at the rejector, and `passage` is
+        the time in ns that it needs to pass the rejector.
         """
         if arrival < self._belt.at(now):
             return False
@@ -42,14 +44,14 @@ class Permits:
         return True
 
     def deny(self, arrival: int) -> None:
-        """End the permits of earlier items before a rejected item arrives."""
+        """End the permits of earlier items before a rejected item arrives at `arrival`."""
         self._windows = [
             (begin, min(end, arrival - self._pause) if begin < arrival else end)
             for begin, end in self._windows
         ]
 
     def given(self, now: int) -> bool:
-        """Return whether an item may pass."""
+        """Return whether an item may pass at time `now` in ns."""
         here = self._belt.at(now)
         self._windows = [
             (begin, end)
@@ -60,11 +62,11 @@ class Permits:
         return self._given
 
     def next_change(self, now: int) -> float:
-        """Return the time of the next change of `given`, ns, infinite if there is none."""
+        """Return the time in ns of the next change of `given`, or infinity without a change."""
         here = self._belt.at(now)
         times = [each for window in self._windows for each in window if each > here]
         return self._belt.when(min(times)) if times else math.inf
 
     def clear(self) -> None:
-        """Withdraw all permits."""
+        """Cancel all permits."""
         self._windows = []

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Pulse schedule of the rejector: one pulse for each rejected item, on the time of the belt.
+"""Pulse schedule of the rejector, with one pulse for each rejected item.
 
-The time of the belt stops with the belt, so a stop delays the pulse of a product on its way to the
-rejector by the duration of the stop.
+The schedule is in belt time, which is the time for which the belt has run. A stop of the belt
+therefore delays the pulse of an item on its way to the rejector by the duration of the stop.
 """
 
 from bisect import insort
@@ -18,29 +18,29 @@ _MAX_STOPS = 1000
 class _Stop(NamedTuple):
     begin: int
     end: int
-    stood_before: int  # sum of the stops before this one, ns
+    stood_before: int  # total duration of the earlier stops in ns
 
 
 class BeltTime:
-    """Time for which the belt has run, in ns, as a function of the time of a clock."""
+    """Time in ns for which the belt has run, as a function of the time on a clock."""
 
     def __init__(self) -> None:
         self._stops: deque[_Stop] = deque(maxlen=_MAX_STOPS)
         self._stopped_at: int | None = None
-        self._stood = 0  # sum of the stops that have ended, ns
+        self._stood = 0  # total duration in ns of the stops that have ended
 
     @property
     def stopped(self) -> bool:
-        """Whether the belt stands still."""
+        """Whether the belt is stopped."""
         return self._stopped_at is not None
 
     def stop(self, now: int) -> None:
-        """Process a stop of the belt."""
+        """Process a stop of the belt at time `now`."""
         if self._stopped_at is None:
             self._stopped_at = now
 
     def run(self, now: int) -> int:
-        """Process a start of the belt; return the time of the belt at `now`."""
+        """Process a start of the belt at time `now`; return the belt time."""
         if self._stopped_at is not None:
             self._stops.append(_Stop(self._stopped_at, now, self._stood))
             self._stood += now - self._stopped_at
@@ -48,7 +48,7 @@ class BeltTime:
         return now - self._stood
 
     def at(self, time: int) -> int:
-        """Return the time of the belt at a time of the clock, by the stops so far."""
+        """Return the belt time at a time on the clock, according to the stops so far."""
         if self._stopped_at is not None and time >= self._stopped_at:
             return self._stopped_at - self._stood
         for stop in reversed(self._stops):
@@ -59,16 +59,16 @@ class BeltTime:
         return time
 
     def when(self, belt_time: int) -> float:
-        """Return the time of the clock at a future time of the belt, infinite while it stands."""
+        """Return the time on the clock at a future belt time, infinity if the belt is stopped."""
         return math.inf if self.stopped else belt_time + self._stood
 
     def arrival(self, due: int, since: int | None, entered: int | None) -> tuple[int, bool]:
-        """Return the arrival of an item at the rejector, and whether a stop has delayed it.
+        """Return the belt time at which an item arrives at the rejector, and whether it is delayed.
 
-        The arrival is in time of the belt, the arguments are in time of the clock. `due` is the
-        arrival without a stop after `since`, the time at the outfeed eye. `entered` is the time at
-        the infeed eye. If the belt stood between the eyes, the speed from the eyes is too low, and
-        `due` is corrected for that.
+        An item is delayed by a stop of the belt. The arguments are times on the clock: `due` is the
+        arrival without a stop, `since` the time at the outfeed eye, and `entered` the time at the
+        infeed eye. If the belt was stopped while the item was between the eyes, its measured speed
+        is too low, and `due` is corrected.
         """
         begin, stood = self.at(due), False
         if since is not None:
@@ -78,22 +78,22 @@ class BeltTime:
                 stood = run < since - entered
                 travel = travel * run // (since - entered)
             begin = self.at(since) + travel
-        # A pulse that waits for the belt gets its margin when the belt runs again.
+        # While the belt is stopped, `resume` will report the delay.
         return begin, stood or (not self.stopped and begin != self.at(due))
 
 
 @dataclass(frozen=True, slots=True)
 class PulseTimes:
-    """Durations of the pulse schedule, ns."""
+    """Durations of the pulse schedule in ns."""
 
-    duration: int  # pulse of one item
+    duration: int  # duration of the pulse for one item
     min_pause: int  # shortest pause; closer pulses are joined
-    late_tolerance: int  # largest delay of a pulse that still hits its item
+    late_tolerance: int  # largest delay with which a pulse still hits its item
     belt_margin: int  # extension at both ends of a pulse that a stop of the belt has delayed
 
 
 class RejectPulses:
-    """Pulses of the rejector, on the time of a `belt`.
+    """Schedule of the pulses of the rejector or of a station.
 
     `skipped` is the number of pulses during which `acting` was not called.
     """
@@ -101,27 +101,26 @@ class RejectPulses:
     def __init__(self, times: PulseTimes, belt: BeltTime) -> None:
         self._times = times
         self.belt = belt
-        self._pulses: list[tuple[int, int]] = []  # begin and end, in the time of the belt
+        self._pulses: list[tuple[int, int]] = []  # start and end of each pulse in belt time
         self._seen = False  # whether `acting` was called during the first pulse
         self.skipped = 0
 
     def resume(self, here: int) -> None:
-        """Lengthen the coming pulses after a stop of the belt at its time `here`, ns."""
+        """Extend the future pulses after a stop of the belt at belt time `here` in ns."""
         waiting = [(begin, end) for begin, end in self._pulses if end > here]
         self._pulses = []
         for begin, end in waiting:
             self._put(begin, end, here, self._times.belt_margin)
 
     def act(self, now: int) -> None:
-        """Begin a pulse at once; it may hit another item."""
+        """Begin a pulse at once."""
         here = self.belt.at(now)
         self._put(here, here + self._times.duration, here)
 
     def add(self, due: int, since: int | None, now: int, entered: int | None = None) -> int:
-        """Add the pulse of an item; return its delay in ns, 0 if it is in time.
+        """Add the pulse of an item; return the delay of the pulse in ns, 0 if it is in time.
 
-        The pulse begins at `due`, ns, if the belt does not stop. For `since` and `entered`, see
-        `BeltTime.arrival`.
+        The arguments `due`, `since` and `entered` are those of `BeltTime.arrival`.
         """
         begin, delayed = self.belt.arrival(due, since, entered)
         here = self.belt.at(now)
@@ -133,7 +132,7 @@ class RejectPulses:
         return 0
 
     def _put(self, begin: int, end: int, here: int, margin: int = 0) -> None:
-        """Add a pulse with a margin at both ends, but not in the past, and join close pulses."""
+        """Add a pulse with a margin at both ends, and join pulses that are too close."""
         insort(self._pulses, (max(begin - margin, min(begin, here)), end + margin))
         joined = [self._pulses[0]]
         for following in self._pulses[1:]:
@@ -145,7 +144,7 @@ class RejectPulses:
         self._pulses = joined
 
     def acting(self, now: int) -> bool:
-        """Return whether the rejector has to act."""
+        """Return whether the rejector has to act at time `now`."""
         here = self.belt.at(now)
         while self._pulses and self._pulses[0][1] <= here:
             del self._pulses[0]
@@ -155,11 +154,11 @@ class RejectPulses:
         return self._seen
 
     def begun(self, now: int) -> bool:
-        """Return whether the first pulse that `acting` has not ended has begun."""
+        """Return whether the first pulse in the schedule has begun."""
         return bool(self._pulses) and self._pulses[0][0] <= self.belt.at(now)
 
     def next_change(self, now: int) -> float:
-        """Return the time of the next change of `acting`, ns, infinite if there is none."""
+        """Return the time in ns of the next change of `acting`, or infinity without a change."""
         acting = self.acting(now)
         return self.belt.when(self._pulses[0][1 if acting else 0]) if self._pulses else math.inf
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Route of each judged item: to the rejector, to a station or, by a permit, straight on."""
+"""Route of each item after its verdict: to the rejector, to a station, or straight on."""
 
 import math
 
@@ -15,10 +15,10 @@ from checkweigher_driver.line_io.rejector.switching import Switches
 
 
 class Sorter:
-    """Pulses of the rejector and of `stations` beside it, and permits to pass.
+    """Schedules of the pulses of rejector and `stations`, and of the permits to pass.
 
-    Permits have a `permit_margin`, ns, at both ends; if it is None, the machine has no permits. An
-    item that may have taken a wrong route is added to `missed`.
+    A permit has a margin of `permit_margin` in ns at both ends. If it is None, the machine has no
+    permit output. An item that may have taken a wrong route is added to `missed`.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Sorter:
         self._motion = motion
         self._arrivals = arrivals
         self._missed = missed
-        # By the number of the station; 0 is the rejector.
+        # Index 0 is the rejector, the other indices are the numbers of the stations.
         self._pulses = [RejectPulses(times, motion.time) for _ in range(1 + stations)]
         self._permitting = permit_margin is not None
         self.permits = Permits(motion.time, permit_margin or 0, times.min_pause)
@@ -46,7 +46,7 @@ class Sorter:
         }
 
     def sort(self, verdict: Verdict, items: BeltItems, now: int, *, reached: bool) -> None:
-        """Route an item of a belt. `reached` is false while no output can be switched."""
+        """Route an item on the belt. `reached` is false while the outputs cannot be switched."""
         times = self._arrivals.times(verdict, now)
         there, belt = at_station(verdict, times), self._motion.time
         arrivals = [belt.arrival(*each)[0] for each in (times, there) if each]
@@ -66,27 +66,27 @@ class Sorter:
             self._permit(times, passage, now)
 
     def _permit(self, times: Times | None, passage: int | None, now: int) -> None:
-        """Permit an accepted item to pass, if its arrival and its passage are known."""
+        """Add the permit of an accepted item, if its arrival and its passage are known."""
         given = False
         if times is not None and passage is not None and not self._was_stopped(times):
             given = self.permits.permit(self._motion.time.arrival(*times)[0], passage, now)
         self.figures['permits' if given else 'permits withheld'] += 1
 
     def _was_stopped(self, times: Times | None) -> bool:
-        """Return whether the line has stopped the belt since an item was at the outfeed eye."""
+        """Return whether the belt was stopped after an item was at the outfeed eye."""
         return times is not None and self._motion.was_stopped_since(times.since)
 
     def _was_looked_for(self, verdict: Verdict) -> bool:
-        """Return whether a person cleared the belt with the item on it, which then never left.
+        """Return whether a person has cleared the belt while the item was on it.
 
-        The line gives up such an item only after some time. If the item is still there, it leaves
-        the belt without a verdict, and the line stops for that.
+        The item gets its verdict only some time after it was removed. If the person has left it on
+        the belt, it leaves the belt without a verdict, which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
 
     def _divert(self, times: Times | None, now: int, station: int) -> None:
-        """Schedule the pulse of a station; if it is missed, the item goes straight on."""
+        """Add the pulse of a station. If the pulse would be too late, the item goes straight on."""
         known = station < len(self._pulses) and not self._was_stopped(times)
         if times is None or not known or now - times.due > self._times.late_tolerance:
             self.figures['not sorted'] += 1
@@ -94,7 +94,7 @@ class Sorter:
             self._pulses[station].add(times.due, times.since, now, times.entered)
 
     def _reject(self, verdict: Verdict, times: Times | None, now: int, *, reached: bool) -> None:
-        """Schedule a pulse, and check whether it may miss its item."""
+        """Add the pulse for a rejected item, and check whether it may miss the item."""
         item, station = f'item {verdict.item_id}', verdict.station
         if station >= len(self._pulses):
             times = None
@@ -119,12 +119,12 @@ class Sorter:
             self._missed.add(f'{item}: {why}')
 
     def eject(self, now: int, why: str) -> None:
-        """Eject at once, even if that hits another item, and latch the stop."""
+        """Eject at once, even if another item is hit, and stop the line for the reason `why`."""
         self._pulses[0].act(now)
         self._missed.add(why)
 
     def acting(self, now: int) -> list[bool]:
-        """Return whether rejector and stations have to act."""
+        """Return whether the rejector and each station have to act at time `now`."""
         skipped = sum(pulses.skipped for pulses in self._pulses)
         acting = [pulses.acting(now) for pulses in self._pulses]
         if sum(pulses.skipped for pulses in self._pulses) > skipped:
@@ -132,18 +132,18 @@ class Sorter:
         return acting
 
     def next_switches(self, now: int) -> Switches:
-        """Return the times at which the outputs switch next."""
+        """Return the times of the next changes of the outputs."""
         reject, *stations = (pulses.next_change(now) for pulses in self._pulses)
         permit = self.permits.next_change(now)
         return Switches(reject, permit, min(stations, default=math.inf))
 
     def reconnect(self, now: int) -> None:
-        """Check whether a pulse has begun while no output could be switched."""
+        """Check whether a pulse has begun while the outputs could not be switched."""
         if any(pulses.begun(now) for pulses in self._pulses):
             self._missed.add('the rejector could not be reached when it should act; look behind it')
 
     def resume(self, here: int) -> None:
-        """Lengthen the coming pulses after a stop of the belt at its time `here`, ns."""
+        """Extend the future pulses after a stop of the belt at belt time `here` in ns."""
         for pulses in self._pulses:
             pulses.resume(here)
 

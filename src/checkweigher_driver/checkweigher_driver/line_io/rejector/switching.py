@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of the outputs, and how late they were switched."""
+"""Levels of the outputs, and timing errors of their changes."""
 
 import math
 from typing import NamedTuple
 
 
 class Levels(NamedTuple):
-    """Rejector, stop output, permit to pass the rejector and each station, on or off."""
+    """Levels of the outputs: rejector, stop, permit to pass the rejector, and each station."""
 
     reject: bool
     stop: bool
@@ -16,7 +16,7 @@ class Levels(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """Times of the next switches of rejector, permit and any station, ns; infinite for none."""
+    """Times in ns of the next changes of rejector, permit and any station, or infinity."""
 
     reject: float = math.inf
     permit: float = math.inf
@@ -24,9 +24,9 @@ class Switches(NamedTuple):
 
 
 class SwitchTiming:
-    """Timing errors of switches; an error above `late_tolerance`, ns, is too late.
+    """Timing errors of the outputs. A change is late if its error exceeds `late_tolerance` in ns.
 
-    `figures` has the number of switches of the rejector and their errors in ms, positive if late.
+    `figures` has the number of changes of the rejector, and their errors in ms, positive if late.
     """
 
     def __init__(self, late_tolerance: int) -> None:
@@ -39,7 +39,7 @@ class SwitchTiming:
         }
 
     def add(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> list[str]:
-        """Add outputs that were switched between two times; return the late ones in words."""
+        """Add a change that was made between two times; return texts on late outputs."""
         rejector = before.reject != after.reject and due.reject <= begun
         if rejector:
             self._count(1e-6 * ((begun + done) / 2 - due.reject), 1e-6 * (done - begun) / 2)
@@ -57,7 +57,7 @@ class SwitchTiming:
         ]
 
     def _count(self, error: float, uncertainty: float) -> None:
-        """Add a switch of the rejector to the figures; the arguments are in ms."""
+        """Add a change of the rejector with its error and uncertainty in ms."""
         figures = self.figures
         figures['switches'] += 1
         figures['switch error ms'] += (error - figures['switch error ms']) / figures['switches']

@@ -1,22 +1,21 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Deadline of the verdict on each product that leaves the weigh belt."""
+"""Monitor of the time from a product at the outfeed eye to the next verdict."""
 
 import math
 
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
-# Before the first product with a reject time.
-_FIRST_TIMEOUT = NANOSECONDS
+_FIRST_TIMEOUT = NANOSECONDS  # deadline in ns before the first verdict with a reject time
 
 
 class VerdictWatch:
-    """Watch for an overdue verdict, which shows that the node of the verdicts hangs.
+    """Monitor for overdue verdicts, which show that the node reject hangs.
 
-    All times are in ns. Edges have stamps; `now` is on any clock that never steps back. `timeout`
-    is the longest time from a product at the outfeed eye to the next verdict. If it is 0, the limit
-    is the time of the previous product from the outfeed eye to its reject time.
+    All times are in ns; `now` is on a monotonic clock. `timeout` is the longest time from a product
+    at the outfeed eye to the next verdict. If it is 0, the travel time of the previous product from
+    the outfeed eye to the rejector is used.
     """
 
     def __init__(self, timeout: int) -> None:
@@ -24,13 +23,13 @@ class VerdictWatch:
         self._travel = _FIRST_TIMEOUT
         self._infeed_blocked = math.inf
         self._outfeed_clear = -math.inf
-        self._length = 0.0  # time for which the last product blocked the infeed eye
+        self._length = 0.0  # time in ns for which the last product blocked the infeed eye
         self._last = -math.inf  # stamp of the last product at the outfeed eye
-        self._since: int | None = None  # when the first product without a verdict came
+        self._since: int | None = None  # time in ns since which a verdict is awaited
 
     @property
     def timeout(self) -> int:
-        """Longest time to a verdict at present, ns."""
+        """Present deadline of a verdict in ns after the product is at the outfeed eye."""
         return self._timeout or self._travel
 
     def edge(self, edge: EyeEdge, now: int) -> None:
@@ -47,13 +46,13 @@ class VerdictWatch:
                 self._since = now
 
     def _is_product(self, stamp: int) -> bool:
-        """Return whether the outfeed eye sees a new product, not a hole or flicker of the last."""
+        """Return whether an edge belongs to a new product, not to a hole in the last product."""
         if stamp < self._last:
             return True
         return stamp - self._last >= self._length and not 0 <= stamp - self._outfeed_clear < FLICKER
 
     def verdict(self, verdict: Verdict) -> None:
-        """Process a verdict, which shows that its node works."""
+        """Process a verdict. Verdicts on earlier products are then no longer awaited."""
         self._since = None
         if verdict.t3 is not None and verdict.reject_at is not None:
             self._travel = max(verdict.reject_at - verdict.t3, 0) or self._travel
@@ -63,7 +62,7 @@ class VerdictWatch:
         self._since = None
 
     def is_overdue(self, now: int) -> bool:
-        """Return whether a verdict is overdue, once for each product."""
+        """Return whether a verdict is overdue. True is returned only once for each deadline."""
         if self._since is None or now - self._since <= self.timeout:
             return False
         self._since = None

@@ -29,8 +29,8 @@ def test_the_time_of_the_belt_goes_on_when_its_input_does():
 
 def test_a_silence_counts_once_and_only_while_the_belt_might_run():
     motion = BeltMotion(watchdog_time=100)
-    motion.sign_of_life(0)
+    motion.heartbeat(0)
     assert not motion.is_silent(1000)
     motion.allow(True, 1000)
-    motion.sign_of_life(1000)
+    motion.heartbeat(1000)
     assert [motion.is_silent(now) for now in (1100, 1101, 1102)] == [False, True, False]

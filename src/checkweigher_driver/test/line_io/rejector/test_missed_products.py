@@ -25,18 +25,18 @@ def after(*events):
     [
         ((), Latch.CLEAR, ''),
         ((SHOW, RUN, FORGET, RESET), Latch.CLEAR, ''),
-        (('item 1',), Latch.UNTOLD, 'item 1'),
-        (('item 1', RUN), Latch.UNTOLD, 'item 1'),  # the request had another reason
+        (('item 1',), Latch.PENDING, 'item 1'),
+        (('item 1', RUN), Latch.PENDING, 'item 1'),  # the request had another reason
         (('item 1', SHOW), Latch.SHOWN, 'item 1'),
         (('item 1', SHOW, RUN), Latch.CLEAR, ''),
         (('item 1', RESET), Latch.CLEAR, ''),
         (('item 1', SHOW, RESET), Latch.CLEAR, ''),
-        (('item 1', SHOW, FORGET, RUN), Latch.UNTOLD, 'item 1'),
-        (('item 1', SHOW, 'item 2'), Latch.UNTOLD, 'item 1; item 2'),
-        (('item 1', SHOW, 'item 2', RUN), Latch.UNTOLD, 'item 1; item 2'),
+        (('item 1', SHOW, FORGET, RUN), Latch.PENDING, 'item 1'),
+        (('item 1', SHOW, 'item 2'), Latch.PENDING, 'item 1; item 2'),
+        (('item 1', SHOW, 'item 2', RUN), Latch.PENDING, 'item 1; item 2'),
         (('item 1', SHOW, 'item 1'), Latch.SHOWN, 'item 1'),
-        (('item 1', 'item 2', 'item 3', 'item 4'), Latch.UNTOLD, ALL),
-        (('item 1', 'item 2', 'item 3', SHOW, 'item 4', RUN), Latch.UNTOLD, ALL),
+        (('item 1', 'item 2', 'item 3', 'item 4'), Latch.PENDING, ALL),
+        (('item 1', 'item 2', 'item 3', SHOW, 'item 4', RUN), Latch.PENDING, ALL),
     ],
 )
 def test_the_latch_follows_its_table(events, state, text):

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The estimators: from a weigh window to the load, selectable by name.
+"""Estimators of the load in a weigh window, which are selected by name.
 
-In the examples of the classes ``window`` is a denoised WeighWindow with a load of 0.2 kg.
+In the examples of the classes, ``window`` is a denoised `WeighWindow` with a load of 0.2 kg.
 """
 
 from checkweigher_dsp.estimation.estimators.aeksi import Aeksi
@@ -16,8 +16,8 @@ from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import Learned
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
-# In the order of the number of learned parameters, fewest first. If two are equally good, `tune`
-# prefers the simpler one.
+# The estimators are sorted by the number of learned parameters. If two estimators are equally good,
+# the command `tune` selects the first one.
 ESTIMATORS: dict[str, type[Estimator]] = {
     'mean': Mean,
     'hann': Hann,

@@ -1,16 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""AEKSI: extended Kalman identification behind the adaptive prefilter of AID.
+"""Estimator AEKSI, which combines the adaptive prefilter of AID with an extended Kalman filter.
 
-The paper compares with it but does not print its algorithm. This is a reconstruction from AID and
-ISWD-EKSI.
+The paper on ISWD-EKSI compares its results with AEKSI, but does not describe the algorithm. This is
+a reconstruction from AID and ISWD-EKSI.
 """
 
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_dsp.estimation.estimators.aid import (
@@ -21,13 +20,14 @@ from checkweigher_dsp.estimation.estimators.aid import (
     prefilter_adaptively,
 )
 from checkweigher_dsp.estimation.estimators.base import Axis, PlotStyle
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.extended_kalman import Noise, identify
 from checkweigher_dsp.signal.platform_poles import is_stable
 
 
 @dataclass(frozen=True)
 class AeksiParameters(AdaptiveParameters):
-    """The prefilter of AEKSI and the variances of its filter."""
+    """Parameters of the prefilter and the Kalman filter of AEKSI."""
 
     node: ClassVar[str] = 'identifier.aeksi'
 
@@ -43,14 +43,6 @@ class AeksiParameters(AdaptiveParameters):
     coefficient_variance: tuple[float, ...] = parameter(
         (1.0,), 'P0 of a1 and a2', minimum=1e-12, maximum=1e9
     )
-
-    def noise(self, speed: float) -> Noise:
-        """Return the variances of the filter at a belt speed in m/s."""
-        return Noise(
-            self.at('measurement_noise', speed),
-            self.at('process_noise', speed),
-            self.at('coefficient_variance', speed),
-        )
 
 
 class Aeksi(Aid):
@@ -72,28 +64,27 @@ class Aeksi(Aid):
     )
 
     def settings(self, speed: float) -> tuple[AdaptiveSettings, Noise]:
-        """Return the settings of the prefilter and the variances of the filter at a belt speed."""
-        return self.parameters.settings(speed), self.parameters.noise(speed)
+        """Return the settings of prefilter and Kalman filter at a belt speed in m/s."""
+        known = self.parameters
+        names = 'measurement_noise', 'process_noise', 'coefficient_variance'
+        return known.settings(speed), Noise(*(known.at(name, speed) for name in names))
 
     def identify(
-        self,
-        samples: NDArray[np.float64],
-        settings: tuple[AdaptiveSettings, Noise],
-        sample_rate: float,
+        self, samples: Array, settings: tuple[AdaptiveSettings, Noise], sample_rate: float
     ) -> AdaptiveIdentification:
-        """Return the platform in windows (windows, n) of raw samples, kg."""
+        """Identify the platform in windows (windows, n) of raw samples in kg."""
         return identify_adaptive_by_ekf(samples, *settings, sample_rate)
 
 
 def identify_adaptive_by_ekf(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, noise: Noise, sample_rate: float
+    samples: Array, settings: AdaptiveSettings, noise: Noise, sample_rate: float
 ) -> AdaptiveIdentification:
-    """Identify the platform by the EKF on the adaptively prefiltered windows (AEKSI).
+    """Identify the platform by an extended Kalman filter on adaptively prefiltered windows (AEKSI).
 
-    The filter starts from the first two samples, because from X0 = 0 all of the first sample would
-    go into b1. R is a multiple of the variance of the least-squares residual. If the poles are
-    unstable, `gain` and `b1` are the mean of the window and a1 = a2 = 0. See `identify_adaptive`
-    for bias, errors and the other parameters.
+    The filter starts from the first two samples. With the initial state 0, it would attribute the
+    whole first sample to b1. R is a multiple of the variance of the least-squares residual. If the
+    poles are unstable, `gain` and `b1` are the mean of the window, and a1 and a2 are 0. See
+    `identify_adaptive` for the other parameters.
 
     Examples
     --------

@@ -1,27 +1,27 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""AID: least-squares identification behind a prefilter that is made from the window itself.
+r"""Estimator AID, a least-squares identification with a prefilter that adapts to the window.
 
-Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based
-approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016).
+This is a reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification
+based approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016).
 The platform obeys
 
 .. math:: x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1) + n(k),\quad u = 1,
 
-and least squares is at its best where n is white. So n is estimated by the residual and modelled as
-an autoregression (Burg, order by Akaike). The inverse of that model, a FIR filter, makes n white
-when it is applied to x and u. Least squares on the filtered signals gives better coefficients, from
-which the residual and the filter are computed again. A fixed low-pass is applied, too.
+and least squares is optimal if the noise n is white. So n is estimated by the residual and modelled
+as an autoregression (by Burg's method, with the order by Akaike's criterion). The inverse of this
+model is a FIR filter that makes n white when it is applied to x and u. Least squares on the
+filtered signals gives better coefficients, from which the residual and the filter are computed
+again. A fixed low-pass filter is also applied.
 
-The product is fully on the belt before the window begins, so an output of the filter whose taps
-all lie within the window sees only u = 1. Earlier outputs are dropped. In the others, the
-prefiltered u is the sum of the taps; the taps are divided by it, so u stays 1. The level of the
-prefiltered signal then identifies b_1. The sum is never 0, because for a model by Burg it is the
+The product is fully on the belt during the window, so u is 1 for each output of the filter whose
+taps are all within the window. Other outputs are discarded. The taps are divided by their sum, so
+that the prefiltered u is also 1. The sum is never 0, because for a model by Burg's method it is the
 product of 1 + k over the reflection coefficients k.
 
-Least squares with a constant input makes the residuals sum to 0. So the mass is the mean of the
-prefiltered window except for its ends, whose oscillation the coefficients remove. The effect of
-the prefilter is the taper that it applies to the ends.
+With a constant input, the sum of the least-squares residuals is 0. So the mass is the mean of the
+prefiltered window, apart from corrections for the oscillation at both ends. The effect of the
+prefilter is a taper at both ends.
 """
 
 from collections import defaultdict
@@ -43,33 +43,35 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.extended_kalman import Identification
 from checkweigher_dsp.signal.platform_poles import is_stable
 
-LEAST_SAMPLES = 8
-# A Hann window of n taps (and two zeros) attenuates by 3 dB at this multiple of f_s / (n + 1).
+LEAST_SAMPLES = 8  # least number of samples in a window
+# A Hann window of n taps attenuates by 3 dB at this multiple of f_s / (n + 1).
 _HANN_CUTOFF = 0.7203
 _MOST_TAPS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveSettings:
-    """Settings of the prefilter."""
+    """Settings of the prefilter of AID.
 
-    # Number of identifications of the platform. The prefilter is made before each except the first,
-    # so 1 means no adaptive prefilter.
-    iterations: int = 5
-    max_order: int = 2  # of the autoregression; never above a third of the samples
-    # Hz, -3 dB, of the fixed low-pass, whose taps are a Hann window of at most half the window.
-    # There is none from 0.36 times the sample rate on.
-    lowpass_cutoff: float = math.inf
+    The prefilter is computed before each identification of the platform except the first, so with
+    one iteration there is no adaptive prefilter. The taps of the low-pass are a Hann window of at
+    most half the weigh window; a cut-off above 0.36 times the sample rate has no effect.
+    """
+
+    iterations: int = 5  # number of identifications
+    max_order: int = 2  # largest order of the autoregression; at most 1/3 of the samples
+    lowpass_cutoff: float = math.inf  # -3 dB cut-off of the fixed low-pass in Hz
 
 
 @dataclass(frozen=True)
 class AdaptiveParameters(EstimatorParameters):
-    """The prefilter."""
+    """Parameters of an adaptive prefilter."""
 
     iterations: tuple[float, ...] = parameter(
         (2.0,),
@@ -99,7 +101,7 @@ class AdaptiveParameters(EstimatorParameters):
 
 @dataclass(frozen=True)
 class AidParameters(AdaptiveParameters):
-    """The prefilter of AID."""
+    """Parameters of AID."""
 
     node: ClassVar[str] = 'identifier.aid'
 
@@ -126,7 +128,7 @@ class Aid(Estimator):
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window; equally long ones are identified at once."""
+        """Return the steady state in each window; windows of equal length are fitted at once."""
         loads = [LoadEstimate(math.nan)] * len(windows)
         batches = defaultdict(list)
         for number, window in enumerate(windows):
@@ -146,24 +148,24 @@ class Aid(Estimator):
         return self.parameters.settings(speed)
 
     def identify(
-        self, samples: NDArray[np.float64], settings: Any, sample_rate: float
+        self, samples: Array, settings: Any, sample_rate: float
     ) -> 'AdaptiveIdentification':
-        """Return the platform in windows (windows, n) of raw samples, kg."""
+        """Identify the platform in windows (windows, n) of raw samples in kg."""
         return identify_adaptive(samples, settings, sample_rate)
 
 
 @dataclass(frozen=True)
 class AdaptiveIdentification(Identification):
-    """Identification of each window, and whether the last iteration found stable poles.
+    """Identification of each window; `stable` is whether the last iteration found stable poles.
 
-    If it did not, the values come from the last iteration that did. If none did, `gain` and `b1`
-    are the Hann-weighted mean of the window and a1 = a2 = 0.
+    Otherwise the values are those of the last iteration with stable poles. If there was no such
+    iteration, `gain` and `b1` are the Hann-weighted mean of the window, and a1 and a2 are 0.
     """
 
     stable: NDArray[np.bool_]
 
     def load_estimate(self, number: int) -> LoadEstimate:
-        """Return the load in one window, with the coefficients if they are stable."""
+        """Return the load in one window, with the coefficients if the poles are stable."""
         columns = [self.gain, self.variance]
         if self.stable[number]:
             columns += [self.a1, self.a2, self.b1]
@@ -171,22 +173,22 @@ class AdaptiveIdentification(Identification):
 
 
 def identify_adaptive(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
+    samples: Array, settings: AdaptiveSettings, sample_rate: float
 ) -> AdaptiveIdentification:
-    """Identify the platform by least squares on the adaptively prefiltered windows (AID).
+    """Identify the platform by least squares on adaptively prefiltered windows (AID).
 
-    The mass is exact for a constant load if nothing but ringing of the platform disturbs it. Noise
-    biases it a little, through the coefficients.
+    The mass is exact for a constant load with ringing of the platform. Noise causes a small bias,
+    because it affects the coefficients.
 
     Parameters
     ----------
     samples : ndarray, (windows, n) float64
-        Windows t2..t3 in kg, zero removed, n at least `LEAST_SAMPLES`. Another unit scales only b1,
-        mass and variance.
+        Windows from t2 to t3 in kg without the zero, with n at least `LEAST_SAMPLES`. The unit may
+        be different; it scales only b1, mass and variance.
     settings : AdaptiveSettings
         Settings of the prefilter.
     sample_rate : float
-        Hz.
+        Sample rate in Hz.
 
     Examples
     --------
@@ -200,26 +202,25 @@ def identify_adaptive(
 
 
 def prefilter_adaptively(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the windows as the last iteration of `identify_adaptive` sees them.
+    samples: Array, settings: AdaptiveSettings, sample_rate: float
+) -> tuple[Array, Array, Array]:
+    """Return the prefiltered windows of the last iteration of `identify_adaptive`.
 
-    See `identify_adaptive` for the parameters. Returns x, (windows, m), divided by the mean of each
-    window so that its level is about 1, with u = 1 throughout; this mean, (windows,) in kg, by
-    which the identified steady state becomes a mass; and the variance of the least-squares residual
-    of x, (windows,).
+    See `identify_adaptive` for the parameters. Returns three arrays: the prefiltered signals,
+    (windows, m), divided by the mean of each window; these means in kg, (windows,); and the
+    variances of the least-squares residuals of the signals, (windows,).
     """
     filtered, scale, _ = _prefiltered(samples, settings, sample_rate)
-    # The poles of this fit may be unstable, because only its residual is used.
+    # The poles of this fit may be unstable, because only the residual is used.
     fit = _least_squares(filtered)
     return filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1)
 
 
-def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the outputs of a FIR filter for which all taps lie within the window.
+def prefilter(samples: Array, taps: Array) -> Array:
+    """Return the outputs of a FIR filter for which all taps are within the window.
 
-    Samples are (windows, n), outputs (windows, n - t + 1). The t taps are (t,) for all windows or
-    (windows, t) for each; the first tap multiplies the newest sample.
+    The samples are (windows, n) and the outputs (windows, n - t + 1). The taps are (t,) for all
+    windows or (windows, t). The first tap multiplies the newest sample.
     """
     count = samples.shape[-1] - taps.shape[-1] + 1
     result = np.zeros((len(samples), count))
@@ -229,19 +230,19 @@ def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArra
     return result
 
 
-def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
-    """Return the taps of the fixed low-pass: a Hann window of unity gain, -3 dB at `cutoff` Hz."""
+def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
+    """Return the taps of a Hann low-pass filter of unity gain; the -3 dB cut-off is in Hz."""
     count = max(1, round(min(_HANN_CUTOFF * sample_rate / cutoff, _MOST_TAPS)) - 1)
     taps = np.hanning(count + 2)[1:-1]
     return taps / taps.sum()
 
 
 def _prefiltered(
-    samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], AdaptiveIdentification]:
+    samples: Array, settings: AdaptiveSettings, sample_rate: float
+) -> tuple[Array, Array, AdaptiveIdentification]:
     """Return the windows after the last prefilter, their means, and the previous identification.
 
-    The windows are divided by their means, (windows,), which are NaN for a window without one.
+    The windows are divided by their means, (windows,). A mean that is 0 or not finite becomes NaN.
     """
     scale = np.mean(samples, axis=-1)
     scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
@@ -258,28 +259,28 @@ def _prefiltered(
     return filtered, scale, found
 
 
-def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:
-    """Return the initial result, which is for a platform without lag."""
+def _start(x: Array) -> AdaptiveIdentification:
+    """Return the initial identification, for a platform that follows the load without delay."""
     mass = hann_mean(x)
     none = 0 * mass
-    # The variance of the window is large, which marks this result as a fallback.
+    # The variance is that of the window, because this result is only a fallback.
     return AdaptiveIdentification(none, none, mass, mass, np.var(x, axis=-1), np.isinf(mass))
 
 
-def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
-    """Fit a1, a2 and b1 with u = 1, about the means, which eliminates b1."""
+def _least_squares(x: Array) -> AdaptiveIdentification:
+    """Fit a1, a2 and b1 for u = 1. The means are subtracted, which eliminates b1."""
     now, one, two = x[..., 2:], x[..., 1:-1], x[..., :-2]
     level0, level1, level2 = (np.mean(part, axis=-1) for part in (now, one, two))
     now, one, two = (part - np.mean(part, axis=-1, keepdims=True) for part in (now, one, two))
     s11, s22, s12 = ((a * b).sum(axis=-1) for a, b in ((one, one), (two, two), (one, two)))
     s01, s02 = (now * one).sum(axis=-1), (now * two).sum(axis=-1)
     determinant = s11 * s22 - s12 * s12
-    # Without an oscillation there is nothing to fit: a1 = a2 = 0.
+    # Without an oscillation, a1 and a2 are 0.
     inverse = 1 / np.where(determinant > 0, determinant, np.inf)
     a1 = (s12 * s02 - s22 * s01) * inverse
     a2 = (s12 * s01 - s11 * s02) * inverse
     b1 = level0 + a1 * level1 + a2 * level2
-    # With stable poles 1 + a1 + a2 is positive.
+    # With stable poles, 1 + a1 + a2 is positive.
     stable = is_stable(a1, a2) & np.isfinite(b1)
     total = np.where(stable, 1 + a1 + a2, 1.0)
     mass = b1 / total
@@ -293,14 +294,14 @@ def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
     )
 
 
-def _residual(x: NDArray[np.float64], fit: AdaptiveIdentification) -> NDArray[np.float64]:
-    """Return n of the difference equation, (windows, m - 2)."""
+def _residual(x: Array, fit: AdaptiveIdentification) -> Array:
+    """Return the residual n of the difference equation, (windows, m - 2)."""
     response = x[:, 2:] + fit.a1[:, None] * x[:, 1:-1] + fit.a2[:, None] * x[:, :-2]
     return np.asarray(response - fit.b1[:, None])
 
 
-def _whitening(residual: NDArray[np.float64], max_order: int) -> NDArray[np.float64]:
-    """Return the inverse of each residual's AR model as taps of sum 1, zero padded."""
+def _whitening(residual: Array, max_order: int) -> Array:
+    """Return taps with sum 1 that make each residual white, padded with zeros."""
     count = residual.shape[-1]
     max_order = min(max_order, count // 3)
     taps = np.zeros((len(residual), max_order + 1))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of the estimators, and the parameters that all of them get from training passes."""
+"""Interface of the estimators, and the parameters that all estimators have in common."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -11,39 +11,40 @@ import math
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import WeighWindow
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _std_dev = partial(parameter, unit='kg', minimum=0, maximum=1e3)
 
-# Largest distance of an average from the plain mean of a window: standard deviations of the
-# samples, plus the share of the load that is lost if the parameters fit another platform.
+# Largest distance of an estimate from the mean of a window. The first term is in standard
+# deviations of the samples. The second term, a share of the load, allows for parameters that were
+# trained on another platform.
 _SPREAD = 2.0
 _BIAS = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class LoadEstimate:
-    """The load that an estimator finds in a window."""
+    """Load that an estimator finds in a window, before gain and offset are applied."""
 
-    mass: float  # kg, before gain and offset; NaN if there is none
-    variance: float = math.nan  # kg^2, without the variance of the zero; NaN if not stated
-    # Coefficients of the platform, b1 in kg; NaN from estimators that do not identify it.
+    mass: float  # load in kg, or NaN if it cannot be estimated
+    variance: float = math.nan  # variance in kg^2 without that of the zero, or NaN if unknown
+    # Coefficients of the platform, with b1 in kg; NaN if the estimator does not identify them.
     a1: float = math.nan
     a2: float = math.nan
     b1: float = math.nan
-    # Whether the variance was measured on items, and so includes that of the zero.
+    # Whether the variance was measured on items, so that it includes the variance of the zero.
     measured: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True)
 class EstimatorParameters(Parameters):
-    """Results of training passes, for each of their belt speeds.
+    """Results of training passes at one or more belt speeds.
 
-    The lists have one value for each of ``speeds``, and are interpolated between them.
+    Each list has one value for each of ``speeds``. The values are interpolated between the speeds.
     """
 
     calibrated: bool = parameter(False, 'whether the lists below come from training passes')
@@ -77,7 +78,7 @@ class EstimatorParameters(Parameters):
                 )
 
     def fits(self, name: str, count: int) -> bool:
-        """Return whether the list `name` may have `count` values; by default one per speed."""
+        """Return whether the list `name` may have `count` values. The default is one per speed."""
         return count == len(self.speeds)
 
     def at(self, name: str, speed: float) -> float:
@@ -86,27 +87,27 @@ class EstimatorParameters(Parameters):
         return float(np.interp(speed, self.speeds, values) if len(values) > 1 else values[0])
 
     def for_speed(self, speed: float, lists: Mapping[str, Any]) -> Self:
-        """Return uncalibrated parameters for one belt speed in m/s, with other `lists`."""
+        """Return uncalibrated parameters for one belt speed in m/s, with the given `lists`."""
         common = {entry.name: entry.default for entry in fields(EstimatorParameters)}
         return replace(self, **{**common, 'speeds': (speed,), **lists})
 
-    def row_at(self, name: str, speed: float) -> NDArray[np.float64]:
-        """Return the row at a belt speed in m/s, of a list with several values per speed."""
+    def row_at(self, name: str, speed: float) -> Array:
+        """Return the values at a belt speed in m/s of a list with several values per speed."""
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
 
     def is_trained(self, speed: float, tolerance: float) -> bool:
-        """Return whether a speed is in the trained range, within a relative tolerance."""
+        """Return whether a speed in m/s is in the trained range, with a relative tolerance."""
         slowest, fastest = self.speeds[0], self.speeds[-1]
         return slowest * (1 - tolerance) <= speed <= fastest * (1 + tolerance)
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A parameter that `tune` searches, and its range, both ends included.
+    """Parameter that the command `tune` searches, with its range, including both ends.
 
-    The search starts at `start`, which may lie outside. A logarithmic axis is searched by factors
-    instead of differences, a whole one by integers only.
+    The search begins at `start`, which may be outside the range. A `logarithmic` axis is searched
+    by factors instead of differences, and a `whole` axis by integers only.
     """
 
     name: str
@@ -119,7 +120,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class PlotStyle:
-    """Displayed name of an estimator, marker of matplotlib, colours on light and dark ground."""
+    """Name and marker of an estimator in plots, with colours for light and dark pages."""
 
     label: str
     marker: str
@@ -128,23 +129,24 @@ class PlotStyle:
 
 
 class Estimator(ABC):
-    """Method that finds the load in weigh windows.
+    """Method that estimates the load in weigh windows.
 
     Attributes
     ----------
     parameters : EstimatorParameters
-        The class has the type; IdentifierParameters has such a set under the estimator's name.
+        Parameters. The attribute of the class contains the defaults.
     needs_denoised : bool
-        Whether it reads ``window.denoised``; the others weigh the raw signal.
+        Whether the estimator uses ``window.denoised`` instead of the raw signal.
     look : PlotStyle, optional
-        Name and colours in reports. By default they are chosen automatically.
+        Style in reports. By default a style is chosen automatically.
     axes : tuple of Axis
-        Axes that `tune` searches: lists of its parameters, unless `learn` is overridden.
+        Axes that the command `tune` searches. They name lists of parameters, unless `learn` is
+        overridden.
     folds : int
-        Number of folds for the cross-validation by `tune`; 0 for an estimator that does not learn
-        from passes.
+        Number of folds of the cross-validation by `tune`, or 0 if the estimator does not learn from
+        passes.
     fewest : int
-        Least number of passes that it can learn from.
+        Least number of passes to learn from.
     """
 
     parameters: EstimatorParameters
@@ -159,24 +161,20 @@ class Estimator(ABC):
 
     @abstractmethod
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load of a whole window, before gain and offset; NaN if there is none."""
+        """Return the load in a window, before gain and offset are applied."""
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the load of each window, bit for bit as `estimate` does."""
+        """Return the load in each window, with the same results to the last bit as `estimate`."""
         return [self.estimate(window) for window in windows]
 
     @classmethod
     def learn(
-        cls,
-        known: Any,
-        windows: Sequence[WeighWindow],
-        masses: NDArray[np.float64],
-        values: Mapping[str, float],
+        cls, known: Any, windows: Sequence[WeighWindow], masses: Array, values: Mapping[str, float]
     ) -> dict[str, tuple[float, ...]]:
-        """Return the lists of parameters learned from passes of one belt speed; default: `values`.
+        """Learn lists of parameters from passes at one belt speed, and return them by name.
 
-        `known` are the previous parameters, `masses`, (windows,), the true masses in kg, and
-        `values` a point of the search, by the names of `axes`.
+        `known` are the previous parameters, and `masses`, (windows,), the true masses in kg.
+        `values` is a point of the search along `axes`. The default is to return these values.
         """
         return {name: (value,) for name, value in values.items()}
 
@@ -185,8 +183,8 @@ class Average(Estimator):
     """Estimator that averages the raw samples from t2 to t3."""
 
     @abstractmethod
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
-        """Return the average of the samples of a window, (n,) in kg; NaN if there is none."""
+    def average(self, samples: Array, window: WeighWindow) -> float:
+        """Return the average of the samples of a window, (n,) in kg, or NaN without an average."""
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the average of a window."""
@@ -194,16 +192,16 @@ class Average(Estimator):
         return LoadEstimate(float(self.average(samples, window)), rough_variance(samples))
 
 
-def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
-    """Return the raw signal from t2 to t3 in kg, zero removed: (n,) float64."""
+def raw_samples(window: WeighWindow) -> Array:
+    """Return the raw signal from t2 to t3 in kg without the zero, (n,) float64."""
     return window.force_between(window.window_begin, window.window_end)
 
 
-def rough_variance(samples: NDArray[np.float64]) -> float:
-    """Estimate the variance of an average, kg^2, from the difference of the halves of its window.
+def rough_variance(samples: Array) -> float:
+    """Estimate the variance of an average in kg^2 without training.
 
-    The scatter of the samples (n,), kg, keeps it above 0 if the halves happen to agree. No training
-    is needed.
+    The estimate uses the difference between the averages of the two halves of the samples, (n,) in
+    kg. The scatter of the samples is added, because the halves may agree by chance.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])
@@ -211,10 +209,10 @@ def rough_variance(samples: NDArray[np.float64]) -> float:
 
 
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
-    """Return whether a load lies among the samples of its window.
+    """Return whether a load is within the range of the samples of its window.
 
-    An estimator that assumes how a load rises is wrong if the load rose in another way, because the
-    belt stopped or an object that no eye had seen left the belt.
+    An estimator may assume how the load rises. The load is outside the range if it rose in another
+    way, because the belt stopped or an unseen object left the belt.
     """
     samples = raw_samples(window)
     level = float(np.mean(samples))

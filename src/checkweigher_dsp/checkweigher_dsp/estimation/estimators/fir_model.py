@@ -1,11 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""FIR model: the mass is a weighted sum of the samples, with weights learned from known masses.
+r"""Estimator FIR model, a weighted sum of the samples with weights learned from known masses.
 
-Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based
-approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016), and its
-related papers. The weights are a smooth curve over the relative position in the window. Its values
-at a fixed number of knots are learned, so it also applies to windows of other lengths and speeds.
+This is a reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification
+based approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016),
+and related papers. The weights are a smooth curve over the relative position in the window. The
+values of the curve at a fixed number of knots are learned. So the curve also applies to windows of
+other lengths and speeds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -26,9 +26,10 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 
-# Until it is trained, a Hann window: sin^2 at the knots.
-_KNOTS = 24
+_KNOTS = 24  # default number of knots
+# The default curve is a Hann window.
 _HANN = tuple(
     round(math.sin(math.pi * (knot + 1) / (_KNOTS + 1)) ** 2, 6) for knot in range(_KNOTS)
 )
@@ -36,7 +37,7 @@ _HANN = tuple(
 
 @dataclass(frozen=True)
 class FirModelParameters(EstimatorParameters):
-    """The curve of the weights over the window."""
+    """Parameters of the FIR model: the curve of the weights over the window."""
 
     node: ClassVar[str] = 'identifier.fir_model'
 
@@ -65,12 +66,12 @@ class FirModel(Average):
     folds = 5
     fewest = 2
 
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the weighted sum, with weights interpolated between the training speeds."""
         curve = self.parameters.row_at('weights', window.belt_speed)
         try:
             return float(np.add.reduce(samples * fir_weights(curve, len(samples))))
-        except ValueError:  # weights whose sum is 0
+        except ValueError:  # The sum of the weights is 0.
             return math.nan
 
     @classmethod
@@ -78,24 +79,24 @@ class FirModel(Average):
         cls,
         known: FirModelParameters,
         windows: Sequence[WeighWindow],
-        masses: NDArray[np.float64],
+        masses: Array,
         values: Mapping[str, float],
     ) -> dict[str, tuple[float, ...]]:
-        """Return the curve with the smallest error; only its smoothness is searched."""
+        """Return the curve with the smallest error for the smoothness ``ridge`` in `values`."""
         samples = [raw_samples(window) for window in windows]
         return {'weights': tuple(fit_fir(samples, masses, known.knots, values['ridge']).tolist())}
 
 
-def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the weights of a window of `count` samples: the curve through the knots, with sum 1.
+def fir_weights(knots: Array, count: int) -> Array:
+    """Return the weights of `count` samples, with sum 1.
 
-    The values `knots` (k,) are at equal distances from the first sample to the last, with straight
-    lines between them.
+    The weights are interpolated linearly between the values `knots`, (k,), which are equally spaced
+    from the first sample to the last sample.
 
     Raises
     ------
     ValueError
-        If the weights cannot be scaled to sum 1.
+        If the weights cannot be scaled to a sum of 1.
 
     Examples
     --------
@@ -105,42 +106,38 @@ def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     weights = _basis(count, len(knots)) @ knots
     total = float(weights.sum())
     if not (np.isfinite(total) and abs(total) > _LEAST_SUM * float(np.abs(weights).sum())):
-        raise ValueError(f'the weights at {len(knots)} knots have no sum')
+        raise ValueError(f'the sum of the weights at {len(knots)} knots is 0 or not finite')
     return weights / total
 
 
 _LEAST_SUM = 1e-9
 
 
-def fit_fir(
-    samples: Sequence[NDArray[np.float64]] | NDArray[np.float64],
-    masses: NDArray[np.float64],
-    count: int,
-    ridge: float,
-) -> NDArray[np.float64]:
+def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: float) -> Array:
     r"""Learn the weights with the smallest error on training passes, at unity gain.
 
-    Knot j contributes z_j for the window, and c_j for a load of 1. Its error
-    :math:`e_j = z_j - M c_j` is reduced by its regression on the mass, which offset and gain
-    correct. The remainder has the covariance R, and the knots minimise
+    Knot j contributes z_j to the weighted sum of a window, and c_j for a load of 1. The regression
+    on the mass, which gain and offset correct later, is subtracted from the error
+    :math:`e_j = z_j - M c_j`. The remainder has the covariance R. The knots minimise
 
     .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
 
-    with :math:`\bar R` the mean of the diagonal of R. Unity gain is a constraint and not fitted,
-    so passes of a single mass are enough; with several, fit offset and gain on the estimates
-    afterwards.
+    where :math:`\bar R` is the mean of the diagonal of R. The unity gain is a constraint, so passes
+    of a single mass are sufficient. With several masses, gain and offset can be fitted to the
+    estimates afterwards.
 
     Parameters
     ----------
     samples : sequence of ndarray, (n,) float64, or ndarray, (passes, n) float64
-        Windows t2..t3, zero removed; their lengths may differ. At least two.
+        At least two windows from t2 to t3 without the zero. Their lengths may differ.
     masses : ndarray, (passes,) float64
         True masses in the unit of `samples`.
     count : int
-        Number of knots k, at least 2. To resolve a line at f Hz, k must be at least 2 f times the
-        duration of the window.
+        Number of knots k, at least 2. To resolve an oscillation at f Hz, k must be at least 2 f
+        times the duration of the window.
     ridge : float
-        lambda, not negative. A larger one makes the weights smoother, in the limit straight.
+        Smoothness lambda, not negative. A larger value makes the weights smoother; in the limit
+        they are a straight line.
 
     Returns
     -------
@@ -154,7 +151,7 @@ def fit_fir(
     loads = np.stack([basis.mean(axis=0) for basis in bases])
     unit = loads.mean(axis=0)
     error = features - masses[:, None] * loads
-    # About the mean mass, so that passes of a single mass have only an offset.
+    # The mean is subtracted from the masses, so that passes of a single mass have only an offset.
     regressors = np.stack([np.ones(len(masses)), masses - masses.mean()], axis=1)
     error -= regressors @ np.linalg.lstsq(regressors, error, rcond=None)[0]
     covariance = error.T @ error / len(error)
@@ -165,12 +162,12 @@ def fit_fir(
     return np.asarray(knots / (unit @ knots))
 
 
-# Keeps the fit regular if there are fewer passes than knots.
+# This ridge keeps the fit regular if there are fewer passes than knots.
 _LEAST_RIDGE = 1e-9
 
 
 @lru_cache(maxsize=64)
-def _basis(count: int, knots: int) -> NDArray[np.float64]:
+def _basis(count: int, knots: int) -> Array:
     """Return the share of each knot in each sample, (count, knots)."""
     position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)
     basis = np.maximum(0, 1 - abs(position[:, None] - np.arange(knots)))

@@ -1,20 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""The minimum-variance unbiased estimate of a mass (Gauss-Markov), from a model of the machine.
+r"""Estimator Gauss-Markov, the minimum-variance unbiased estimate by a model of the machine.
 
-A pass is a known shape times the mass, plus all other motion of the belt:
+The signal of a pass is a known shape times the mass, plus other motion of the belt:
 
 .. math:: y(t) = M s(t; M, v) + z + \sum_i c_i o_i(t) + n(t)
 
-s is the response of the platform to the load as it rides on, z an error of the zero, o_i free
-oscillations of the platform (left by the previous product, and excited by the impact at entry), and
-n noise with the covariance C of the training passes. With C known, generalised least squares gives
-the smallest variance of all unbiased linear estimates of the mass. The signal before t1 is also
-used: there s is 0, so it shows z, the oscillations and, through C, the vibration that continues in
-the window. [own derivation, docs/method.md]
+s is the response of the platform to the entering load, z an error of the zero, and n noise with the
+covariance C. o_i are free oscillations of the platform, caused by the previous product and by the
+impact at entry. If C is known, generalised least squares has the smallest variance of all unbiased
+linear estimates of the mass. The signal before t1 is also used: there s is 0, so that it shows z,
+the oscillations and, by C, the vibration that continues in the window. [own derivation,
+docs/method.md]
 
-s and n are learned: the platform from passes of known mass, and C as an autoregression of the
-empty belt and of the residuals of the training passes.
+The parameters of the platform are learned from passes of known mass. C is learned as an
+autoregression of the empty belt and of the residuals of these passes.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, parameter
 from checkweigher_core.records import WeighWindow, seconds
@@ -35,25 +34,26 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 
 _LEAST_CHANGE = 1e-9  # smallest relative change of the mass that needs another iteration
 _MAX_ITERATIONS = 8
-_FREE = 1.0  # kg, standard deviation of an unknown oscillation
-_RATE_TOLERANCE = 1e-3
-# Speeds that differ by less, relatively, share a noise model; lines of a belt are wider than that.
+_FREE = 1.0  # standard deviation of an unknown oscillation in kg
+_RATE_TOLERANCE = 1e-3  # largest relative deviation of the sample rate
+# Belt speeds are rounded to this step in m/s for the noise model, whose spectral lines are wider.
 _SPEED_STEP = 1e-3
-_UNTRAINED_ORDER = 40
-_LEAST_NOISE = 1e-9  # kg, for a signal without noise
+_UNTRAINED_ORDER = 40  # largest order of the autoregression without training
+_LEAST_NOISE = 1e-9  # standard deviation in kg that is used for a signal without noise
 
 _position = partial(parameter, unit='m', minimum=-1, maximum=1)
 
 
 @dataclass(frozen=True)
 class GaussMarkovParameters(EstimatorParameters):
-    """The model of the machine that `tune` learns."""
+    """Parameters of Gauss-Markov: the model of the machine that the command `tune` learns."""
 
     node: ClassVar[str] = 'identifier.gauss_markov'
 
@@ -114,24 +114,24 @@ class GaussMarkovParameters(EstimatorParameters):
 
     @property
     def platform(self) -> Platform:
-        """The platform."""
+        """Platform without load."""
         return Platform(self.natural_frequency, self.damping_ratio, self.moving_mass)
 
 
 @dataclass(frozen=True, slots=True)
 class PassSignal:
-    """Signal of a pass, including the empty belt before it."""
+    """Signal of a pass, including the empty belt before it. Times are in s since t1."""
 
-    time: NDArray[np.float64]  # (n,), s from t1
-    signal: NDArray[np.float64]  # (n,), kg, zero removed
-    crossing: Crossing  # s from t1
+    time: Array  # times of the samples, (n,)
+    signal: Array  # signal in kg without the zero, (n,)
+    crossing: Crossing  # times of the rise and the fall of the load
 
 
 def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
-    """Return the signal to use, from the empty belt before t1 to the end after t3."""
+    """Return the used part of a window, from the empty belt before t1 to the end of the window."""
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + rise_time(window)
-    # The load falls as it rose, one transit later.
+    # The load falls one transit after it rose.
     leave = transit(window)
     first_at = seconds(window.stamp - (window.t1 or 0))
     time = first_at + np.arange(len(window.counts)) / window.sample_rate
@@ -163,7 +163,7 @@ class GaussMarkov(Estimator):
         self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load of a window, and its variance including that of the zero."""
+        """Return the load in a window, with a variance that includes that of the zero."""
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)
@@ -176,7 +176,7 @@ class GaussMarkov(Estimator):
         impact = known.at('impact', window.belt_speed) * window.belt_speed
         signal = whitener.whiten(used.signal)
         mass, variance, misfit = hann_mean(raw_samples(window)), math.nan, math.nan
-        # The mass does not change the rows before the entry, nor the row of the zero.
+        # A change of the mass affects only the first five columns, and only after the entry.
         entry = int(np.searchsorted(used.time, used.crossing.on_begin))
         columns = np.ones((6, len(used.time)))
         whitened = np.empty(0)
@@ -192,7 +192,7 @@ class GaussMarkov(Estimator):
             mass, variance, misfit = least_squares(signal, whitened, std_devs)
             if not mass > 0 or abs(mass - last) <= _LEAST_CHANGE * abs(mass):
                 break
-        # The model does not hold for a product that bumps or slips.
+        # The model is not valid for a product that bounces or slips.
         return LoadEstimate(mass if misfit <= known.max_misfit else math.nan, variance)
 
     def _whitener_at(self, speed_step: int) -> Prewhitener:
@@ -203,14 +203,14 @@ class GaussMarkov(Estimator):
 
 
 def least_squares(
-    signal: NDArray[np.float64], columns: NDArray[np.float64], std_devs: tuple[float, ...]
+    signal: Array, columns: Array, std_devs: tuple[float, ...]
 ) -> tuple[float, float, float]:
-    """Solve a regression with white noise of variance 1 for its first coefficient.
+    """Estimate the first coefficient of a regression with white noise of variance 1.
 
-    The signal (n,) is modelled as a combination of the rows of `columns` (m, n). Each coefficient
-    has a prior standard deviation, infinite if nothing is known. Returns the first coefficient and
-    its variance, NaN if the rows do not determine it, and the root mean square of the residual,
-    which is about 1 if the model holds.
+    The signal, (n,), is modelled as a linear combination of the rows of `columns`, (m, n).
+    `std_devs` are the prior standard deviations of the coefficients, which are infinite for unknown
+    coefficients. Returns the first coefficient, its variance, and the root mean square of the
+    residual, which is about 1 if the model is valid. All are NaN if the regression is singular.
 
     Examples
     --------
@@ -231,11 +231,11 @@ def least_squares(
 
 
 def estimate_untrained(window: WeighWindow) -> LoadEstimate:
-    """Estimate the level of the window, with a noise model from the empty belt before it.
+    """Estimate the load in a window without training, by a noise model of the empty belt.
 
-    The platform is unknown, but the belt also excites its resonance. So an autoregression of the
-    empty belt gives little weight to ringing in the window. If the empty belt is too short, the
-    estimate is the Hann-weighted mean.
+    The platform is unknown, but the belt excites its resonance. So an autoregression of the empty
+    belt reduces the effect of ringing in the window. If the empty belt is too short, the estimate
+    is the Hann-weighted mean.
     """
     samples = raw_samples(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
@@ -246,7 +246,7 @@ def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     if order >= 2 and np.all(np.isfinite(empty)) and np.ptp(empty) > 0:
         with np.errstate(invalid='ignore'):
             reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
-    # It is also 0 if the empty belt is exactly predictable, as an alternating last digit is.
+    # The deviation is also 0 if the empty belt is exactly predictable, as with alternating counts.
     if not std_dev > 0:
         return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ISWD-EKSI: extended Kalman identification of the denoised window."""
+"""Estimator ISWD-EKSI, an extended Kalman identification of the denoised window."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -22,12 +21,13 @@ from checkweigher_dsp.estimation.estimators.base import (
     raw_samples,
 )
 from checkweigher_dsp.estimation.estimators.untrained import doubt
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
 
 
 @dataclass(frozen=True)
 class IswdEksiParameters(EstimatorParameters):
-    """Variances of the filter."""
+    """Parameters of ISWD-EKSI: the variances of the Kalman filter."""
 
     node: ClassVar[str] = 'identifier.iswd_eksi'
 
@@ -55,7 +55,7 @@ class IswdEksiParameters(EstimatorParameters):
 
     @property
     def noise(self) -> Noise:
-        """Variances of the filter, with R as a share of the variance that denoising removed."""
+        """Variances of the Kalman filter, with R as a share of the removed variance."""
         return Noise(
             self.measurement_noise,
             self.process_noise,
@@ -65,7 +65,7 @@ class IswdEksiParameters(EstimatorParameters):
 
 
 class IswdEksi(Estimator):
-    """Extended Kalman identification of the denoised pass, from t1 or t2 to t3.
+    """Extended Kalman identification of the denoised signal.
 
     References
     ----------
@@ -80,7 +80,8 @@ class IswdEksi(Estimator):
     parameters = IswdEksiParameters()
     needs_denoised = True
     look = PlotStyle('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
-    # The parameters with an effect, see docs/method.md; all but the last belong to denoise.
+    # All parameters but the last belong to the denoiser. Other parameters have little effect; see
+    # docs/method.md.
     axes = (
         Axis('gamma6', 0.0, 1.2, 0.1),
         Axis('gamma7', 0.0, 1.2, 0.5),
@@ -94,7 +95,7 @@ class IswdEksi(Estimator):
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window; all are identified at once."""
+        """Return the steady state in each window. All windows are identified at once."""
         passes = [denoised_pass(window) for window in windows]
         removed = [
             np.var(raw_samples(window) - window.denoised[window.window_begin : window.window_end])
@@ -111,32 +112,29 @@ class IswdEksi(Estimator):
 
 
 def identify_passes(
-    passes: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    removed_variance: NDArray[np.float64],
-    noise: Noise,
-    rise: Any,
+    passes: Sequence[tuple[Array, Array]], removed_variance: Array, noise: Noise, rise: Any
 ) -> Identification:
-    """Identify the platform from denoised passes, in the unit of the signal.
+    """Identify the platform from denoised passes.
 
-    Each signal is normalised by its mean under full load. The noise of the filter is a share of the
-    variance that denoising removed from the same window. So both have no unit.
+    Each signal is divided by its mean under the full load, and the removed variance by the square
+    of this mean. So the Kalman filter has no unit.
 
     Parameters
     ----------
     passes : sequence of (ndarray, (n_i,), ndarray, (n_i,))
-        Denoised signal in kg, from t1 or from t2 up to t3, and the share of the load at each
-        sample, ascending to 1 at t2.
+        Denoised signal in kg up to t3, and share of the product on the belt at each sample, which
+        increases to 1 at t2.
     removed_variance : ndarray, (passes,) float64
-        Variance that denoising removed between t2 and t3, kg^2.
+        Variance in kg^2 that denoising removed between t2 and t3.
     noise : Noise
-        R as a share of that variance.
+        Variances of the Kalman filter, with R as a share of the removed variance.
     rise : float or ndarray, (passes,)
-        Factor of R while the load rises, because no product rides onto the belt quite evenly.
+        Factor of R while the load rises, because no product enters the belt quite evenly.
 
     Returns
     -------
     Identification
-        ``gain`` and ``b1`` in kg, ``variance`` in kg^2; NaN if there is nothing to identify.
+        Result with ``gain`` and ``b1`` in kg and ``variance`` in kg^2, or NaN without a signal.
 
     Examples
     --------

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ISWD-EKSI as the paper prints it, with errata applied, to read beside it and as a reference.
+"""Literal implementation of ISWD-EKSI as in the paper, with errata applied, as a reference.
 
-It uses PyWavelets and filterpy, one window at a time. Section and equation numbers refer to Long et
-al. (docs/method.md, which lists the errata). Choices that the paper leaves open are marked as open.
-`iswd_eksi` is the method with all of these settled by measurement.
+The implementation uses PyWavelets and filterpy for one window at a time. Section and equation
+numbers refer to Long et al.; docs/method.md lists the errata. Choices that the paper does not
+specify are marked as open. In the estimator `iswd_eksi`, these choices result from measurements.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 import pywt
 
 from checkweigher_core.parameters import parameter
@@ -26,16 +25,17 @@ from checkweigher_dsp.estimation.estimators.base import (
     PlotStyle,
     raw_samples,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _WAVELET, _LEVELS = 'db16', 7
-_STRETCH = 1024  # samples, open in the paper; the transform needs a multiple of 128
-_LEAST_NOISE = 1e-12  # R of a window without noise, relative to the load squared
+_STRETCH = 1024  # least number of padded samples (open), a multiple of 128
+_LEAST_NOISE = 1e-12  # least value of R relative to the squared load
 
 
 @dataclass(frozen=True)
 class IswdEksiPaperParameters(EstimatorParameters):
-    """Values that the paper does not state: the unit of its Table 1 and the noise of its filter."""
+    """Parameters of the literal ISWD-EKSI, whose values the paper does not state."""
 
     node: ClassVar[str] = 'identifier.iswd_eksi_paper'
 
@@ -49,7 +49,7 @@ class IswdEksiPaperParameters(EstimatorParameters):
 
 
 class IswdEksiPaper(Estimator):
-    """Literal ISWD-EKSI on the raw window from t2 to t3.
+    """Literal implementation of ISWD-EKSI for the raw window from t2 to t3.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class IswdEksiPaper(Estimator):
         """Return the steady state of the identified platform, M = b1 / (1 + a1 + a2)."""
         known, samples = self.parameters, raw_samples(window)
         denoised = denoise(samples, window.belt_speed, known.threshold_unit)
-        # X0 = 0 and P0 = I have no unit, so the signal is first scaled to a load of 1 (errata).
+        # X0 = 0 and P0 = I have no unit, so the signal is scaled to a load of 1 (errata).
         scale = float(denoised.mean())
         if not (math.isfinite(scale) and scale != 0):
             return LoadEstimate(math.nan)
@@ -82,12 +82,12 @@ class IswdEksiPaper(Estimator):
         )
 
 
-def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[np.float64]:
-    """Return a window (n,) after improved stationary wavelet denoising, section 2.
+def denoise(samples: Array, speed: float, unit: float) -> Array:
+    """Return a window (n,) after improved stationary wavelet denoising (section 2).
 
-    Details 1 to 4 are set to 0, details 5 to 7 shrunk by the gains and thresholds of Table 1 at the
-    belt speed in m/s: d' = sgn(d) gamma (|d| - lambda) for |d| >= lambda, else 0. The paper leaves
-    the padding open; here it is the Hann-weighted mean of the window.
+    Details 1 to 4 are set to 0. Details 5 to 7 are shrunk by the gains and thresholds of Table 1 at
+    the belt speed in m/s: d' = sgn(d) gamma (|d| - lambda) if |d| >= lambda, otherwise 0. The
+    padding is the Hann-weighted mean of the window (open).
     """
     length = 128 * math.ceil(max(_STRETCH, 2 * len(samples)) / 128)
     begin = (length - len(samples)) // 2
@@ -102,16 +102,16 @@ def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[
             soft = np.sign(detail) * shrinkage.gain * (size - shrinkage.threshold)
             kept = np.where(size >= shrinkage.threshold, soft, 0.0)
         shrunk.append(kept)
-    denoised: NDArray[np.float64] = pywt.iswt([approximation, *shrunk], _WAVELET, norm=False)
+    denoised: Array = pywt.iswt([approximation, *shrunk], _WAVELET, norm=False)
     return denoised[begin : begin + len(samples)]
 
 
-def identify(signal: NDArray[np.float64], measurement: float, process: float) -> Any:
-    """Return the filterpy filter after all samples of a signal (n,), section 3.
+def identify(signal: Array, measurement: float, process: float) -> Any:
+    """Return the Kalman filter of filterpy after all samples of a signal (n,) (section 3).
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
     """
-    # filterpy is imported only here, because it loads SciPy, which takes long at a start.
+    # filterpy is only imported when it is used, because it loads SciPy, which is slow.
     from filterpy.kalman import ExtendedKalmanFilter
 
     platform = ExtendedKalmanFilter(dim_x=5, dim_z=1)  # with X0 = 0 and P0 = I
@@ -121,10 +121,10 @@ def identify(signal: NDArray[np.float64], measurement: float, process: float) ->
     platform.predict_x = partial(_move_on, platform)
     for sample in signal:
         x, last, a1, a2, _ = platform.x[:, 0]
-        # The Jacobian of eq. 10, errata applied.
+        # This is the Jacobian of eq. 10 with errata applied.
         platform.F[0] = [-a1, -a2, -x, -last, 1.0]
         platform.predict()
-        # Eq. 14, errata applied.
+        # This is eq. 14 with errata applied.
         platform.update(np.array([[float(sample)]]), _observed, lambda state: state[:1])
     return platform
 
@@ -134,5 +134,5 @@ def _move_on(platform: Any, u: float = 0) -> None:
     platform.x = np.array([[-a1 * x - a2 * last + b1], [x], [a1], [a2], [b1]])
 
 
-def _observed(_: Any) -> NDArray[np.float64]:
+def _observed(_: Any) -> Array:
     return np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])

@@ -1,14 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Weighted sum of the pass, with weights that are learned without a model of the machine.
+r"""Estimator Learned, a weighted sum of the pass with weights learned without a machine model.
 
 .. math:: m = \sum_j w_j y_j,\quad w = C^{-1} s / (s' C^{-1} s)
 
-The features y_j are the means of the signal in parts of the pass: equal parts from t1 to t2, from
-t2 to t3, and before t1. So a place of the product on the belt belongs to the same feature at any
-speed and length. s is the mean curve of the training passes for a load of 1, and C the covariance
-of the residuals, which `tune` combines from these passes, those of other speeds and the empty belt.
-The weights are the Gauss-Markov weights for that covariance. [own derivation, docs/method.md]
+The features y_j are the means of the signal in parts of the pass. The times before t1, from t1 to
+t2 and from t2 to t3 are each divided into equal parts. So a feature belongs to the same place of
+the product on the belt at any speed and length. s is the mean curve of the training passes for a
+load of 1. C is the covariance of the residuals of these passes, combined with that of other speeds
+and of the empty belt. The weights are the Gauss-Markov weights for this covariance. [own
+derivation, docs/method.md]
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -30,13 +30,13 @@ from checkweigher_dsp.estimation.estimators.base import (
     raw_samples,
     rough_variance,
 )
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-# Largest deviation of t2, as a share of t3 - t1, that counts as jitter of an eye, so that t1 and t3
-# alone define the parts. A larger one means a longer or shorter product.
+# A deviation of t2 below this share of t3 - t1 is considered as jitter of an eye, and t2 is then
+# computed from t1 and t3. A larger deviation indicates a different length of the product.
 _SAME_RISE = 0.02
-# From t1 to t3: up to some 50 Hz on a slow belt, above the platform on a fast one.
-PARTS = 64
+PARTS = 64  # number of parts from t1 to t3, which resolve 50 Hz on a slow belt
 
 _parts = partial(parameter, minimum=0, maximum=1024)
 _weights = partial(parameter, minimum=-1e6, maximum=1e6)
@@ -44,7 +44,7 @@ _weights = partial(parameter, minimum=-1e6, maximum=1e6)
 
 @dataclass(frozen=True)
 class LearnedParameters(EstimatorParameters):
-    """Parts of a pass, and their weights as learned by `tune`."""
+    """Parameters of Learned: the parts of a pass, with weights that the command `tune` learns."""
 
     node: ClassVar[str] = 'identifier.learned'
 
@@ -76,7 +76,7 @@ class LearnedParameters(EstimatorParameters):
 
     @property
     def layout(self) -> 'Layout':
-        """The parts of a pass."""
+        """Numbers of parts of a pass."""
         return Layout(self.lead_parts, self.rise_parts, self.parts)
 
 
@@ -100,7 +100,7 @@ class Layout:
 
 
 class Learned(Estimator):
-    """Weighted sum of the pass, with weights learned without a model of the machine.
+    """Weighted sum of the parts of a pass.
 
     Examples
     --------
@@ -124,9 +124,7 @@ class Learned(Estimator):
         return LoadEstimate(float(load), rough_variance(samples))
 
 
-def _between(
-    speed: float, speeds: tuple[float, ...], table: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _between(speed: float, speeds: tuple[float, ...], table: Array) -> Array:
     position = float(np.interp(speed, speeds, np.arange(len(speeds))))
     before = min(int(position), max(len(speeds) - 2, 0))
     after = min(before + 1, len(speeds) - 1)
@@ -134,20 +132,20 @@ def _between(
 
 
 def rise_parts(share: float) -> int:
-    """Return the number of `PARTS` from t1 to t2, a `share` of t1..t3; at least one."""
+    """Return the number of `PARTS` from t1 to t2; `share` is (t2 - t1) / (t3 - t1)."""
     return min(max(round(PARTS * share), 1), PARTS - 1)
 
 
 def seconds_alone(window: WeighWindow) -> float:
-    """Return the time before t1 during which no other item was on the belt, in s."""
+    """Return the time in s before t1 during which no other item was on the belt."""
     return -float(time_since_entry(window, window.empty_begin, window.empty_begin + 1)[0])
 
 
-def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
-    """Return the means of the signal in the parts of a pass, (layout.count,), kg.
+def pass_features(window: WeighWindow, layout: Layout) -> Array:
+    """Return the means of the signal in the parts of a pass in kg, (layout.count,).
 
-    Each sample represents the interval around it. All means are NaN if the signal begins after the
-    first part, or if a part has no duration.
+    Each sample represents the interval around its time. All means are NaN if the signal begins
+    after the first part, or if a part has no duration.
     """
     whole, rise = transit(window), rise_time(window)
     half = 0.5 / window.sample_rate
@@ -162,7 +160,7 @@ def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
     before = np.arange(-layout.lead, 0) * (whole / total)
     rising = np.linspace(0.0, turn, layout.rise, endpoint=False)
     resting = np.linspace(turn, whole, layout.window + 1)
-    # The last sample lies up to one interval before t3.
+    # The last sample is up to one interval before t3.
     bounds = np.minimum(np.concatenate([before, rising, resting]), ends[-1])
     widths = np.diff(bounds)
     if not (bounds[0] >= ends[0] and np.all(widths > 0)):

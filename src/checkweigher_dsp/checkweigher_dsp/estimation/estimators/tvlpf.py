@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""TVLPF: a low-pass cascade whose cut-off falls during the window.
+r"""Estimator TVLPF, a cascade of low-pass filters whose cut-off falls during the window.
 
 This is a reconstruction from the abstracts of two papers: Pietrzak, Meller, Niedzwiecki, Dynamic
 mass measurement in checkweighers using a discrete time-variant low-pass filter, Mechanical Systems
 and Signal Processing 48 (2014), and the conference version of 2010. A filter with a high cut-off
-follows the load at once, and one with a low cut-off suppresses the vibration, so the cut-off falls
+follows the load quickly, and a filter with a low cut-off suppresses vibration. So the cut-off falls
 during the window:
 
 .. math:: f(n) = f_\infty + (f_0 - f_\infty) r^n .
@@ -17,7 +17,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -27,11 +26,12 @@ from checkweigher_dsp.estimation.estimators.base import (
     EstimatorParameters,
     PlotStyle,
 )
+from checkweigher_dsp.signal import Array
 
 
 @dataclass(frozen=True)
 class TvlpfParameters(EstimatorParameters):
-    """Schedule of the cut-off, with times relative to the window."""
+    """Parameters of TVLPF: the cut-off as a function of the relative time in the window."""
 
     node: ClassVar[str] = 'identifier.tvlpf'
 
@@ -70,7 +70,7 @@ class Tvlpf(Average):
         Axis('half_life', 0.02, 2.0, 0.1, logarithmic=True),
     )
 
-    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+    def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the output of the filter at t3."""
         known, speed, count = self.parameters, window.belt_speed, len(samples)
         weights = lowpass_weights(
@@ -92,34 +92,34 @@ def lowpass_weights(
     final_cutoff: float,
     decay: float,
     sample_rate: float,
-) -> NDArray[np.float64]:
+) -> Array:
     r"""Return the weight of each sample in the last output of the filter.
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
-    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has the pole of the analogue section, and
-    unity gain at any cut-off. All sections start at the value of the first sample; otherwise the
-    output would only approach a constant load, and would be biased.
+    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`. It has the pole of an analogue section and unity
+    gain at any cut-off. The initial value of all sections is the first sample. Otherwise the output
+    would only approach a constant load, and would be biased.
 
-    The filter is linear in the samples for a given schedule, so its last output is a weighted mean.
-    The weights follow from running the transposed cascade backwards in time.
+    The filter is linear, so the last output is a weighted mean of the samples. The weights are
+    computed by the transposed cascade, which runs backwards in time.
 
     Parameters
     ----------
     count : int
         Length n of the window, at least 1.
     sections : int
-        Number of first-order sections, at least 1; 2 to 4 are used.
+        Number of first-order sections, at least 1.
     initial_cutoff, final_cutoff : float
-        f_0 and f_inf in Hz, not negative.
+        Cut-off frequencies f_0 and f_inf in Hz, not negative.
     decay : float
-        r, 0 to 1, per sample.
+        Decay r of the cut-off per sample, 0 to 1.
     sample_rate : float
-        Hz.
+        Sample rate in Hz.
 
     Returns
     -------
     ndarray, (n,) float64
-        Read-only; not negative, their sum is 1.
+        Read-only weights, which are not negative and have the sum 1.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def lowpass_weights(
     cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
     steps = (-np.expm1(-2 * math.pi / sample_rate * cutoff)).tolist()
     weights = np.zeros(count)
-    # adjoint[j]: weight of the state of section j in the last output.
+    # adjoint[j] is the weight of the state of section j in the last output.
     adjoint = [0.0] * (sections - 1) + [1.0]
     for index in range(count - 1, -1, -1):
         step = steps[index]

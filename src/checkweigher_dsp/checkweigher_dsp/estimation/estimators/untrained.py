@@ -1,58 +1,58 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates from one pass of a machine without training, and their uncertainty.
+"""Estimates of the load on a machine without training, and their uncertainty.
 
-The only assumption is that the load is constant in the window; nothing is assumed of the platform
-or the rise. [own derivation, docs/method.md]
+The only assumption is a constant load in the window. Nothing is assumed about the platform or the
+rise of the load. [own derivation, docs/method.md]
 """
 
 from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry, transit
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate, is_in_window, raw_samples
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
-_PARTS = 64  # least number of parts of a window: up to some 80 Hz on a slow belt
-# Additional noise, as shares of the variance of the disturbance in a window. From t2 on, ring-down
-# and a late load reach far into the window; at t3 only a misplaced eye matters.
+_PARTS = 64  # least number of parts of a window, which resolve 80 Hz on a slow belt
+# Additional noise at both ends of a window, as shares of the variance of the disturbance. It is
+# larger at t2, where ring-down and a late load extend far into the window, than at t3.
 _ENTRY_NOISE = 0.05
 _EXIT_NOISE = 0.001
-_EDGE_EXPONENT = 1.5  # of the growth of both there, a power of the inverse of half a Hann window
-_WHITE = 1e-3  # share of that variance; keeps the weights bounded for a single line
+_EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends
+_WHITE = 1e-3  # share of white noise, which limits the weights for a single oscillation
 _ITERATIONS = 2
-SETTLE_TIME = 0.1  # s after the previous item, as in the segmenter
-_RISE_PARTS = 3  # each longer than a period of most platforms, whose ringing averages out
-# Stated share of the level's standard deviation by its spectrum, which treats fading ringing as if
-# it continued. Measured on 21 machines without a model.
+SETTLE_TIME = 0.1  # duration of the ring-down after the previous item in s
+_RISE_PARTS = 3  # number of parts of the rise, above the period of most platforms
+# Factor of the standard deviation by the spectrum, which is too large because ringing decays. The
+# factor was measured on 21 machines, for which no estimator had a model.
 _STATED = 0.6
 
 
 def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
-    """Return an estimate that uses the rise, drawn towards `window_level` if the rise does not fit.
+    """Return the weighted mean of an estimate that uses the rise of the load and `window_level`.
 
-    Each is weighted by the inverse of its variance. The variance of `load` grows with the residual
-    between t1 and t2 and with the lag of the rise. Both are caused by misplaced photo-eyes,
-    bounces, or an unexpected platform or amplifier, and both leave an area that smoothing spreads
-    over the pass. A single pass cannot show whether a rise that fits is misleading, so the stated
-    variance is that of the level alone.
+    The two are weighted by their inverse variances. The variance of `load` increases with the
+    residual between t1 and t2 and with the lag of the rise. Both are caused by misplaced
+    photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their effect over
+    the pass. The variance of the result is that of the level alone, because a single pass cannot
+    show whether a rise that fits is misleading.
     """
     if not is_in_window(load, window):
-        return load  # the load changed during the rise; the identifier refuses it
+        return load  # The load changed during the rise, and the identifier will refuse it.
     level, deviation = window_level(window)
     misplaced = load.mass * lag_doubt(window) / (2 * transit(window))
     misfit = rise_misfit(window, load.mass) * rise_time(window) / transit(window)
     by_rise = load.variance + misfit**2 + misplaced**2
     by_level = deviation**2
     total = by_rise + by_level
-    if not total > 0:  # also if NaN
+    if not total > 0:  # This is also the case for NaN.
         return load
     mass = (by_level * load.mass + by_rise * level) / total
     variance = (_STATED * deviation) ** 2
@@ -60,12 +60,13 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
 
 
 def window_level(window: WeighWindow) -> tuple[float, float]:
-    """Return the level of a window, kg, and its standard deviation, from its own spectrum.
+    """Return the mean load of a window (its level) and the standard deviation, both in kg.
 
-    The Gauss-Markov weights are used, for the autocovariance of the window about its level plus
-    that of the empty belt before it. They are close to a plain mean for a broadband disturbance,
-    and to a window without side lobes for lines. Additional noise grows towards t2, where ring-down
-    and an incomplete load would enter, and close to t3.
+    The weights of the mean are Gauss-Markov weights. The covariance of the disturbance is that of
+    the window about its level, plus that of the empty belt before the window. For a broadband
+    disturbance, the result is close to a plain mean. For spectral lines, it is close to a mean with
+    a smooth window. Additional noise reduces the weights near t2, where ringing and an incomplete
+    load may remain, and near t3.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
@@ -91,11 +92,11 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 
 
 def rise_misfit(window: WeighWindow, mass: float) -> float:
-    """Return the rms residual in kg of an evenly rising load of `mass` between t1 and t2.
+    """Return the rms residual in kg between t1 and t2 for a linear rise to a load of `mass` in kg.
 
-    The load is as late as on the assumed platform. The residual is computed from the means of the
-    thirds of the rise, so that ringing averages out. Only its excess over the noise of the empty
-    belt counts.
+    The assumed load lags by the delay of the default platform. The residual is computed from the
+    means of the thirds of the rise, so that ringing averages out. The noise of the empty belt is
+    subtracted.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
@@ -110,21 +111,22 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 
 
 def lag_doubt(window: WeighWindow) -> float:
-    """Return the deviation of the rise from its assumed lag with its uncertainty, rms in s.
+    """Return the rms difference in s between the lag of the rise and that of the default platform.
 
-    It is 0 if too little of the empty belt is seen, as close behind another product.
+    The difference includes the uncertainty of the lag. It is 0 if the lag is unknown, because the
+    empty belt before the product is too short.
     """
     seen = lag_of(window)
     return math.hypot(seen.lag - PLATFORM_LAG, seen.std_dev) if seen.is_known else 0.0
 
 
-def _empty_belt(window: WeighWindow) -> NDArray[np.float64]:
-    """Return the signal of the empty belt before an item, kg, without the ring-down before it."""
+def _empty_belt(window: WeighWindow) -> Array:
+    """Return the signal of the empty belt in kg between the last ring-down and an item."""
     entry = int(np.searchsorted(time_since_entry(window), 0.0))
     begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)
     return window.force_between(min(begin, entry), entry)
 
 
-def _means(signal: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return the means of successive parts of `size` samples, the last ones of a signal."""
+def _means(signal: Array, size: int) -> Array:
+    """Return the means of successive parts of `size` samples, aligned to the end of a signal."""
     return np.asarray(signal[len(signal) % size :].reshape(-1, size).mean(axis=1))

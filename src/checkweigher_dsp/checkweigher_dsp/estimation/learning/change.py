@@ -1,34 +1,34 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of a machine, found in the residuals of its items."""
+"""Detection of changes of a machine by the residuals of its items."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
+from checkweigher_dsp.signal import Array
 
-RECENT = 20  # items that show a change
-_ALIKE = 1.25  # largest factor between the load of a compared item and the learned loads
-_MOVED = 1.5  # least median shift of a part, in its standard deviations
-_GROWN = 6.0  # least ratio of the power of a line to its power before
-_SAME_PHASE = 0.6  # share of the amplitude
-_STRONG = 0.1  # least growth of a line, as a share of all power before
+RECENT = 20  # number of items that show a change
+_ALIKE = 1.25  # largest ratio between the load of a compared item and the learned loads
+_MOVED = 1.5  # least median shift of a part in standard deviations of the part
+_GROWN = 6.0  # least ratio between the powers of a spectral line after and before a change
+_SAME_PHASE = 0.6  # largest share of the amplitude of a vibration in the mean of several items
+_STRONG = 0.1  # least increase of a spectral line as a share of the total power before
 
 
 @dataclass(frozen=True)
 class Change(Settings):
-    """A lasting change of the machine, at a place of the pass or at a frequency.
+    """Lasting change of the machine at a place of the pass or at a frequency.
 
-    `place` is the part of the pass in which the load differs, as a share of t1..t3, below 0 before
-    t1. It is NaN for a vibration of `frequency`, in Hz. `factor` is the size of the change: in
-    standard deviations of an item at that place, or the ratio of the powers at that frequency.
+    At a place of the pass, the load differs by `factor` standard deviations of an item. `place` is
+    relative, 0 at t1 and 1 at t3, and NaN if the change is a vibration. The power of a vibration
+    has increased by `factor` at `frequency` in Hz.
     """
 
     item_id: int = parameter(text='item with which it was noticed')
@@ -46,21 +46,23 @@ class Change(Settings):
 
 
 def is_comparable(known: Fit, load: float) -> bool:
-    """Return whether a load in kg is close to the loads of the learned fit."""
+    """Return whether a load in kg is close to the loads from which `known` was learned."""
     smallest, largest = known.loads
     return smallest / _ALIKE <= load <= largest * _ALIKE
 
 
 def find_change(
-    known: Fit, residuals: Sequence[NDArray[np.float64]], duration: float, item_id: int
+    known: Fit, residuals: Sequence[Array], duration: float, item_id: int
 ) -> Change | None:
-    """Return the change that the residuals of the last items, (k,) each in kg, show; None if none.
+    """Return the change of the machine that residuals show, or None without a change.
 
-    At least `RECENT` items are needed. `duration` of a part is in s; `item_id` is the last item.
+    The `residuals` of the last items are (k,) each in kg, and at least `RECENT` are needed.
+    `duration` is the duration of a part of the pass in s, and `item_id` the number of the last
+    item.
     """
     if len(residuals) < RECENT:
         return None
-    # Most items of each half must show a change: one or two items are not enough.
+    # The medians are used, so that single items do not indicate a change.
     halves = np.array_split(np.array(residuals), 2)
     before, after = (np.median(half, axis=0) / known.noise for half in halves)
     moved = np.where(before * after > 0, np.minimum(abs(before), abs(after)), 0.0)
@@ -70,7 +72,7 @@ def find_change(
     place, line = int(np.argmax(moved)), int(np.argmax(grown))
     if moved[place] < _MOVED and grown[line] < _GROWN:
         return None
-    # A vibration has a different phase in each item, and is small in their mean.
+    # A vibration has a random phase in each item, so that it is small in the mean of the items.
     last = halves[-1]
     if grown[line] < _GROWN or np.mean(last, axis=0).std() > _SAME_PHASE * last.std():
         place = int(np.argmax(abs(after)))
@@ -81,13 +83,13 @@ def find_change(
 
 
 def strongest_frequency(known: Fit, duration: float) -> float:
-    """Return the frequency of the strongest residual, Hz; `duration` of a part in s."""
+    """Return the frequency of the strongest residual in Hz for parts of `duration` in s."""
     line = 1 + int(np.argmax(known.spectrum[1:]))
     return _peak(known.spectrum, line) / (len(known.weights) * duration)
 
 
-def _peak(power: NDArray[np.float64], line: int) -> float:
-    """Return the position of a peak of a spectrum, interpolated between its lines."""
+def _peak(power: Array, line: int) -> float:
+    """Return the position of the peak of a spectrum around a line, interpolated between lines."""
     around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
     share = np.maximum(power[around], 0.0)
     return float(around @ share / share.sum())

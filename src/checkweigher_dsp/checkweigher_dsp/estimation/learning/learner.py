@@ -1,41 +1,30 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learning while the line runs: a new state from the previous state and one item."""
+"""Learning during operation, which updates the learned state by each item."""
 
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
 from checkweigher_core.records import WeighWindow
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
 from checkweigher_dsp.estimation.estimators.learned import PARTS
-from checkweigher_dsp.estimation.learning.change import (
-    RECENT,
-    Change,
-    find_change,
-    is_comparable,
-)
-from checkweigher_dsp.estimation.learning.passage import (
-    PassParts,
-    passage_of,
-    rise_parts_of,
-)
+from checkweigher_dsp.estimation.learning.change import RECENT, Change, find_change, is_comparable
+from checkweigher_dsp.estimation.learning.passage import PassParts, passage_of, rise_parts_of
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
+from checkweigher_dsp.signal import Array
 
-_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # largest relative differences within a kind
-_STEP = 5  # items from one fit to the next
+_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # largest relative differences within a kind of items
+_STEP = 5  # number of items from one fit to the next
 
 _items = partial(parameter, minimum=20, maximum=300)
 
 
 @dataclass(frozen=True)
 class LearningParameters(Parameters):
-    """Learning from products of unknown mass, with `identifier.learn`."""
+    """Parameters of learning from products of unknown mass, which `identifier.learn` enables."""
 
     node: ClassVar[str] = 'identifier.learning'
 
@@ -71,10 +60,10 @@ class LearningParameters(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class ItemKind(Settings):
-    """State that was learned from items of one belt speed and length.
+    """State that was learned from one kind of items, which have the same belt speed and length.
 
-    The passes are dropped when learning is complete. `recent` contains the residuals of the last
-    comparable items, (k,) each.
+    The passes are removed when learning is complete. `recent` contains the residuals of the last
+    items with a similar load, (k,) each.
     """
 
     speed: float = parameter(text='belt speed', unit='m/s', minimum=0)
@@ -83,14 +72,12 @@ class ItemKind(Settings):
     items: int = parameter(0, 'items that were seen', minimum=0)
     passages: tuple[PassParts, ...] = parameter((), 'passes that teach')
     fit: Fit | None = parameter(None, 'what they have taught')
-    recent: tuple[NDArray[np.float64], ...] = parameter(
-        (), 'residuals of the last items', unit='kg'
-    )
+    recent: tuple[Array, ...] = parameter((), 'residuals of the last items', unit='kg')
     change: Change | None = parameter(None, 'change of the machine since then')
 
     def __post_init__(self) -> None:
         if self.fit and {len(each) for each in self.recent} - {len(self.fit.weights)}:
-            raise SettingsError('residuals of another length than the weights', 'recent')
+            raise SettingsError('the residuals and the weights differ in length', 'recent')
 
     @property
     def weighs(self) -> bool:
@@ -107,9 +94,9 @@ class ItemKind(Settings):
 
 @dataclass(frozen=True, eq=False)
 class LearnedKinds(Settings):
-    """State that was learned from each kind of items, the most recent kind at the end.
+    """State that was learned from all kinds of items, in the order in which they were last seen.
 
-    It is valid for the loads of one estimator with its parameters, the `basis`.
+    The state belongs to the estimator and the parameters that `basis` describes.
     """
 
     basis: str = parameter(text='estimator with its parameters')
@@ -117,14 +104,14 @@ class LearnedKinds(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the table without `version`, which older files have instead of a format number."""
+        """Return the content of a file without `version`, the format number of older files."""
         if not isinstance(content, dict):
             return content
         return {key: value for key, value in content.items() if key != 'version'}
 
 
 def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
-    """Return the load of a window by the learned weights, or `load` if they cannot weigh it."""
+    """Return the load in a window by the learned weights, or `load` if they do not apply."""
     kind = _kind_of(known, window)
     if kind is None or kind.fit is None or not kind.weighs:
         return load
@@ -139,7 +126,7 @@ def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -
 def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
-    """Return the state after an item for which the estimator found `load`."""
+    """Return the learned state after an item in whose window the estimator found `load`."""
     kind = _kind_of(known, window) or ItemKind(
         window.belt_speed, window.product_length, rise_parts_of(window)
     )
@@ -173,7 +160,7 @@ def _compared(
 
 
 def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) -> ItemKind:
-    """Return a kind with one more item, and with a new fit every few items."""
+    """Return a kind of items with one more item, and with a new fit every few items."""
     if kind.change is not None or kind.items >= parameters.most:
         return replace(kind, items=kind.items + 1)
     items, passages = kind.items + 1, (*kind.passages, passage)

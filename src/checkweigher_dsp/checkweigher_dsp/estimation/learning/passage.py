@@ -1,12 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the pass of one item of unknown mass."""
+"""Parts of the pass of an item of unknown mass."""
 
 from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.records import WeighWindow
@@ -21,20 +20,20 @@ from checkweigher_dsp.estimation.estimators.learned import (
     seconds_alone,
 )
 from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
+from checkweigher_dsp.signal import Array
 
-MOST_LEAD = 48  # parts before t1
+MOST_LEAD = 48  # largest number of parts before t1
 
 
 @dataclass(frozen=True)
 class PassParts(Settings):
-    """The parts of a pass, with the load that the chosen estimator found in it.
+    """Parts of a pass, with the load that the chosen estimator found.
 
-    `parts`, in kg with shape (lead + PARTS,), are computed by `pass_features`. The first `lead`
-    parts are before t1, and the last `quiet` of these are free of the ring-down of the previous
-    item.
+    `parts`, (lead + PARTS,) in kg, are computed by `pass_features`. The first `lead` parts are
+    before t1. The last `quiet` of them contain no ring-down of the previous item.
     """
 
-    parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
+    parts: Array = parameter(text='parts of the pass', unit='kg')
     quiet: int = parameter(text='parts without ring-down', minimum=0)
     duration: float = parameter(text='duration of a part', unit='s', minimum=0)
     load: float = parameter(text='load by the estimator', unit='kg', minimum=0)
@@ -43,31 +42,27 @@ class PassParts(Settings):
 
     def __post_init__(self) -> None:
         if len(self.parts) < PARTS:
-            raise SettingsError(f'{len(self.parts)} parts, at least {PARTS}', 'parts')
+            raise SettingsError(f'{len(self.parts)} parts, but {PARTS} are needed', 'parts')
         if self.quiet > self.lead:
-            raise SettingsError(f'{self.quiet}, but {self.lead} parts are before t1', 'quiet')
+            raise SettingsError(f'{self.quiet} exceeds the {self.lead} parts before t1', 'quiet')
 
     @property
     def lead(self) -> int:
         """Number of parts before t1."""
         return len(self.parts) - PARTS
 
-    def last(self, count: int) -> NDArray[np.float64]:
-        """Return the last parts, (count,)."""
-        return self.parts[-count:]
-
 
 def rise_parts_of(window: WeighWindow) -> int:
-    """Return the number of parts of a pass from t1 to t2; 0 if its times are not known."""
+    """Return the number of parts of a pass from t1 to t2, or 0 if a time is unknown."""
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0
     return rise_parts(share) if 0 < share < 1 else 0
 
 
 def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> PassParts | None:
-    """Return the pass of a window, with `rise` parts from t1 to t2.
+    """Return the parts of the pass in a window, with `rise` parts from t1 to t2.
 
-    Returns None if the previous item was still on the belt, or the estimator found no load.
+    Returns None if the previous item was on the belt at t1, or the estimator found no load.
     """
     duration, alone = transit(window) / PARTS, seconds_alone(window)
     if not (load.mass > 0 and alone >= 0 and duration > 0):

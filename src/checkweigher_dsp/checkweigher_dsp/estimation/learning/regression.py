@@ -4,13 +4,14 @@ r"""Weights of the parts of a pass from items of unknown mass.
 
 .. math:: m = \sum_j w_j y_j,\quad w \propto C^{-1} s,\quad C = R'R / d + a N + b v I + c v P
 
-Items of one product differ little, so differences between their passes, within such a cluster, are
-disturbance. R contains the deviations of the parts y from the means of the clusters, d is their
-number of degrees of freedom, and v their mean variance about the curve s of a load of 1. Real
-differences between the products of a cluster add a multiple of s s' to C, which changes no weight.
-Because the items are few, C is drawn towards the noise N of the empty belt, white noise I, and the
-ringing P of a platform after each load. Their weights are averaged over a grid by the likelihood of
-held-out masses, in closed form. [own derivation, docs/method.md]
+Items of about the same mass form a cluster. The differences between the passes of a cluster are
+mainly disturbance. R contains the deviations of the parts y from the means of the clusters, and d
+is the number of degrees of freedom. v is the mean variance of these deviations about the curve s of
+a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
+change the weights. R'R is only approximate if there are few items. So C also contains the noise N
+of the empty belt, white noise I, and the ringing P of a platform. The weights are computed for a
+grid of a, b and c, and averaged by the likelihood of held-out masses. [own derivation,
+docs/method.md]
 """
 
 from collections.abc import Sequence
@@ -24,40 +25,43 @@ from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, PassParts
+from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # Grid of a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
-_PLAIN = (0.3, 0.03, 0.1)  # a, b and c for weights by the prior alone
-_FEWEST = 15  # degrees of freedom
-_ALONE = 0.05  # share of the items that may have less empty belt before t1 than the weights need
-_APART = 0.02  # share of the load by which clusters are at least apart
-_APART_STD_DEVS = 6.0  # the same in standard deviations that the estimator states
-# Largest ratio of the scatter of held-out masses to that of the chosen estimator. If the products
-# scatter more than two ways of weighing them differ, a gain may be chance, so it must be larger.
+_PLAIN = (0.3, 0.03, 0.1)  # a, b and c for weights that do not depend on R
+_FEWEST = 15  # least number of degrees of freedom
+_ALONE = 0.05  # share of items that may have less empty belt before t1 than the weights use
+_APART = 0.02  # least distance between clusters as a share of the load
+_APART_STD_DEVS = 6.0  # least distance between clusters in standard deviations of the estimator
+# Largest ratio of the standard deviation of held-out masses to that of the chosen estimator, for
+# weights to be trusted. The second ratio is for products whose masses differ much, because the
+# ratio may then be small by chance.
 _GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
-_ALIKE = 0.8
-_LEARNED = 5.0  # least degrees of freedom that the grid and the weights use up
-_PLATFORMS = np.geomspace(15.0, 60.0, 24)  # Hz
-_DAMPING = 0.05
-_FADING = 0.1  # s
-_ROUNDING = 1e-6  # of a load of 1
-_LEAST_VARIANCE = 1e-18  # kg^2
+_ALIKE = 0.8  # largest ratio of standard deviations for products of about the same mass
+_LEARNED = 5.0  # number of degrees of freedom that the weights and the grid use
+_PLATFORMS = np.geomspace(15.0, 60.0, 24)  # natural frequencies of platforms in Hz
+_DAMPING = 0.05  # damping ratio of platforms
+_FADING = 0.1  # decay time of ringing in s
+_ROUNDING = 1e-6  # largest error for a load of 1
+_LEAST_VARIANCE = 1e-18  # least variance in kg^2
 
 
 @dataclass(frozen=True, eq=False)
 class Fit(Settings):
-    """Weights that were learned from items of one speed and length.
+    """Weights that were learned from items of one belt speed and length.
 
-    `curve`, `weights` and `noise`, (k,) each, belong to the last k parts of a pass: the signal of a
-    load of 1, the weights whose sum over the parts is the mass, and the standard deviation of the
-    residual, kg. `spectrum` is the usual power of the residual by frequency, (k // 2 + 1,), kg^2.
+    `curve`, `weights` and `noise`, (k,) each, belong to the last k parts of a pass. They are the
+    signal of a load of 1, the weights of the parts in the mass, and the standard deviations of the
+    residuals in kg. `spectrum`, (k // 2 + 1,), is the usual power of the residuals by frequency in
+    kg^2.
     """
 
-    curve: NDArray[np.float64] = parameter(text='parts of a load of 1')
-    weights: NDArray[np.float64] = parameter(text='of the parts in the mass')
-    noise: NDArray[np.float64] = parameter(text='deviation of a part', unit='kg', minimum=0)
-    spectrum: NDArray[np.float64] = parameter(text='power', unit='kg^2', minimum=0)
+    curve: Array = parameter(text='parts of a load of 1')
+    weights: Array = parameter(text='of the parts in the mass')
+    noise: Array = parameter(text='deviation of a part', unit='kg', minimum=0)
+    spectrum: Array = parameter(text='power', unit='kg^2', minimum=0)
     variance: float = parameter(text='of masses that were held out', unit='kg^2', minimum=0)
     variance_before: float = parameter(text='by the estimator', unit='kg^2', minimum=0)
     zero_variance: float = parameter(text='mean, of the zero', unit='kg^2', minimum=0)
@@ -81,20 +85,20 @@ class Fit(Settings):
         """Number of parts before t1."""
         return len(self.weights) - PARTS
 
-    def residual(self, passage: PassParts) -> NDArray[np.float64]:
-        """Return the pass without its load, (k,), kg."""
-        return np.asarray(passage.last(len(self.weights)) - self.mass(passage) * self.curve)
+    def residual(self, passage: PassParts) -> Array:
+        """Return the last k parts of a pass without the load in kg, (k,)."""
+        return passage.parts[-len(self.weights) :] - self.mass(passage) * self.curve
 
     def mass(self, passage: PassParts) -> float:
-        """Return the weighted sum of a pass, kg."""
-        return float(np.add.reduce(self.weights * passage.last(len(self.weights))))
+        """Return the weighted sum of the last k parts of a pass in kg."""
+        return float(np.add.reduce(self.weights * passage.parts[-len(self.weights) :]))
 
 
 def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
-    """Learn from items; returns None if too few of them are alike in mass."""
+    """Learn weights from items. Returns None if too few of the items have similar masses."""
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
-    parts = np.array([each.last(lead + PARTS) for each in used])
+    parts = np.array([each.parts[-lead - PARTS :] for each in used])
     loads = np.array([each.load for each in used])
     deviation = float(np.median(np.sqrt([each.variance for each in used])))
     clusters = _clusters(loads, max(_APART * float(np.median(loads)), _APART_STD_DEVS * deviation))
@@ -124,28 +128,21 @@ def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
     )
 
 
-def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the power of residuals (n, k) by frequency, the median over n, shape (k // 2 + 1,).
-
-    A Hann window is applied first.
-    """
+def usual_power(residuals: Array) -> Array:
+    """Return the median power of n Hann-weighted residuals (n, k) by frequency, (k // 2 + 1,)."""
     taper = np.hanning(residuals.shape[1] + 2)[1:-1]
     spectra = np.fft.rfft(residuals * (taper / np.sqrt(taper @ taper)))
     return np.asarray(np.median(spectra.real**2 + spectra.imag**2, axis=0))
 
 
-def held_out(
-    covariance: NDArray[np.float64],
-    curve: NDArray[np.float64],
-    within: NDArray[np.float64],
-    others: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the weights (k,), and the error of each item (n,) by weights without that item.
+def held_out(covariance: Array, curve: Array, within: Array, others: Array) -> tuple[Array, Array]:
+    """Return the weights, (k,), and the held-out error of each item, (n,).
 
-    Row r of `within`, (n, k), is the deviation of an item from the mean of its cluster. Its
-    deviation from the mean of the other items is o r, with o from `others`, (n,). `covariance` C,
-    (k, k), contains R'R of all rows. Leaving out the item subtracts o r r' from R'R, so by the
-    formula of Sherman and Morrison it adds t (r' C^-1 s) C^-1 r to C^-1 s, with
+    A held-out error is computed with the weights that are learned from the other items. `curve` is
+    s, (k,), and row r of `within`, (n, k), the deviation of an item from the mean of its cluster.
+    The deviation from the mean of the other items is o r, with o from `others`, (n,).
+    `covariance` C, (k, k), contains R'R of all rows. Without the item, R'R is reduced by o r r'. By
+    the formula of Sherman and Morrison, C^-1 s then increases by t (r' C^-1 s) C^-1 r with
     t = o / (1 - o r' C^-1 r). The error is o r' w with the resulting weights w.
     """
     solved = np.linalg.solve(covariance, np.column_stack([curve, within.T]))
@@ -159,21 +156,26 @@ def held_out(
 
 
 class _Items:
-    """Items in clusters of about one mass: parts (n, k), loads (n,), both in kg."""
+    """Items in clusters of about the same mass.
+
+    `parts`, (n, k), are the parts of the passes, and `loads`, (n,), the loads by the estimator,
+    both in kg. `clusters`, (n,), are the numbers of the clusters, and `freedom` is the number of
+    degrees of freedom. `noise` and `ringing`, (k, k), are N and P.
+    """
 
     def __init__(
         self,
-        parts: NDArray[np.float64],
-        loads: NDArray[np.float64],
+        parts: Array,
+        loads: Array,
         clusters: NDArray[np.int_],
         freedom: int,
-        noise: NDArray[np.float64],
-        ringing: NDArray[np.float64],
+        noise: Array,
+        ringing: Array,
     ) -> None:
         sizes = np.bincount(clusters)[clusters]
         means = np.bincount(clusters, loads)[clusters] / sizes
         self._freedom = freedom
-        # Factor from the deviation from the mean of all to that from the mean of the others.
+        # Ratio of the deviation from the mean of the other items to that from the mean of all.
         self.others = np.where(sizes > 1, sizes / np.maximum(sizes - 1, 1), 0.0)
         self._counts = (sizes - 1) / sizes
         self.curve = np.asarray(means @ parts / (means @ means))
@@ -185,17 +187,17 @@ class _Items:
         self._scatter = self.within.T @ self.within
         self._noise, self._ringing = noise, ringing
 
-    def rms(self, errors: NDArray[np.float64]) -> float:
-        """Return the standard deviation of held-out errors (n,) within the clusters."""
+    def rms(self, errors: Array) -> float:
+        """Return the standard deviation of held-out errors, (n,), within the clusters."""
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
-    def plain_weights(self) -> NDArray[np.float64]:
-        """Return the weights by the prior alone, (k,)."""
+    def plain_weights(self) -> Array:
+        """Return the weights for a covariance without R, (k,)."""
         weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 
-    def learn(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the weights, (k,), and the held-out errors of the items, (n,) in kg."""
+    def learn(self) -> tuple[Array, Array]:
+        """Return the weights, (k,), and the held-out errors of the items in kg, (n,)."""
         found = [
             held_out(self._prior(each) + self._scatter, self.curve, self.within, self.others)
             for each in _SHARES
@@ -206,34 +208,35 @@ class _Items:
         counts = likelihoods / likelihoods.sum()
         return counts @ weights, counts @ errors
 
-    def _prior(self, shares: tuple[float, float, float]) -> NDArray[np.float64]:
+    def _prior(self, shares: tuple[float, float, float]) -> Array:
         belt, white, ringing = shares
         own = white * np.eye(len(self.curve)) + ringing * self._ringing
         return np.asarray(self._freedom * (belt * self._noise + self._variance * own))
 
 
-def _clusters(loads: NDArray[np.float64], width: float) -> NDArray[np.int_]:
-    """Return the cluster of each load, (n,); clusters are separated by gaps above `width`."""
+def _clusters(loads: Array, width: float) -> NDArray[np.int_]:
+    """Return the cluster of each load, (n,). Gaps above `width` separate the clusters."""
     order = np.argsort(loads, kind='stable')
     result = np.empty(len(loads), dtype=np.int_)
     result[order] = np.append(0, np.cumsum(np.diff(loads[order]) > width))
     return result
 
 
-def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> NDArray[np.float64]:
-    """Return the covariance of parts of the empty belt about zero, (count, count), kg^2.
+def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> Array:
+    """Return the covariance of parts of the empty belt in kg^2, (count, count).
 
-    It includes the error of the zero. It is 0 at lags longer than any empty belt.
+    It is computed about zero, so that it includes the error of the zero. It is 0 at lags that are
+    longer than all segments of the empty belt.
     """
     segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
     places = np.arange(count)
     return pooled_autocovariance(segments, count)[abs(np.subtract.outer(places, places))]
 
 
-def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
-    """Return the covariance (k, k) of the ringing of a platform, scaled to a mean variance of 1.
+def _ringing(lead: int, rise: int, duration: float) -> Array:
+    """Return the covariance of the ringing of a platform, (k, k), scaled to a mean variance of 1.
 
-    Its amplitude is largest while a product enters, and half as large before and long after that.
+    The amplitude is largest while a product enters, and half as large before and long after this.
     """
     time = (np.arange(lead + PARTS) - lead + 0.5) * duration
     fading = np.exp(-np.maximum(time - rise * duration, 0.0) / _FADING)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of reject: its permission to run and its stop requests."""
+"""Permission to run and stop requests of the node reject."""
 
 from checkweigher_core.records import NANOSECONDS, Permission, StopRequest
 from checkweigher_core.records.reasons import StopReason
@@ -10,21 +10,22 @@ from checkweigher_driver.line_io.rejector.missed_products import LatchEvent, Mis
 _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 
 
-class RejectWord:
-    """The permission to run and the stop requests of reject, for a machine that may miss products.
+class RunPermission:
+    """Permission to run and stop requests of the node reject.
 
-    A permission is fresh for `FRESH_TIME`. Without a fresh one, reject has ended or hangs, and may
-    have lost its stop requests.
+    A permission expires after `FRESH_TIME`. Without a fresh permission, the node has ended or
+    hangs, and may have lost its stop requests.
     """
 
     def __init__(self, missed: MissedProducts) -> None:
         self._missed = missed
-        self._permission: tuple[int, bool] | None = None  # time of the last one, whether to run
-        self._silent = False  # after the last permission has expired, until reject is back
-        self._asked = ''  # reason of a stop request, which only reject knows
+        # Arrival of the last permission in ns, and whether the line may run.
+        self._permission: tuple[int, bool] | None = None
+        self._silent = False  # whether the last permission has expired
+        self._asked = ''  # reason and hint of the present stop request
 
     def permits(self, now: int) -> bool:
-        """Return whether a fresh permission lets the line run."""
+        """Return whether a fresh permission allows the line to run at time `now` in ns."""
         came, run = self._permission or (now, False)
         if now - came > _PERMISSION_TIME:
             self._permission, self._silent, run = None, True, False
@@ -32,17 +33,17 @@ class RejectWord:
         return run
 
     def take_permission(self, permission: Permission, now: int) -> None:
-        """Process a permission that arrived at `now`."""
+        """Process a permission that arrived at time `now` in ns."""
         self._end_silence()
         self._permission = now, permission.run
 
     def take_request(self, request: StopRequest | None) -> None:
-        """Process a stop request, None if it is taken back."""
+        """Process a stop request, or None if the stop request was reset."""
         self._end_silence()
         if request is None:
             self._asked = ''
             self._missed.take(LatchEvent.RUN)
-        elif request.reason is StopReason.NOT_READY:  # a reject node that was started again
+        elif request.reason is StopReason.NOT_READY:  # the node reject was restarted
             self._missed.take(LatchEvent.FORGET)
         elif request.reason is not StopReason.DRIVER_TROUBLE:
             self._asked = f'{request.reason}: {request.hint}'
@@ -50,7 +51,7 @@ class RejectWord:
             self._missed.take(LatchEvent.SHOW)
 
     def _end_silence(self) -> None:
-        """Latch the request from before a silence, because a restarted reject has forgotten it."""
+        """Latch a stop request from before a silence, which a restarted node has forgotten."""
         if self._silent and self._asked:
             self._missed.add(self._asked)
         self._silent = False

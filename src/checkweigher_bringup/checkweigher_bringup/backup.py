@@ -1,0 +1,184 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Backups of a machine's folder: a tar archive of its files and their SHA-256.
+
+`tar -xf` unpacks an archive, and `sha256sum -c SHA256SUMS` checks it without this program.
+"""
+
+from collections.abc import Iterator
+import hashlib
+from io import BytesIO
+import os
+from pathlib import Path, PurePosixPath
+import shutil
+import tarfile
+import tempfile
+from typing import IO
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_core.state_files import sync_folder
+from checkweigher_production.audit_log import head_path, read_consistent
+
+_SUMS = 'SHA256SUMS'
+_FOLDER = 'machine'  # name of the folder in an archive
+_CHUNK = 2**20  # bytes
+
+
+class _Hashed:
+    """Reader of a file that computes the SHA-256 of its bytes."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self._sha256 = hashlib.sha256()
+
+    def read(self, size: int) -> bytes:
+        """Return the next bytes of the file."""
+        data = self._file.read(size)
+        self._sha256.update(data)
+        return data
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the bytes read so far, hexadecimal."""
+        return self._sha256.hexdigest()
+
+
+def write_backup(folder: Path, archive: Path) -> int:
+    """Write a backup of a folder, whose line may run, and return the number of files.
+
+    The archive is complete and on the disk before it has its name. Each file has the content of
+    one moment; the audit log and its head are those of the same moment.
+
+    Raises
+    ------
+    UserError
+        If there is no such folder, if it has anything but files and folders, or if the archive
+        would be part of it.
+    OSError
+        If a file cannot be read or the archive cannot be written.
+    """
+    if not folder.is_dir():
+        raise UserError(f'{folder}: is not a folder')
+    if archive.resolve().is_relative_to(folder.resolve()):
+        raise UserError(f'{archive}: lies in {folder}; keep the backup in another place')
+    number, name = tempfile.mkstemp(prefix=f'.{archive.name}-', dir=archive.parent)
+    try:
+        with open(number, 'wb') as file:
+            with tarfile.open(fileobj=file, mode='w', format=tarfile.PAX_FORMAT) as tar:
+                sums = dict(_add(tar, folder))
+                lines = ''.join(f'{digest}  {path}\n' for path, digest in sums.items()).encode()
+                tar.addfile(_entry(_SUMS, len(lines)), BytesIO(lines))
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, archive)
+    except BaseException:
+        os.unlink(name)
+        raise
+    sync_folder(archive.parent)
+    return len(sums)
+
+
+def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
+    """Add a folder to an archive; yield the name and the SHA-256 of each file in it."""
+    tar.add(folder, _FOLDER, recursive=False)
+    paths = sorted(folder.rglob('*'))
+    heads = {head_path(path) for path in paths} & set(paths)
+    head_bytes: dict[Path, bytes] = {}
+    for path in paths:
+        name = str(PurePosixPath(_FOLDER, path.relative_to(folder)))
+        if path.is_dir() and not path.is_symlink():
+            tar.add(path, name, recursive=False)
+            continue
+        if path.is_symlink() or not (path.is_file() or not path.exists()):
+            raise UserError(f'{path}: is neither a file nor a folder; a backup has only these')
+        if head_path(path) in heads:
+            data, head_bytes[head_path(path)] = read_consistent(path)
+        elif path in heads:  # after its log, in the order of the names
+            data = head_bytes[path]
+        else:
+            yield from _add_file(tar, path, name)
+            continue
+        tar.addfile(_entry(name, len(data), path), BytesIO(data))
+        yield name, hashlib.sha256(data).hexdigest()
+
+
+def _add_file(tar: tarfile.TarFile, path: Path, name: str) -> Iterator[tuple[str, str]]:
+    try:
+        file = path.open('rb')
+    except FileNotFoundError:  # a temporary file that the line has renamed
+        return
+    with file:
+        hashed = _Hashed(file)
+        tar.addfile(_entry(name, os.fstat(file.fileno()).st_size, path), hashed)  # type: ignore[arg-type]
+    yield name, hashed.digest
+
+
+def _entry(name: str, size: int, path: Path | None = None) -> tarfile.TarInfo:
+    entry = tarfile.TarInfo(name)
+    entry.size = size
+    if path is not None:
+        status = path.stat()
+        entry.mode, entry.mtime = status.st_mode & 0o777, status.st_mtime
+    return entry
+
+
+def restore_backup(archive: Path, folder: Path) -> int:
+    """Restore a backup to a folder that is new or empty, and return the number of files.
+
+    The folder has its name once all files agree with their SHA-256 and are on the disk.
+
+    Raises
+    ------
+    UserError
+        If the archive is no backup, or is damaged, or if the folder has files.
+    OSError
+        If the archive cannot be read or the folder cannot be written.
+    """
+    if folder.is_dir() and any(folder.iterdir()):
+        raise UserError(f'{folder}: has files already; restore to a new folder')
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    place = Path(tempfile.mkdtemp(prefix=f'.{folder.name}-', dir=folder.parent))
+    try:
+        try:
+            with tarfile.open(archive, 'r:') as tar:
+                found, sums = _extract(tar, place)
+        except tarfile.TarError as error:
+            raise UserError(f'{archive}: is no backup, or damaged: {error}') from None
+        for name in sorted(found.keys() | sums.keys()):
+            if found.get(name) != sums.get(name):
+                raise UserError(f'{archive}: {name}: is damaged, or not as it was saved')
+        if not (place / _FOLDER).is_dir():
+            raise UserError(f'{archive}: is no backup of a machine')
+        os.sync()
+        os.replace(place / _FOLDER, folder)
+    finally:
+        shutil.rmtree(place)
+    sync_folder(folder.parent)
+    return len(found)
+
+
+def _extract(tar: tarfile.TarFile, place: Path) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the SHA-256 of each extracted file, and as the archive states it."""
+    found: dict[str, str] = {}
+    sums: dict[str, str] = {}
+    for entry in tar:
+        parts = PurePosixPath(entry.name).parts
+        file = tar.extractfile(entry) if entry.isreg() else None
+        if entry.name == _SUMS and file is not None:
+            for line in file.read().decode(errors='replace').splitlines():
+                digest, _, name = line.partition('  ')
+                sums[name] = digest
+        elif parts[:1] != (_FOLDER,) or '..' in parts or not (entry.isdir() or file):
+            raise tarfile.TarError(f'{entry.name!r} does not belong in it')
+        elif file is None:
+            (place / entry.name).mkdir(parents=True)
+        else:
+            hashed = _Hashed(file)
+            with (place / entry.name).open('xb') as written:
+                while data := hashed.read(_CHUNK):
+                    written.write(data)
+            found[entry.name] = hashed.digest
+        if parts[:1] == (_FOLDER,):
+            os.chmod(place / entry.name, entry.mode & 0o777)
+            os.utime(place / entry.name, (entry.mtime, entry.mtime))
+    return found, sums

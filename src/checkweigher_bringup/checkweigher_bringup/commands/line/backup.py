@@ -1,0 +1,32 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Save the folder of a machine, whose line may run, as an archive with check sums.
+
+checkweigher backup my_machine --output my_machine.tar
+"""
+
+import argparse
+from pathlib import Path
+
+OPTIONS = (
+    ('folder DIR', Path, 'folder of the machine, as of run --folder'),
+    ('--output FILE', Path, 'archive (tar) to write', {'required': True}),
+)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the archive; 1 if an audit log in it is broken."""
+    from checkweigher_bringup.backup import write_backup
+    from checkweigher_core.whole_file import check_folder_of
+    from checkweigher_production.audit_log import read_log
+    from checkweigher_production.audit_words import conclusion
+
+    check_folder_of(arguments.output)
+    count = write_backup(arguments.folder, arguments.output)
+    print(f'{arguments.output}: {count} files')
+    log = arguments.folder / 'audit.log'
+    if not log.exists():
+        return 0
+    found = read_log(log)
+    print(f'{log}: {conclusion(found)}')
+    return 0 if found.whole else 1

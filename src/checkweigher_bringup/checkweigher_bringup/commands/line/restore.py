@@ -1,0 +1,47 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Restore the folder of a machine from a backup, and say so in its audit log.
+
+checkweigher restore my_machine.tar --folder my_machine
+"""
+
+import argparse
+from datetime import UTC, datetime
+from pathlib import Path
+
+OPTIONS = (
+    ('archive FILE', Path, 'archive of checkweigher backup'),
+    ('--folder DIR', Path, 'new folder of the machine', {'required': True}),
+    ('--who NAME', str, 'person, for the audit log; default the user of the computer'),
+)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Restore the folder; 1 if its audit log is broken."""
+    from getpass import getuser
+    import hashlib
+
+    from checkweigher_bringup.backup import restore_backup
+    from checkweigher_core.changes import BACKUP
+    from checkweigher_production.audit_log import AuditLog, read_log
+    from checkweigher_production.audit_words import conclusion
+
+    count = restore_backup(arguments.archive, arguments.folder)
+    print(f'{arguments.folder}: {count} files, each with its SHA-256')
+    path = arguments.folder / 'audit.log'
+    if not path.exists():
+        return 0
+    found = read_log(path)
+    print(f'{path}: {conclusion(found)}')
+    if not found.whole:
+        return 1
+    with arguments.archive.open('rb') as file:
+        digest = hashlib.file_digest(file, 'sha256').hexdigest()
+    value = {'file': arguments.archive.name, 'sha256': digest}
+    with AuditLog(path) as log:
+        time = datetime.now(UTC).isoformat(timespec='microseconds')
+        entry = log.append(
+            time, 'restore', BACKUP, 'folder', None, value, arguments.who or getuser()
+        )
+    print(f'entry {entry.sequence} says that it was restored; its hash is {entry.hash}')
+    return 0

@@ -1,0 +1,51 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Notifications to systemd, if it started this process as a service of Type=notify."""
+
+from collections.abc import Iterable
+import math
+import os
+import socket
+
+from checkweigher_bringup.supervision import SILENCE, START
+
+_VARIABLE = 'NOTIFY_SOCKET'
+_PERIOD = 1.0  # s between notifications
+
+
+def supervises() -> bool:
+    """Return whether systemd supervises this process."""
+    return _VARIABLE in os.environ
+
+
+class Watchdog:
+    """Watchdog of systemd, fed while each node of a line reports. Times in s, monotonic clock.
+
+    Each node reports from the thread that weighs, so a node that hangs is silent.
+    """
+
+    def __init__(self, nodes: Iterable[str]) -> None:
+        self._heard = dict.fromkeys(nodes, -math.inf)
+        self._fed = -math.inf
+
+    def heard(self, node: str, now: float) -> None:
+        """Record a report of a node; other nodes are ignored."""
+        if node in self._heard:
+            self._heard[node] = now
+
+    def restarted(self, now: float) -> None:
+        """Give the nodes the time of a start, because the line was started again on request."""
+        self._heard = dict.fromkeys(self._heard, now + START - SILENCE)
+
+    def feed(self, now: float) -> None:
+        """Tell systemd that the line runs, unless a node is silent; sd_notify(3)."""
+        if not supervises() or now - self._fed < _PERIOD:
+            return
+        if now - min(self._heard.values(), default=now) > SILENCE:
+            return
+        self._fed = now
+        address = os.environ[_VARIABLE]
+        if address.startswith('@'):  # a socket in the abstract namespace
+            address = f'\0{address[1:]}'
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notice:
+            notice.sendto(b'READY=1\nWATCHDOG=1', address)

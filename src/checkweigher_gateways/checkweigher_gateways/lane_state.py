@@ -1,0 +1,111 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The latest records of a lane, and its state in the words of PackML."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+import math
+from typing import Any
+
+from checkweigher_core.records import (
+    GRAMS,
+    Alarm,
+    Alarms,
+    LoadCell,
+    ProductOnLine,
+    Statistics,
+    StopRequest,
+    Verdict,
+)
+from checkweigher_core.records.reasons import StopReason
+from checkweigher_core.ros.ports import DIAGNOSTICS, STOP_REQUEST
+from checkweigher_gateways.listening import Taken
+
+
+class PackState(IntEnum):
+    """State of a machine, by the numbers of PackML (ISA-TR88.00.02)."""
+
+    STOPPED = 2
+    EXECUTE = 6
+    ABORTED = 9
+    HELD = 11
+
+    @property
+    def word(self) -> str:
+        """Name of the state."""
+        return self.name.capitalize()
+
+
+@dataclass
+class LaneState:
+    """The latest records of a lane, as far as they have come. `zero` is in kg."""
+
+    name: str
+    verdict: Verdict | None = None
+    stop: StopRequest | None = None
+    product: ProductOnLine | None = None
+    statistics: Statistics | None = None
+    load_cell: LoadCell | None = None
+    alarms: tuple[Alarm, ...] = field(default=())
+    zero: float = math.nan
+    is_active: bool = True
+
+    @property
+    def pack_state(self) -> PackState:
+        """State of the lane in the words of PackML."""
+        if not self.is_active:
+            return PackState.STOPPED
+        if self.stop is None:
+            return PackState.EXECUTE
+        trouble = self.stop.reason == StopReason.DRIVER_TROUBLE
+        return PackState.ABORTED if trouble else PackState.HELD
+
+    def deviation(self, verdict: Verdict) -> float:
+        """Return mass minus nominal mass of an item in kg, NaN if one is unknown."""
+        product = self.product
+        known = product is not None and product.nominal > 0
+        return verdict.mass - product.nominal if known and product is not None else math.nan
+
+    def _take(self, record: Any) -> None:
+        match record:
+            case Verdict():
+                self.verdict = record
+            case ProductOnLine():
+                self.product = record
+            case Statistics():
+                self.statistics = record
+            case LoadCell():
+                self.load_cell = record
+            case Alarms():
+                self.alarms = record.alarms
+
+
+class LaneStates:
+    """States of all lanes by namespace."""
+
+    def __init__(self) -> None:
+        self.lanes: dict[str, LaneState] = {}
+
+    def of(self, lane: str) -> LaneState:
+        """Return the state of a lane."""
+        return self.lanes.setdefault(lane, LaneState(lane))
+
+    def take(self, taken: Taken) -> None:
+        """Add a record of a lane, or diagnostics of all."""
+        if taken.port is DIAGNOSTICS:
+            self._note(taken.record)
+        elif taken.port is STOP_REQUEST:
+            self.of(taken.lane).stop = taken.record
+        else:
+            self.of(taken.lane)._take(taken.record)
+
+    def _note(self, message: Any) -> None:
+        for status in message.status:
+            lane, _, aspect = status.name.strip('/').rpartition('/')
+            if (state := self.lanes.get(lane)) is None:
+                continue
+            values = {each.key: each.value for each in status.values}
+            if aspect == 'driver: Source':
+                state.is_active = values.get('state') != 'inactive'
+            elif aspect == 'segmenter: Zero':
+                state.zero = float(values.get('from_calibration_g', 'nan')) / GRAMS

@@ -1,0 +1,133 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Records of the running lanes, in a bounded queue for the thread of a gateway."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+import time
+from typing import Any, NamedTuple
+
+from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.diagnostics import Diagnostics
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.ports import Port
+from checkweigher_core.ros.spinner import Spinner
+
+LIMIT = 10_000  # records that wait, those of 10 minutes of a fast lane
+_LOOK_PERIOD = 0.5  # s
+_STANDSTILL = 10.0  # s
+
+
+class Taken(NamedTuple):
+    """Record of a port with the namespace of its lane, which is '' for /diagnostics."""
+
+    lane: str
+    port: Port
+    record: Any
+
+
+class _Finder(PortNode):
+    """Node that publishes the diagnostics of the gateway, and lists the topics of the graph."""
+
+    def __init__(
+        self, name: str, namespace: str, diagnose: Callable[[float], Iterable[Finding]]
+    ) -> None:
+        super().__init__(name, namespace=f'/{namespace}')
+        self.diagnostics = Diagnostics(self, diagnose)
+
+    def start(self) -> None:
+        self.diagnostics.start()
+
+
+class Intake:
+    """Subscriptions of a gateway to all lanes, and the records that wait for its thread.
+
+    The thread of ROS only appends to the queue. When the queue is full, the oldest record is
+    dropped and counted. With `kept`, the messages that the publishers keep are received as well.
+
+    Attributes
+    ----------
+    dropped : int
+        Records that were dropped.
+    spinner : Spinner
+        Executor of the nodes.
+    nodes : set of str
+        Names of all nodes of the graph.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        spinner: Spinner,
+        findings: Callable[[float], Iterable[Finding]],
+        namespace: str | None = None,
+        *,
+        kept: bool = False,
+    ) -> None:
+        self.dropped = 0
+        self.nodes: set[str] = set()
+        self._name, self.spinner, self._kept = name, spinner, kept
+        self._only = namespace
+        self._records: deque[Taken] = deque(maxlen=LIMIT)
+        self._lanes: set[str] = set()
+        self._looked = time.monotonic()
+        self._finder = _Finder(
+            name, namespace or '', lambda now: [self._finding(now), *findings(now)]
+        )
+        spinner.add(self._finder)
+        # A node of its own, because the finder would hear only itself.
+        board = PortNode(f'{name}_board')
+        take = partial(self._take, '', ports.DIAGNOSTICS)
+        board.subscribe(ports.DIAGNOSTICS, take, needed=False)
+        spinner.add(board)
+
+    def drain(self) -> Iterator[Taken]:
+        """Look for lanes from time to time, and yield the records that wait, the oldest first."""
+        now = time.monotonic()
+        if now - self._looked > _LOOK_PERIOD:
+            self._looked = now
+            self._look()
+        while self._records:
+            yield self._records.popleft()
+
+    def _look(self) -> None:
+        self.nodes = set(self._finder.get_node_names())
+        for lane in self._found() - self._lanes:
+            self._lanes.add(lane)
+            node = PortNode(f'{self._name}_lane', namespace=f'/{lane}')
+            for port in ports.GATEWAY_RECORDS:
+                qos = port.qos if self._kept else port.stage_qos
+                node.subscribe(port, partial(self._take, lane, port), qos=qos, needed=False)
+            self.spinner.add(node)
+
+    def _found(self) -> set[str]:
+        if self._only is not None:
+            return {self._only}
+        kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
+        return {
+            topic.removesuffix(ending).strip('/')
+            for topic, kinds in self._finder.get_topic_names_and_types()
+            if topic.endswith(ending) and kind in kinds
+        }
+
+    def _take(self, lane: str, port: Port, record: Any) -> None:
+        self.dropped += len(self._records) == LIMIT
+        self._records.append(Taken(lane, port, record))
+
+    def _finding(self, now: float) -> Finding:
+        still = now - self._looked
+        return conclude(
+            'Lanes',
+            ', '.join(f'/{lane}' for lane in sorted(self._lanes)) or 'no lane runs',
+            [
+                error_if(still > _STANDSTILL, f'stands still for {still:.0f} s', 'start it again'),
+                warn_if(
+                    self.dropped > 0,
+                    f'{self.dropped} records were dropped',
+                    'the gateway was too slow; check the load on the machine',
+                ),
+            ],
+            {'waiting': str(len(self._records)), 'dropped': str(self.dropped)},
+        )

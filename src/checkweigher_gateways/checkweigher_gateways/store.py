@@ -1,0 +1,100 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Items that wait for the broker, on disk."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import sqlite3
+import uuid
+
+from checkweigher_core.state_files import make_folder
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS items (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, key TEXT NOT NULL UNIQUE, lane TEXT NOT NULL,
+    body TEXT NOT NULL, sent INTEGER NOT NULL DEFAULT 0);
+CREATE INDEX IF NOT EXISTS waiting ON items (number) WHERE sent = 0;
+CREATE TABLE IF NOT EXISTS state (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+"""
+_KNOWN = 20_000  # items whose keys are kept after they were sent
+
+
+class Store:
+    """Items with a number each, kept until the broker has them.
+
+    An item that comes again, such as one that a publisher of the line kept, is known by its key. At
+    most `limit` items wait; then the oldest are dropped and counted.
+
+    Attributes
+    ----------
+    identity : str
+        Identity of the file, because numbers begin at 1 in another one.
+    waiting : int
+        Items that wait.
+    dropped : int
+        Items that were dropped since the start.
+    """
+
+    def __init__(self, path: Path, limit: int) -> None:
+        make_folder(path.parent)
+        self._limit = limit
+        self.waiting = self.dropped = 0
+        self._database = sqlite3.connect(path)
+        self._database.executescript(f'PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; {_SCHEMA}')
+        self._database.execute(
+            "INSERT OR IGNORE INTO state VALUES ('identity', ?)", [uuid.uuid4().hex]
+        )
+        self.identity = str(self._value('identity'))
+        self._count()
+        self.commit()
+
+    def _value(self, name: str) -> str | None:
+        found = self._database.execute('SELECT value FROM state WHERE name = ?', [name]).fetchone()
+        return None if found is None else str(found[0])
+
+    def next_number(self, name: str, count: int) -> int:
+        """Return the next number of a sequence modulo `count`, which is on the disk then."""
+        number = (int(self._value(name) or -1) + 1) % count
+        self._database.execute('INSERT OR REPLACE INTO state VALUES (?, ?)', [name, str(number)])
+        self.commit()
+        return number
+
+    def add(self, key: str, lane: str, body: str) -> None:
+        """Add an item, unless its key is known."""
+        added = self._database.execute(
+            'INSERT OR IGNORE INTO items (key, lane, body) VALUES (?, ?, ?)', [key, lane, body]
+        ).rowcount
+        self.waiting += added
+        if self.waiting > self._limit:
+            self._database.execute(
+                'DELETE FROM items WHERE number = (SELECT min(number) FROM items WHERE sent = 0)'
+            )
+            self.waiting, self.dropped = self.waiting - 1, self.dropped + 1
+
+    def commit(self) -> None:
+        """Write what was added to the disk."""
+        self._database.commit()
+
+    def _count(self) -> None:
+        counted = self._database.execute('SELECT count(*) FROM items WHERE sent = 0')
+        self.waiting = int(counted.fetchone()[0])
+
+    def after(self, number: int, count: int) -> Iterator[tuple[int, str, str]]:
+        """Return up to `count` waiting items after a number: number, lane and body."""
+        return self._database.execute(
+            'SELECT number, lane, body FROM items WHERE sent = 0 AND number > ?'
+            ' ORDER BY number LIMIT ?',
+            [number, count],
+        )
+
+    def have_sent(self, number: int) -> None:
+        """Mark the items up to a number as sent, and forget those of long ago."""
+        self._database.execute('UPDATE items SET sent = 1 WHERE sent = 0 AND number <= ?', [number])
+        self._database.execute(
+            'DELETE FROM items WHERE sent = 1 AND number <= ?', [number - _KNOWN]
+        )
+        self._count()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()

@@ -1,0 +1,148 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts of a line that runs, at a broker and a host of Sparkplug B."""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+import signal
+import time
+
+from authority import Authority
+from gateway_process import LANE, Verdicts, gateway
+from mqtt_plant import Host, broker, needs_mosquitto
+import pytest
+from running import wait_for
+
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import Verdict
+from checkweigher_gateways.mqtt import make
+from checkweigher_gateways.settings import GatewaySettings, MqttSettings
+
+pytestmark = needs_mosquitto
+NODE = 'host1'
+OF_LANE = f'{LANE}/verdict'
+
+
+def items(host: Host) -> list[int]:
+    """Return the numbers of the items that came by DDATA."""
+    return [each.value('Item/Id') for each in host.of('DDATA') if 'Item/Id' in each.metrics]
+
+
+def check_item(host: Host, verdict: Verdict) -> None:
+    """Check that one DDATA and one JSON text say what the verdict says."""
+    (data,) = [
+        each
+        for each in host.of('DDATA')
+        if 'Item/Id' in each.metrics and each.value('Item/Id') == verdict.item_id
+    ]
+    assert data.value('Item/Mass') == pytest.approx(verdict.mass, rel=1e-12)
+    assert data.value('Item/Decision') == verdict.decision.name
+    assert data.value('Item/Reasons') == ','.join(verdict.reasons)
+    assert data.metrics['Item/Mass'].timestamp == (verdict.t3 or 0) // 1_000_000
+    (text,) = [each for each in host.json[OF_LANE] if each['item'] == verdict.item_id]
+    assert (text['mass_kg'], text['stamp_ns']) == (verdict.mass, verdict.t3)
+    assert text['reasons'] == list(verdict.reasons)
+
+
+def test_each_item_comes_once_though_broker_and_gateway_are_killed(
+    verdicts: Verdicts, tmp_path: Path
+):
+    with broker(tmp_path) as its:
+        settings = {'port': its.port, 'node': NODE, 'site': 'plant', 'commands': True}
+        host = Host(its.port)
+        with gateway('mqtt', tmp_path, settings) as (process, _):
+            wait_for(lambda: items(host), 'an item')
+            first = verdicts.more(3)[0].item_id
+            wait_for(lambda: first in items(host))
+            (node,), (device,) = host.of('NBIRTH'), host.of('DBIRTH')
+            assert node.value('Node Control/Rebirth') is False
+            assert set(host.of('DDATA')[-1].metrics) <= set(device.metrics)
+            assert {'State', 'Stop/Reason', 'Zero/Offset', 'Command/Zero'} <= set(device.metrics)
+            host.send(f'spBv1.0/plant/NCMD/{NODE}', Node_Control__Rebirth=True)
+            wait_for(lambda: len(host.of('DBIRTH')) == 2)
+            host.send(f'spBv1.0/plant/DCMD/{NODE}/{LANE}', Command__Zero=True)
+            wait_for(lambda: host.json[f'{LANE}/answer'])
+            assert host.json[f'{LANE}/answer'][0]['what'] == 'zero'
+            # Hung, then without a broker, then killed.
+            process.send_signal(signal.SIGSTOP)
+            verdicts.go_on()
+            process.send_signal(signal.SIGCONT)
+            host.close()
+            its.kill()
+            away = verdicts.more(3)[0].item_id
+            process.kill()
+            verdicts.go_on()
+        its.start()
+        later = Host(its.port)
+        with gateway('mqtt', tmp_path, settings):
+            wait_for(lambda: later.of('DBIRTH'))
+            born = later.of('NBIRTH')[0].metrics['bdSeq'].timestamp * 1_000_000
+            # The stamps of a simulator lag behind the clock of a busy machine.
+            wait_for(lambda: (verdicts.taken[-1].t3 or 0) > born)
+            last = verdicts.taken[-1].item_id
+            wait_for(lambda: last in items(later), f'item {last}')
+            wait_for(lambda: any(each['item'] == last for each in later.json[OF_LANE]))
+        later.close()
+        taken = {each.item_id: each for each in verdicts.taken if each.item_id >= first}
+        came = Counter(items(host) + items(later))
+        assert {number: came[number] for number in taken} == dict.fromkeys(taken, 1)
+        texts = Counter(each['item'] for each in host.json[OF_LANE] + later.json[OF_LANE])
+        assert {number: texts[number] for number in taken} == dict.fromkeys(taken, 1)
+        check_item(host, taken[first])
+        check_item(later, taken[away])
+        historical = {
+            each.value('Item/Id'): each.metrics['Item/Id'].is_historical
+            for each in later.of('DDATA')
+            if 'Item/Id' in each.metrics
+        }
+        assert historical[away]
+        assert not historical[last]
+        assert later.of('NBIRTH')[0].value('bdSeq') > node.value('bdSeq')
+        host.check_sequences()
+        later.check_sequences()
+
+
+async def _turned(settings: MqttSettings, done: Callable[[], object]) -> tuple[Level, str]:
+    """Run a gateway without a line for some turns; return its finding."""
+    made = make(GatewaySettings(mqtt=settings))
+    await made.start()
+    end = time.monotonic() + 20
+    while time.monotonic() < end and not done():
+        await made.turn()
+        await asyncio.sleep(0.05)
+    (finding,) = made.findings(time.monotonic())
+    await made.close()
+    return finding.level, finding.text
+
+
+def test_the_broker_asks_for_the_certificate_of_the_plant(tmp_path: Path):
+    plant, other = Authority(tmp_path), Authority(tmp_path, 'other')
+    own, mine, wrong = plant.pair('broker'), plant.pair('gateway'), other.pair('stranger')
+    tls = (
+        f'cafile {plant.certificate}',
+        f'certfile {own.certificate}',
+        f'keyfile {own.key}',
+        'require_certificate true',
+    )
+    with broker(tmp_path, *tls) as its:
+        host = Host(its.port, mine, plant.certificate)
+
+        def settings(pair: tuple[Path, Path]) -> MqttSettings:
+            certificate, key = map(str, pair)
+            store, authority = str(tmp_path / 'store'), str(plant.certificate)
+            return MqttSettings(
+                host='localhost', port=its.port, node=NODE, store=store,
+                authority=authority, certificate=certificate, key=key,
+            )  # fmt: skip
+
+        level, text = asyncio.run(_turned(settings(mine), lambda: host.json['online']))
+        assert (level, text) == (Level.OK, f'connected to localhost:{its.port}')
+        wait_for(lambda: host.json['online'] == [True, False])
+        end = time.monotonic() + 3
+        level, text = asyncio.run(_turned(settings(wrong), lambda: time.monotonic() > end))
+        assert level == Level.ERROR
+        assert text.endswith('0 items wait')
+        assert host.json['online'] == [True, False]
+        host.close()
