@@ -235,7 +235,7 @@ def _parameters(given: Mapping[str, Any] | None) -> Changes:
     for node, section in (given or {}).items():
         if node not in NODES:
             raise SettingsError(
-                f'a recipe cannot set them, only those of {", ".join(NODES)}', 'parameters', node
+                f'no recipe sets them; it may set {", ".join(NODES)}', 'parameters', node
             )
         if not isinstance(section, dict):
             raise SettingsError(f'{section!r} is not "name: value"', 'parameters', node)

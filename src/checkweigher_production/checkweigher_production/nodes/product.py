@@ -64,7 +64,7 @@ class ProductParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.batch_folder and not self.recipes:
-            raise ParameterError('product.batch_folder: needs a recipe file, see product.recipes')
+            raise ParameterError('product.batch_folder: needs recipes, which have the batches')
 
 
 class ProductNode(StageNode[ProductParameters]):

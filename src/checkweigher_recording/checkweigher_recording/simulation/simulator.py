@@ -355,8 +355,8 @@ class _Machine:
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the counts of the samples from `first` to before `end`, and the new passes.
 
-        `first` must be the end of the previous call. The counts end earlier if the line ends. The
-        passes have the times that the photo-eyes report.
+        `first` must be the end of the previous call. If the line ends before `end`, there are fewer
+        samples. The passes have the times that the photo-eyes report.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:

@@ -232,7 +232,7 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
     if maximum / interval * _ON_BOUND < fewest:
         raise ValueError(
             f'e: {e:g} g is {maximum / interval:g} times in a Max of {GRAMS * maximum:g} g, in '
-            f'class {name} at least {fewest:g} times'
+            f'class {name} it is so at least {fewest:g} times'
         )
     least = _LEAST_MINIMUM.get(name, 0) * interval
     if minimum * _ON_BOUND < least:

@@ -119,7 +119,7 @@ def weigh_stretches(
     first = next(stretches)
     joiner = ResultJoiner((), ())
     waiting: list[Weighing] = []  # weighings without a final result, sorted by item number
-    known, following = -1, 1  # time in ns before which all events are known; next item number
+    known, following = -1, 1  # time in ns up to which all events are known, next item number
 
     def arriving() -> Iterator[Recording]:
         nonlocal known

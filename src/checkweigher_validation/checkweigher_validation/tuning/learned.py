@@ -47,7 +47,7 @@ _FEWEST = 3  # smallest number of passes from which weights are learned
 _FOLDS = 8
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products
 _ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
-_LEAST_VARIANCE = 1e-18  # kg^2
+_LEAST_VARIANCE = 1e-18  # smallest variance in kg^2.
 # Grid of the coefficients a, b and c.
 _SHARES = tuple(product((0.0, 0.03, 0.3, 3.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0)))
 
