@@ -5,21 +5,20 @@
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from decimal import Decimal
 from itertools import islice
 import json
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from checkweigher_validation.accuracy.columns import COLUMNS, Column, ColumnType
+from checkweigher_validation.accuracy.columns import COLUMNS, ColumnType
 from checkweigher_validation.accuracy.results import ItemResult
 
 _TYPES = {
     ColumnType.WHOLE: pa.int64(),
-    ColumnType.TIME: pa.decimal128(19, 9),  # exact, as in the CSV
+    # Without a zone in the type, because DuckDB cannot subtract such times.
+    ColumnType.TIME: pa.timestamp('ns'),
     ColumnType.NUMBER: pa.float64(),
     ColumnType.TEXT: pa.string(),
     ColumnType.TEXTS: pa.list_(pa.string()),
@@ -28,7 +27,13 @@ _KEY = 'checkweigher'  # key of the metadata of a file
 _ROWS = 10_000  # number of rows that are written at once
 SCHEMA = pa.schema(
     [
-        pa.field(column.name, _TYPES[column.kind], metadata={'unit': column.unit})
+        pa.field(
+            column.name,
+            _TYPES[column.kind],
+            metadata={'time_zone': 'UTC'}
+            if column.kind is ColumnType.TIME
+            else {'unit': column.unit},
+        )
         for column in COLUMNS
     ]
 )
@@ -65,7 +70,7 @@ def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetW
     writer = pq.ParquetWriter(path, SCHEMA, compression='zstd')
     results = iter(results)
     while rows := list(islice(results, _ROWS)):
-        columns = [[_value(column, row) for row in rows] for column in COLUMNS]
+        columns = [[column.value(row) for row in rows] for column in COLUMNS]
         arrays = [
             pa.array(values, field.type) for values, field in zip(columns, SCHEMA, strict=True)
         ]
@@ -87,10 +92,3 @@ def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
         summary = found['summary'] | {'notes': tuple(found['summary']['notes'])}
         return Origin(**found['origin']), BagSummary(**summary)
     return None
-
-
-def _value(column: Column, result: ItemResult) -> Any:
-    """Return the value of a result in a column in the form for pyarrow."""
-    value = column.value(result)
-    is_time = column.kind is ColumnType.TIME and value is not None
-    return Decimal(value).scaleb(-9) if is_time else value

@@ -9,6 +9,7 @@ from pathlib import Path
 import shutil
 
 from lines import simulated, write_line
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -16,7 +17,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_validation.accuracy.columns import COLUMNS
+from checkweigher_validation.accuracy.columns import COLUMNS, ColumnType
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_validation.archive import weighing
 from checkweigher_validation.archive.program import program
@@ -40,14 +41,22 @@ def test_the_file_has_every_value_of_every_item(bag):
 
     assert (found.problem, found.summary.items, found.summary.accept) == ('', 6, 6)
     table = pq.read_table(io.BytesIO(found.file))
-    units = {field.name: field.metadata[b'unit'].decode() for field in table.schema}
-    assert units == {column.name: column.unit for column in COLUMNS}
-    rows = table.to_pylist()
+    metadata = {field.name: field.metadata for field in table.schema}
+    assert metadata == {
+        column.name: {b'time_zone': b'UTC'}
+        if column.kind is ColumnType.TIME
+        else {b'unit': column.unit.encode()}
+        for column in COLUMNS
+    }
+    times = [column.name for column in COLUMNS if column.kind is ColumnType.TIME]
+    ends = table['t4'].cast(pa.int64()).to_pylist()
+    others = [name for name in table.column_names if name not in times]
+    rows = table.select(others).to_pylist()
     results = weigh(read_bag(bag), PARAMETERS)
-    assert [list(row) for row in rows] == [[column.name for column in COLUMNS]] * 6
-    for row, result in zip(rows, results, strict=True):
+    assert table.column_names == [column.name for column in COLUMNS]
+    for row, t4, result in zip(rows, ends, results, strict=True):
         assert row['mass_g'] == GRAMS * result.estimate.mass
-        assert int(row['t4'].scaleb(9)) == result.t4
+        assert t4 == result.t4
         assert (row['decision'], row['reasons']) == ('ACCEPT', [])
         assert (row['lower_limit_g'], row['upper_limit_g']) == (None, None)
 

@@ -16,6 +16,7 @@ import time
 from deadly_bags import deadly_environment
 from here import refused, run_here
 from lines import simulated, write_line
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from running import BAGS, PATIENCE, digests, read_rows, run_command, start_command, wait_for
@@ -51,7 +52,10 @@ def test_each_bag_has_a_file_with_the_rows_of_the_csv(archive: Path, tmp_path: P
     rows = read_rows(tmp_path / 'one.csv')
     table = pq.read_table(results / 'archive/may/paper_60.parquet')
     assert table.column_names == list(rows[0])
-    assert [str(value) for value in table['t1'].to_pylist()] == [row['t1'] for row in rows]
+    assert table.schema.field('t1').type == pa.timestamp('ns')
+    assert table.schema.field('t1').metadata == {b'time_zone': b'UTC'}
+    times = table['t1'].cast(pa.int64()).to_pylist()
+    assert times == [int(row['t1'].replace('.', '')) for row in rows]
     assert [f'{value:.9f}' for value in table['mass_g'].to_pylist()] == [
         row['mass_g'] for row in rows
     ]
