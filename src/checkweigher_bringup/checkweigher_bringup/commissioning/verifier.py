@@ -153,7 +153,7 @@ class RemoteOperator:
             if question != now.question or now.state not in _ANSWERS:
                 raise UserError('this question is not asked any more: answer the present one')
             if answer not in _ANSWERS[now.state]:
-                raise UserError('a failed step can only be repeated, or left as it is')
+                raise UserError('a failed step is made again, or left as it is')
             if answer is StepAnswer.SKIP and not reason:
                 raise UserError('say why the step is skipped; the report contains the reason')
             # Further answers to this question are refused.

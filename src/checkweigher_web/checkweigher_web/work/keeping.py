@@ -61,8 +61,8 @@ class Keeper:
             write_bag(path, part.load_cell, part, lane)
         except KeepError:
             raise ActionRefusedError(
-                f'{held}, in which item {verdict.item_id} gets another result: earlier samples are '
-                f'missing, or a parameter was changed since; {_ELSE}'
+                f'{held}, in which item {verdict.item_id} is weighed another way: earlier samples '
+                f'are missing, or a parameter was changed since; {_ELSE}'
             ) from None
         except OutputError as error:
             raise ActionRefusedError(str(error)) from None
