@@ -25,11 +25,11 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 	@./checkweigher replay bags/paper_60 --rate 1
 	@echo 'next, a line with its page: ./checkweigher run --page --folder my_machine (docs/page.md)'
 
-# Tests wait for lines in real time: four at once, also on two cores. They start hundreds of
+# Tests wait for lines in real time: three at once, also on two cores. They start hundreds of
 # processes, which share their compiled modules even if the user's Python writes none.
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-	  PYTHONDONTWRITEBYTECODE= python3 -m pytest -n 4 --dist worksteal $(PYTEST_ARGS)
+	  PYTHONDONTWRITEBYTECODE= python3 -m pytest -n 3 --dist worksteal $(PYTEST_ARGS)
 
 soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \

@@ -59,12 +59,12 @@ def test_an_audit_log_is_whole_and_goes_on(tmp_path: Path):
     assert [entry.who for entry in found.entries] == [None, None, 'graph:/product']
 
 
-def test_recipes_have_the_limits_that_they_had():
+def test_recipes_have_the_limits_that_they_had_to_the_rounding_of_the_directive():
     products = read_recipes(FOLDER / 'recipes.yaml')
     limits = {name: (each.lower_limit, each.upper_limit) for name, each in products.items()}
-    # Directive 76/211/EEC: 4.5 % of 150 g, and twice 4.5 g of 75 g.
+    # Directive 76/211/EEC: 4.5 % of 150 g, rounded up from 6.75 g, and twice 4.5 g of 75 g.
     assert limits == {
-        'crisps_150g': (pytest.approx(0.150 * (1 - 0.045)), 0.165),
+        'crisps_150g': (pytest.approx(0.150 - 0.0068), 0.165),
         'crisps_75g': (pytest.approx(0.075 - 2 * 0.0045), 0.090),
     }
 

@@ -69,8 +69,9 @@ def test_each_item_comes_once_though_broker_and_gateway_are_killed(
             process.send_signal(signal.SIGSTOP)
             verdicts.go_on()
             process.send_signal(signal.SIGCONT)
-            host.close()
             its.kill()
+            wait_for(lambda: not host.client.is_connected())  # it has taken all that was sent
+            host.close()
             away = verdicts.more(3)[0].item_id
             process.kill()
             verdicts.go_on()

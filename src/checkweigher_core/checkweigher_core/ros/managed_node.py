@@ -126,7 +126,8 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
                 self.get_logger().error(f'could not {what}: {kind}{self._failure}')
             return otherwise
         self.state = state
-        self.get_logger().info(state)
+        if not self._beginning:
+            self.get_logger().info(state)
         return _SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:

@@ -65,7 +65,7 @@ def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them
         series = series.with_item(verdict)
     own = ProductionStatistics(Product('', nominal=0.07, tu1=0.065)).summary()
     for statistics, lines in (
-        (own, {'lower': 60, 'TU1': 65, 'nominal': 70}),
+        (own, {'lower': 60, 'TU2': 61, 'TU1': 65, 'nominal': 70}),
         (replace(own, product='of the next item'), {'lower': 60}),
         (None, {'lower': 60}),
     ):
