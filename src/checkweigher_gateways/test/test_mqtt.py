@@ -46,6 +46,7 @@ def check_item(host: Host, verdict: Verdict) -> None:
     assert text['reasons'] == list(verdict.reasons)
 
 
+@pytest.mark.soak
 def test_each_item_comes_once_though_broker_and_gateway_are_killed(
     verdicts: Verdicts, tmp_path: Path
 ):
