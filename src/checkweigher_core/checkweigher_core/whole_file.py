@@ -57,7 +57,7 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
         sys.stdout.flush()
         number = os.dup(1)
     else:
-        # With O_NONBLOCK, opening a pipe that nobody reads fails. Otherwise it would hang.
+        # With O_NONBLOCK, `open` fails for a pipe that no process reads, instead of waiting.
         number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         os.set_blocking(number, True)
     with open(number, 'wb') as file:

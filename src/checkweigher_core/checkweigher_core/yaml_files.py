@@ -67,7 +67,7 @@ class _Loader(yaml.SafeLoader):
         )
 
     def table(self, node: Any) -> dict[Any, Any]:
-        """Return a mapping. Refuse a repeated key, of which PyYAML would use the last value."""
+        """Return a mapping. Refuse a repeated key; PyYAML would use its last value."""
         known: set[str] = set()
         for key, _ in node.value:
             if str(key.value) in known:

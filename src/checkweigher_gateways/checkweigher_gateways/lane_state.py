@@ -38,7 +38,7 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """The latest records of a lane, as far as they have come. `zero` is in kg."""
+    """The latest records of a lane, None before the first one; `zero` is in kg."""
 
     name: str
     verdict: Verdict | None = None

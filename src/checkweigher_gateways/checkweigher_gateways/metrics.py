@@ -171,7 +171,7 @@ class Metrics(Gateway):
                 self._deviations.labels(lane).observe(verdict.mass / product.nominal - 1)
 
     def _note(self, message: Any) -> None:
-        """Note levels and figures of diagnostics."""
+        """Show the levels and figures of diagnostics."""
         stamp = message.header.stamp
         for status in message.status:
             path, _, aspect = status.name.partition(': ')
@@ -186,7 +186,7 @@ class Metrics(Gateway):
                     gauge.labels(lane).set(factor * float(value.value))
 
     async def turn(self) -> None:
-        """Note which processes run."""
+        """Show which processes run, and the number of records that were lost."""
         for name in _BESIDE:
             self._running.labels(name).set(name in self.intake.nodes)
         lost = self.intake.dropped

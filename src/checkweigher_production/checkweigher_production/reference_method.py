@@ -34,7 +34,7 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 from checkweigher_production.prepackages import batch_of, limits
 
 WHOLE_BELOW = 100  # number of prepackages below which all of them are tested
-_MAX_DEFECTIVE_PERCENT = 5  # limit for a batch of which all prepackages are tested
+_MAX_DEFECTIVE_PERCENT = 5  # limit for a batch that is tested whole
 
 
 class SamplingPlan(Enum):

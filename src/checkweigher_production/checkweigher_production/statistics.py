@@ -54,7 +54,7 @@ class ProductionStatistics:
             self._below_tu2 += mass < product.tu2 - slack
 
     def begin_stream(self) -> None:
-        """Measure the throughput anew, because a new stream of samples may have another clock."""
+        """Restart the measurement of the throughput. A new stream may have another clock."""
         self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:

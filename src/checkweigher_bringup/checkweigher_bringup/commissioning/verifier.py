@@ -60,7 +60,7 @@ class VerifierParameters(Parameters):
 class RemoteOperator:
     """Operator at the page, who sees the published progress and answers by a service.
 
-    `publish` is called with each change of the progress, the first value of which is `progress`.
+    `publish` is called with each change of the progress. `progress` is its first value.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ class Watchdog:
         self._heard = dict.fromkeys(self._heard, now + START - SILENCE)
 
     def feed(self, now: float) -> None:
-        """Tell systemd that the line runs, unless a node is silent; sd_notify(3)."""
+        """Notify systemd that the line runs, unless a node is silent; sd_notify(3)."""
         if not supervises() or now - self._fed < _PERIOD:
             return
         if now - min(self._heard.values(), default=now) > SILENCE:

@@ -163,7 +163,7 @@ GOOD, LIGHT = 0.102 + 0.004, 0.095 + 0.004
 
 
 def judge_by_recipe(line: Line, mass: float) -> Any:
-    """Have an item judged once the reject node has its product."""
+    """Judge an item once the reject node has its product."""
     line.wait_for_product('tins')
     return line.judge(mass)
 

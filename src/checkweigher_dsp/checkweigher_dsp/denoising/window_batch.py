@@ -47,7 +47,7 @@ class WindowBatch:
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
     """Sort consistent windows by shape into batches.
 
-    A padded window has at least `min_length` samples, of which at most half are before t2.
+    A padded window has at least `min_length` samples. At most half of them are before t2.
     """
     times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS nodes, each of which contains one stage."""
+"""ROS nodes. Each node contains one stage."""
 
 import os
 

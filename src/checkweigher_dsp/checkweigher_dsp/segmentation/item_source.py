@@ -17,7 +17,7 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 
 
 class ItemSource:
-    """Source of items from photo-eye edges, each of which waits for the samples of the same time.
+    """Source of items from photo-eye edges. An edge waits for the samples of the same time.
 
     Items are returned as copies, which later edges do not change. Each item is announced twice, at
     first when its number cannot change any more, and again when it is complete.

@@ -151,7 +151,7 @@ class LineBatches:
             production.product = None  # the product has not been selected since the restart
 
     def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
-        """Save product, limits and batch if they have changed or `anew` is True."""
+        """Save product, limits and batch if they have changed, or always with `anew`."""
         if self._writer is None or self.doubt:
             return
         its = self.production
