@@ -16,8 +16,9 @@ import tempfile
 from typing import IO
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_core.state_files import sync_folder
-from checkweigher_production.audit_log import head_path, read_consistent
+from checkweigher_core.state_files import replacing, sync_folder
+from checkweigher_production.audit_log import head_path, read_consistent, read_log
+from checkweigher_production.audit_words import conclusion
 
 _SUMS = 'SHA256SUMS'
 _FOLDER = 'machine'  # name of the folder in an archive
@@ -61,20 +62,13 @@ def write_backup(folder: Path, archive: Path) -> int:
         raise UserError(f'{folder}: is not a folder')
     if archive.resolve().is_relative_to(folder.resolve()):
         raise UserError(f'{archive}: lies in {folder}; keep the backup in another place')
-    number, name = tempfile.mkstemp(prefix=f'.{archive.name}-', dir=archive.parent)
-    try:
-        with open(number, 'wb') as file:
-            with tarfile.open(fileobj=file, mode='w', format=tarfile.PAX_FORMAT) as tar:
-                sums = dict(_add(tar, folder))
-                lines = ''.join(f'{digest}  {path}\n' for path, digest in sums.items()).encode()
-                tar.addfile(_entry(_SUMS, len(lines)), BytesIO(lines))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, archive)
-    except BaseException:
-        os.unlink(name)
-        raise
-    sync_folder(archive.parent)
+    with (
+        replacing(archive, 0o600) as file,
+        tarfile.open(fileobj=file, mode='w', format=tarfile.PAX_FORMAT) as tar,
+    ):
+        sums = dict(_add(tar, folder))
+        lines = ''.join(f'{digest}  {path}\n' for path, digest in sums.items()).encode()
+        tar.addfile(_entry(_SUMS, len(lines)), BytesIO(lines))
     return len(sums)
 
 
@@ -182,3 +176,10 @@ def _extract(tar: tarfile.TarFile, place: Path) -> tuple[dict[str, str], dict[st
             os.chmod(place / entry.name, entry.mode & 0o777)
             os.utime(place / entry.name, (entry.mtime, entry.mtime))
     return found, sums
+
+
+def print_log(log: Path) -> bool:
+    """Print whether an audit log is whole, and return that."""
+    found = read_log(log)
+    print(f'{log}: {conclusion(found)}')
+    return found.whole

@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 import re
 import tempfile
+from typing import BinaryIO
 
 
 def state_file(name: str) -> Path:
@@ -24,15 +25,23 @@ def state_file(name: str) -> Path:
 
 
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
-    """Write or replace a file. Raises OSError if that fails; an old file then stays.
+    """Write or replace a file, as `replacing` does. Raises OSError if that fails."""
+    with replacing(path, mode) as file:
+        file.writelines(parts)
 
-    A power cut leaves either the complete old file or the complete new file. After the function has
-    returned, a power cut leaves the new file.
+
+@contextmanager
+def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
+    """Open a new file, which has its name and replaces an old file after the block.
+
+    If the block raises an exception, an old file stays. A power cut leaves either the complete old
+    file or the complete new file. After the block, a power cut leaves the new file. Raises OSError
+    if the file cannot be written.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
         with open(number, 'wb') as file:
-            file.writelines(parts)
+            yield file
             file.flush()
             os.fchmod(number, mode)
             os.fsync(number)

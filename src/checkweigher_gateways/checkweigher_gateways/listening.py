@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.diagnostics import Diagnostics
+from checkweigher_core.ros.graph.lanes import running_lanes
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_core.ros.spinner import Spinner
@@ -84,7 +85,7 @@ class Intake:
         spinner.add(board)
 
     def drain(self) -> Iterator[Taken]:
-        """Look for lanes from time to time, and yield the records that wait, the oldest first."""
+        """Yield the waiting records, the oldest first. Look for new lanes twice a second."""
         now = time.monotonic()
         if now - self._looked > _LOOK_PERIOD:
             self._looked = now
@@ -94,23 +95,14 @@ class Intake:
 
     def _look(self) -> None:
         self.nodes = set(self._finder.get_node_names())
-        for lane in self._found() - self._lanes:
+        found = running_lanes(self._finder) if self._only is None else {self._only}
+        for lane in found - self._lanes:
             self._lanes.add(lane)
             node = PortNode(f'{self._name}_lane', namespace=f'/{lane}')
             for port in ports.GATEWAY_RECORDS:
                 qos = port.qos if self._kept else port.stage_qos
                 node.subscribe(port, partial(self._take, lane, port), qos=qos, needed=False)
             self.spinner.add(node)
-
-    def _found(self) -> set[str]:
-        if self._only is not None:
-            return {self._only}
-        kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
-        return {
-            topic.removesuffix(ending).strip('/')
-            for topic, kinds in self._finder.get_topic_names_and_types()
-            if topic.endswith(ending) and kind in kinds
-        }
 
     def _take(self, lane: str, port: Port, record: Any) -> None:
         self.dropped += len(self._records) == LIMIT

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict
-from functools import partial
+from functools import cached_property, partial
 import json
 import math
 from pathlib import Path
@@ -68,7 +68,6 @@ class MqttGateway(Gateway):
         self._confirmations: dict[int, int] = {}
         self._shown: dict[str, dict[str, object]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._workshop: Workshop | None = None
         self._node = settings.node or socket.gethostname()
         self._root = f'{settings.prefix}/{element(self._node)}'
         self._mark = f'{self._root}/delivered'
@@ -260,13 +259,16 @@ class MqttGateway(Gateway):
             elif name == 'Command/Zero' and value is True:
                 self._act(lane, 'zero', zero)
 
+    @cached_property
+    def _workshop(self) -> Workshop:
+        return Workshop(self.intake.spinner, 'gateway_mqtt_work')
+
     def _act(self, lane: str, what: str, action: Any) -> None:
         task = asyncio.create_task(self._acted(lane, what, action))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     async def _acted(self, lane: str, what: str, action: Any) -> None:
-        self._workshop = self._workshop or Workshop(self.intake.spinner, 'gateway_mqtt_work')
         services, its = await self._workshop.of(lane), self._settings
         person = Person(its.user or 'mqtt', f'{its.host}:{its.port}')
         outcome = await services.act(person, what, '', partial(action, services))

@@ -52,6 +52,6 @@ async def load(server: Server, folder: Path) -> Namespaces:
     return Namespaces(machinery, packml, scales, await server.register_namespace(OWN))
 
 
-def machines(server: Server, spaces: Namespaces) -> 'ua.NodeId':
-    """Return the folder Machines of OPC 40001-1."""
+def machines(spaces: Namespaces) -> ua.NodeId:
+    """Return the node of the folder Machines of OPC 40001-1."""
     return ua.NodeId(1001, spaces.machinery)

@@ -4,11 +4,11 @@
 
 from collections.abc import Iterable
 from contextlib import suppress
-from functools import partial
+from functools import cached_property, partial
 import logging
 from pathlib import Path
 import socket
-from typing import Any, ClassVar
+from typing import Any
 
 from asyncua import Server, ua
 from asyncua.crypto.truststore import TrustStore
@@ -85,13 +85,10 @@ _OWN_METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
 class OpcuaGateway(Gateway):
     """Server of OPC UA. All its work is done in the event loop of the gateway."""
 
-    kept: ClassVar[bool] = False
-
     def __init__(self, settings: OpcuaSettings) -> None:
         self._settings = settings
         self._states = LaneStates()
         self._lanes: dict[str, LaneSpace] = {}
-        self._workshop: Workshop | None = None
         self._namespaces: Namespaces | None = None
 
     async def start(self) -> str:
@@ -180,13 +177,13 @@ class OpcuaGateway(Gateway):
         self._lanes[lane] = space
         return space
 
-    async def _services(self, lane: str) -> LaneServices:
-        self._workshop = self._workshop or Workshop(self.intake.spinner, 'gateway_opcua_work')
-        return await self._workshop.of(lane)
+    @cached_property
+    def _workshop(self) -> Workshop:
+        return Workshop(self.intake.spinner, 'gateway_opcua_work')
 
     async def _show_products(self, lane: str) -> None:
         with suppress(ActionRefusedError):  # a lane without recipes
-            products = await actions.products(await self._services(lane))
+            products = await actions.products(await self._workshop.of(lane))
             await self._lanes[lane].show_products(products)
 
     async def _act(
@@ -197,7 +194,7 @@ class OpcuaGateway(Gateway):
         if caller is None or caller.rank < role:
             return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
         given = [str(each.Value) for each in values]
-        services = await self._services(lane)
+        services = await self._workshop.of(lane)
         outcome = await services.act(
             Person(str(caller.name), 'OPC UA'),
             one_line(' '.join((what, *given))),

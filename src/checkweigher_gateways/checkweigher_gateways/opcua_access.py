@@ -10,7 +10,7 @@ from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
 from asyncua.server.user_managers import UserManager
 
 from checkweigher_web.access.throttle import Throttle
-from checkweigher_web.access.users import NOBODY, Role, UserFile
+from checkweigher_web.access.users import NOBODY, Role, UserFile, account_name
 
 
 @dataclass
@@ -44,9 +44,10 @@ class Users(UserManager):
         """Return the user, None if name or password is wrong or comes too soon after failures."""
         if username is None:
             return Caller(UserRole.User, 'anonymous')
-        key = f'account {username}'
+        name = account_name(username)
+        key = f'account {name}'
         text = password.decode(errors='replace') if isinstance(password, bytes) else password
-        user = self._users.find(username) or NOBODY
+        user = self._users.find(name) or NOBODY
         if self._throttle.wait(key) or not user.has_password(text or ''):
             self._throttle.fail(key)
             return None

@@ -72,6 +72,11 @@ _MODES = {True: ('Processing', 5026), False: ('None', 5024)}
 _SEVERITY = 700
 
 
+def _time(stamp: int | None) -> datetime | None:
+    """Return the time of a stamp in ns, None if it is unknown."""
+    return None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, UTC)
+
+
 class LaneSpace:
     """Nodes of a lane. The identifier of a node is the path of its browse names."""
 
@@ -92,11 +97,7 @@ class LaneSpace:
     async def _add(self, path: str, kind: int) -> None:
         """Add an object of a type of Scales, without placeholders and other optional nodes."""
         parent, _, name = path.rpartition('.')
-        above = (
-            self._node(parent)
-            if path
-            else self._server.get_node(machines(self._server, self._spaces))
-        )
+        above = self._server.get_node(self._id(parent) if path else machines(self._spaces))
         own = ua.QualifiedName(name or self.name, self._spaces.own)
         kind_id = ua.NodeId(kind, self._spaces.scales)
         made = await above.add_object(self._id(path), own, kind_id, instantiate_optional=True)
@@ -170,15 +171,12 @@ class LaneSpace:
             return
         self._values[path] = value
         variant = value if isinstance(value, ua.Variant) else ua.Variant(value)
-        when = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, UTC)
-        data = ua.DataValue(variant, SourceTimestamp=when or datetime.now(UTC))
+        data = ua.DataValue(variant, SourceTimestamp=_time(stamp) or datetime.now(UTC))
         if self._id(path) in self._server.iserver.aspace:
             await self._server.write_attribute_value(self._id(path), data)
 
     async def _weigh(self, path: str, mass: float, stamp: int | None = None) -> None:
-        tare = 0.0
-        weight = ua.WeightType(Gross=mass, Net=mass, Tare=tare)
-        await self._set(path, weight, stamp)
+        await self._set(path, ua.WeightType(Gross=mass, Net=mass, Tare=0.0), stamp)
 
     async def _choose(self, path: str, name: str, state: ua.NodeId) -> None:
         await self._set(f'{path}.CurrentState', ua.LocalizedText(name))
@@ -237,8 +235,7 @@ class LaneSpace:
         event.Message = ua.LocalizedText(text)
         event.VendorNotificationId = reason
         event.SourceName, event.SourceNode = self.name, self._id()
-        when = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, UTC)
-        await self._events.trigger(time_attr=when)
+        await self._events.trigger(time_attr=_time(stamp))
 
     @staticmethod
     def _product(name: str) -> str:

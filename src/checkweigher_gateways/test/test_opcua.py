@@ -20,9 +20,10 @@ from checkweigher_core.records import Decision
 from checkweigher_gateways.gateway import GatewayError
 from checkweigher_gateways.nodesets import default_folder
 from checkweigher_gateways.opcua import make
+from checkweigher_gateways.opcua_access import Users
 from checkweigher_gateways.settings import GatewaySettings, OpcuaSettings
 from checkweigher_production.audit_log import read_log
-from checkweigher_web.access.users import Role, User, hash_password, write_users
+from checkweigher_web.access.users import Role, User, UserFile, hash_password, write_users
 
 PASSWORD = 'correct horse'
 SCALES = 'http://opcfoundation.org/UA/Scales/V2/'
@@ -195,6 +196,18 @@ async def _work(url: str, verdicts: Verdicts) -> None:
         if (each.kind, each.subject) == ('person', 'anna')
     ]
     assert noted[:2] == ['select product heavy: asked from OPC UA', 'select product heavy: done']
+
+
+def test_the_encodings_of_a_name_are_one_account_at_the_login(tmp_path: Path):
+    path = tmp_path / 'users'
+    composed, decomposed = 'andr\u00e9', 'andre\u0301'
+    write_users(path, {composed: User(composed, Role.OPERATOR, hash_password('x', PASSWORD))})
+    server = Users(UserFile(path))
+    assert server.get_user(None, decomposed, PASSWORD) is not None
+    for name in (composed, decomposed, composed):
+        assert server.get_user(None, name, 'wrong') is None
+    # Three failures in all: the next attempt has to wait, also with the right password.
+    assert server.get_user(None, decomposed, PASSWORD) is None
 
 
 @needs_nodesets

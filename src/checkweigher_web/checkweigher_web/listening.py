@@ -7,6 +7,7 @@ import threading
 import time
 
 from checkweigher_core.ros import ports
+from checkweigher_core.ros.graph.lanes import running_lanes
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.status_board import StatusBoard
@@ -80,9 +81,4 @@ class Watch:
     def _names(self) -> set[str]:
         if self.only is not None:
             return {self.only}
-        kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
-        return {
-            topic.removesuffix(ending).strip('/')
-            for topic, kinds in self._finder.get_topic_names_and_types()
-            if topic.endswith(ending) and kind in kinds
-        }
+        return running_lanes(self._finder)

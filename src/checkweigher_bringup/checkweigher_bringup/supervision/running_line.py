@@ -33,6 +33,8 @@ from checkweigher_core.ros.services import GATEWAYS
 from checkweigher_gateways.settings import read_gateways
 from checkweigher_web.access.users import UserFile, default_users
 
+Command = Callable[[], Sequence[str]]  # returns the words of a command for its next start
+
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
 _MODULE = 'checkweigher_bringup.line'
@@ -68,9 +70,12 @@ def run_line(
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
-        processes = _processes(modules, files, namespace, page, folder)
-        if gateways is not None:
-            processes |= _gateway_processes(gateways, namespace)
+        commands = {
+            **_node_commands(modules, files, namespace),
+            **_page_commands(page, namespace, folder),
+            **_gateway_commands(gateways, namespace),
+        }
+        processes = _processes(commands)
         with spinning(namespace) as spinner, closing(ItemTable()) as table:
             node = EchoNode()
             lane = node.get_namespace().rstrip('/')
@@ -166,21 +171,8 @@ def _parameter_files(
     return lambda: [first, *folder.files(params), last]
 
 
-def _processes(
-    modules: Mapping[str, str],
-    files: Callable[[], list[Path]],
-    namespace: str,
-    page: int | None,
-    folder: MachineFolder | None,
-) -> dict[str, SupervisedProcess]:
-    """Return a process for each module, and a process for the page if `page` is its port."""
-
-    def command(module: str) -> list[str]:
-        return node_command(module, namespace, *files())
-
-    commands = {name: partial(command, module) for name, module in modules.items()}
-    if page is not None:
-        commands[_PAGE] = partial(_page_command, page, namespace, folder)
+def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
+    """Return a process for each command."""
     return {
         name: SupervisedProcess(
             name,
@@ -192,24 +184,37 @@ def _processes(
     }
 
 
-def _gateway_processes(file: Path, namespace: str) -> dict[str, SupervisedProcess]:
-    """Return a process for each section of a file of gateways."""
+def _node_commands(
+    modules: Mapping[str, str], files: Callable[[], list[Path]], namespace: str
+) -> dict[str, Command]:
+    def command(module: str) -> list[str]:
+        return node_command(module, namespace, *files())
+
+    return {name: partial(command, module) for name, module in modules.items()}
+
+
+def _page_commands(
+    port: int | None, namespace: str, folder: MachineFolder | None
+) -> dict[str, Command]:
+    if port is None:
+        return {}
+
+    def command() -> list[str]:
+        words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
+        words += ['--namespace', namespace]
+        if folder is not None and UserFile(default_users()).now():
+            words += ['--keep', str(folder.path / 'kept')]
+        return words
+
+    return {_PAGE: command}
+
+
+def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
+    """Return a command for each section of a file of gateways."""
     lane = ['--settings', str(file), '--namespace', namespace]
     start = [sys.executable, '-m', 'checkweigher_gateways.gateway']
-    return {
-        f'gateway_{kind}': SupervisedProcess(
-            f'gateway_{kind}', partial(list, [*start, kind, *lane])
-        )
-        for kind in read_gateways(file).kinds
-    }
-
-
-def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> list[str]:
-    command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
-    command += ['--namespace', namespace]
-    if folder is not None and UserFile(default_users()).now():
-        command += ['--keep', str(folder.path / 'kept')]
-    return command
+    kinds = [] if file is None else read_gateways(file).kinds
+    return {f'gateway_{kind}': partial(list, [*start, kind, *lane]) for kind in kinds}
 
 
 def _supervise(

@@ -7,7 +7,6 @@ from html import escape
 from pathlib import Path
 import secrets
 from typing import Any
-import unicodedata
 from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
@@ -16,7 +15,7 @@ from rclpy.logging import get_logger
 
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
-from checkweigher_web.access.users import NOBODY
+from checkweigher_web.access.users import NOBODY, account_name
 
 _LARGEST = 4096  # maximum size of a form in bytes
 _PAGE = """<!doctype html>
@@ -87,8 +86,7 @@ class _Forms:
             return await self._decide(request, given)
 
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
-        # All encodings of a name are one account, because account names are normalised as well.
-        name = unicodedata.normalize('NFC', given.get('name', ''))[:64]
+        name = account_name(given.get('name', ''))
         address = _address(request)
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'

@@ -70,6 +70,11 @@ def default_users() -> Path:
     return (given if given.is_absolute() else Path.home() / '.config') / 'checkweigher/users'
 
 
+def account_name(given: str) -> str:
+    """Return the name of an account as a login gives it, in the one encoding of users."""
+    return unicodedata.normalize('NFC', given)[:64]
+
+
 def check_name(name: str) -> str:
     """Return the normalised name of a user, or raise `UsersError` if the name is not valid."""
     name = unicodedata.normalize('NFC', name)

@@ -16,17 +16,11 @@ OPTIONS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the archive; 1 if an audit log in it is broken."""
-    from checkweigher_bringup.backup import write_backup
+    from checkweigher_bringup.backup import print_log, write_backup
     from checkweigher_core.whole_file import check_folder_of
-    from checkweigher_production.audit_log import read_log
-    from checkweigher_production.audit_words import conclusion
 
     check_folder_of(arguments.output)
     count = write_backup(arguments.folder, arguments.output)
     print(f'{arguments.output}: {count} files')
     log = arguments.folder / 'audit.log'
-    if not log.exists():
-        return 0
-    found = read_log(log)
-    print(f'{log}: {conclusion(found)}')
-    return 0 if found.whole else 1
+    return 0 if not log.exists() or print_log(log) else 1

@@ -6,7 +6,6 @@ checkweigher restore my_machine.tar --folder my_machine
 """
 
 import argparse
-from datetime import UTC, datetime
 from pathlib import Path
 
 OPTIONS = (
@@ -20,28 +19,26 @@ def run(arguments: argparse.Namespace) -> int:
     """Restore the folder; 1 if its audit log is broken."""
     from getpass import getuser
     import hashlib
+    import time
 
-    from checkweigher_bringup.backup import restore_backup
+    from checkweigher_bringup.backup import print_log, restore_backup
     from checkweigher_core.changes import BACKUP
-    from checkweigher_production.audit_log import AuditLog, read_log
-    from checkweigher_production.audit_words import conclusion
+    from checkweigher_core.records import utc
+    from checkweigher_production.audit_log import AuditLog
 
     count = restore_backup(arguments.archive, arguments.folder)
     print(f'{arguments.folder}: {count} files, each with its SHA-256')
     path = arguments.folder / 'audit.log'
     if not path.exists():
         return 0
-    found = read_log(path)
-    print(f'{path}: {conclusion(found)}')
-    if not found.whole:
+    if not print_log(path):
         return 1
     with arguments.archive.open('rb') as file:
         digest = hashlib.file_digest(file, 'sha256').hexdigest()
     value = {'file': arguments.archive.name, 'sha256': digest}
     with AuditLog(path) as log:
-        time = datetime.now(UTC).isoformat(timespec='microseconds')
-        entry = log.append(
-            time, 'restore', BACKUP, 'folder', None, value, arguments.who or getuser()
-        )
+        who = arguments.who or getuser()
+        now = utc(time.time_ns())
+        entry = log.append(now, 'restore', BACKUP, 'folder', None, value, who)
     print(f'entry {entry.sequence} says that it was restored; its hash is {entry.hash}')
     return 0
