@@ -7,7 +7,7 @@ below TU1 and TU2 are computed from the accepted items. A mass is the mass of th
 contents without tare. Times are the time stamps of the samples.
 """
 
-from collections import Counter
+from collections import Counter, deque
 import math
 
 from checkweigher_core.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
@@ -115,6 +115,8 @@ class ProductionRecord:
         self.product: Product | None = None
         self._all: dict[tuple[str, str], ProductionStatistics] = {}
         self._tallies: dict[tuple[str, str], BatchTally] = {}
+        # Number, t1 and t3 of the last items without a product, as many as the topic keeps.
+        self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -137,7 +139,8 @@ class ProductionRecord:
         """Count an item for the product and batch of its verdict; return whether it was new.
 
         A restarted node receives verdicts again. An item is new if the number of items in its
-        verdict, which counts the items of the batch, exceeds that of all earlier verdicts.
+        verdict, which counts the items of the batch, exceeds that of all earlier verdicts. A
+        verdict without a product has no such number: its item is new if its number and times are.
         """
         key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
@@ -145,6 +148,10 @@ class ProductionRecord:
             if known is not None and verdict.batch_items <= known.items:
                 return False
             self._tallies[key] = BatchTally.of(verdict)
+        elif (item := (verdict.item_id, verdict.t1, verdict.t3)) in self._without_product:
+            return False
+        else:
+            self._without_product.append(item)
         own = self.current if key == self._key else self._all.get(key)
         if own is None:
             own = self._all[key] = ProductionStatistics()

@@ -3,6 +3,7 @@
 """Statistics of production against numbers worked by hand and against the statistics module."""
 
 from dataclasses import replace
+from itertools import count
 import math
 import statistics
 
@@ -17,6 +18,7 @@ from checkweigher_production.statistics import ProductionRecord, ProductionStati
 
 EXACT = 1e-12  # relative
 START = 1_700_000_000 * NANOSECONDS
+NUMBERS = count(1)  # of the items
 
 
 @pytest.fixture(name='crisps')
@@ -26,7 +28,7 @@ def _crisps() -> Product:
 
 
 def verdict(mass: float, decision: Decision = Decision.ACCEPT, **others: object) -> Verdict:
-    return Verdict(1, others.pop('t3', None), decision, mass=mass, **others)
+    return Verdict(next(NUMBERS), others.pop('t3', None), decision, mass=mass, **others)
 
 
 def test_mean_giveaway_and_shares_are_those_of_the_contents_of_what_was_accepted(crisps: Product):

@@ -240,6 +240,24 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     assert results[0].sha256 in html.read_text()
 
 
+def test_an_item_without_a_product_is_recorded_once_though_the_product_node_restarts(
+    spinner: Spinner, tmp_path: Path
+):
+    folder = tmp_path / 'batches'
+    line = Line(spinner, tmp_path, needs_product=True, batch='L1', batch_folder=str(folder))
+    for _ in range(2):
+        assert line.judge(GOOD).product == ''
+    wait_for(lambda: line.statistics[-1].items == 2)
+
+    line.restart_product(batch_folder=str(folder))
+    assert line.judge(GOOD).product == ''
+    wait_for(lambda: line.statistics[-1].items == 3)
+
+    line.spinner.remove(line.product)
+    kinds = [each['kind'] for each in read_lines(folder / 'L1.jsonl')]
+    assert kinds.count('verdict') == 3
+
+
 @pytest.mark.usefixtures('spinner')
 def test_a_record_without_recipes_is_refused():
     with pytest.raises(ParameterError, match=r'product\.batch_folder: needs recipes'):
