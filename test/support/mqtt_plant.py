@@ -4,11 +4,13 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import json
 from pathlib import Path
 import shutil
+import socket
 import subprocess
+import threading
 from typing import Any, NamedTuple
 
 from authority import Pair
@@ -59,6 +61,42 @@ def broker(folder: Path, *more: str) -> Iterator[Broker]:
         yield made
     finally:
         made.kill()
+
+
+class Link:
+    """A link to a port of this computer that can be cut, for one client at a time."""
+
+    def __init__(self, to: int) -> None:
+        self.port, self._to = free_port(), to
+        self._ends: list[socket.socket] = []
+        self.restore()
+
+    def restore(self) -> None:
+        """Let clients connect."""
+        server = socket.create_server(('127.0.0.1', self.port))
+        self._ends = [server]
+        threading.Thread(target=self._connect, args=(server,), daemon=True).start()
+
+    def _connect(self, server: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                near, far = server.accept()[0], socket.create_connection(('127.0.0.1', self._to))
+                self._ends += [near, far]
+                for ends in ((near, far), (far, near)):
+                    threading.Thread(target=self._carry, args=ends, daemon=True).start()
+
+    def _carry(self, source: socket.socket, target: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                target.sendall(data)
+            target.shutdown(socket.SHUT_WR)
+
+    def cut(self) -> None:
+        """Break each connection, and refuse further ones."""
+        for end in self._ends:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
 
 
 class Data(NamedTuple):
