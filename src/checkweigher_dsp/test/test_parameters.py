@@ -313,7 +313,7 @@ ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
         (
             'reject',
             {'inspections': 'a a', 'inspection_distances': (1, 2), 'inspection_times': (0, 0)},
-            'inspections: .* has a device twice',
+            'inspections: .* names a device twice',
         ),
         ('reject', {'stations': 'UNDER; OVER', **ONE_STATION}, 'station_distances: 1 values, but'),
         ('reject', {'stations': 'HEAVY', **ONE_STATION}, r"stations\[0\]: 'HEAVY' is no"),

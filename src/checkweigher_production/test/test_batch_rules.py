@@ -93,5 +93,5 @@ def test_what_several_remember_of_a_batch_is_counted_once():
 
 
 def test_a_mean_without_a_nominal_weight_is_refused():
-    with pytest.raises(ParameterError, match=r'reject\.mean_value: true needs nominal'):
+    with pytest.raises(ParameterError, match=r'reject\.mean_value: true requires'):
         RejectParameters(mean_value=True)

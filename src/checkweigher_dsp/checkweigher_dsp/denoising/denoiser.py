@@ -46,10 +46,13 @@ class DenoiseParameters(Parameters):
     node: ClassVar[str] = 'denoise'
 
     method: str = parameter(
-        'shrinkage', 'shrinkage by the table, or soft or hard universal threshold', choices=METHODS
+        'shrinkage',
+        'shrinkage by the table, or soft or hard thresholding by the universal threshold',
+        choices=METHODS,
     )
     each_level: bool = parameter(
-        False, 'noise of soft and hard from each level itself, not from the finest one'
+        False,
+        'whether soft and hard estimate the noise in each level, instead of in the finest one',
     )
     speeds: tuple[float, ...] = parameter(
         UNTRAINED.speeds,
@@ -71,10 +74,12 @@ class DenoiseParameters(Parameters):
         UNTRAINED.thresholds[2], 'threshold of band 7 at each speed'
     )
     threshold_unit: float = parameter(
-        1e-7, 'one unit of the thresholds on this load cell', unit='kg', minimum=0, maximum=1e3
+        1e-7, 'unit of the thresholds in the table', unit='kg', minimum=0, maximum=1e3
     )
     surround: str = parameter(
-        'continuation', 'padding around the window, up to the length of stretch', choices=PADDINGS
+        'continuation',
+        'kind of padding around the window, up to the length of stretch',
+        choices=PADDINGS,
     )
     stretch: int = parameter(
         1024,
@@ -85,20 +90,20 @@ class DenoiseParameters(Parameters):
     )
     natural_frequency: tuple[float, ...] = parameter(
         (38.0,),
-        'of the empty platform, for continuation: one value or one at each speed',
+        'natural frequency of the empty platform for continuation: one value, or one per speed',
         unit='Hz',
         minimum=0.1,
         maximum=1e4,
     )
     damping_ratio: tuple[float, ...] = parameter(
         (0.06,),
-        'of the empty platform, for continuation: one value or one at each speed',
+        'damping ratio of the empty platform for continuation: one value, or one per speed',
         minimum=0,
         maximum=0.99,
     )
     moving_mass: float = parameter(
         2.5,
-        'moving mass of the empty platform, for continuation; a product adds to it',
+        'moving mass of the empty platform for continuation, without the product',
         unit='kg',
         minimum=1e-3,
         maximum=1e4,
@@ -108,13 +113,13 @@ class DenoiseParameters(Parameters):
     )
     iterations: int = parameter(
         1,
-        'number of times that the level taken out for continuation is refined',
+        'number of refinements of the level that is subtracted for continuation',
         minimum=0,
         maximum=100,
     )
     edge_uncertainty: float = parameter(
         0.0,
-        'largest error of t1 and t2, for continuation; 0: they are exact',
+        'largest error of t1 and t2 for continuation; 0: they are exact',
         unit='s',
         minimum=0,
         maximum=0.1,

@@ -34,21 +34,22 @@ from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 class _OwnParameters(Parameters):
     node: ClassVar[str] = 'identifier'
 
-    estimator: str = parameter('iswd_eksi', 'method that weighs', choices=tuple(ESTIMATORS))
+    estimator: str = parameter('iswd_eksi', 'estimator of the mass', choices=tuple(ESTIMATORS))
     max_relative_std_dev: float = parameter(
         0.25,
-        'largest standard deviation relative to the mass, above it NoConvergence',
+        'largest standard deviation relative to the mass; a larger one is NoConvergence',
         minimum=0,
         maximum=1e9,
     )
     speed_tolerance: float = parameter(
         0.03,
-        'largest relative distance from the trained speeds, beyond it SpeedNotTrained',
+        'largest relative distance from the trained speeds; a larger one is SpeedNotTrained',
         minimum=0,
         maximum=1e9,
     )
     learn: bool = parameter(
-        False, 'learn from products of unknown mass, and weigh by that where it is the better'
+        False,
+        'whether to learn from products of unknown mass, and to use the result where it is better',
     )
     learning: LearningParameters = LearningParameters()
 

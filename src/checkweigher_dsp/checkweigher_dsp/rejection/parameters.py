@@ -26,99 +26,106 @@ class RejectParameters(Parameters):
     node: ClassVar[str] = 'reject'
 
     lower_limit: float = parameter(
-        -math.inf, 'LowerToleranceLimit: lighter is UNDER; -.inf for none', unit='kg'
+        -math.inf, 'lower tolerance limit; a lighter item is UNDER; -.inf: no limit', unit='kg'
     )
     upper_limit: float = parameter(
-        math.inf, 'UpperToleranceLimit: heavier is OVER; .inf for none', unit='kg'
+        math.inf, 'upper tolerance limit; a heavier item is OVER; .inf: no limit', unit='kg'
     )
     rejector_distance: float = _length(
         0.5, 'distance from the outfeed eye to the rejector', maximum=1000
     )
-    actuator_delay: float = _delay(0.0, 'time from telling the rejector to its action')
+    actuator_delay: float = _delay(0.0, 'time from the signal to the rejector until it acts')
     verdict_margin: float = _delay(
-        0.05, 'time before its reject time at which an item has its verdict'
+        0.05, 'time by which a verdict precedes the reject time of its item'
     )
     deadlines: bool = parameter(
-        True, 'an item without a mass by then is NoEstimate; false waits for every mass'
+        True,
+        'whether an item without a mass in time is a FAULT (NoEstimate); false: wait for each mass',
     )
     confirmation_time: float = _delay(
-        0.0, 'largest time between reject time and reject_eye; 0 without that eye', maximum=60
+        0.0,
+        'largest time between the reject time and an edge of reject_eye; 0: no such eye',
+        maximum=60,
     )
     max_rejects_in_a_row: int = parameter(
-        0, 'rejects in a row that raise a stop request; 0 for none', minimum=0, maximum=1_000_000
+        0,
+        'number of successive rejects that stops the line; 0: no limit',
+        minimum=0,
+        maximum=1_000_000,
     )
     max_zero_step: float = _mass(
         0.02,
-        'step of the zero from item to item, beyond which the line stops until it is zeroed; at '
-        'most the tolerance of the product counts; 0: not checked',
+        'largest change of the zero between two items, and at most the tolerance of the product; '
+        'a larger one stops the line until the zero is set; 0: not checked',
     )
     autostart: bool = parameter(
-        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
+        True, 'whether the node activates itself at its start; false: a lifecycle manager does'
     )
     min_length: float = _length(
-        0.0, 'shortest product, a shorter one is ProductTooShort; 0 for any'
+        0.0, 'smallest length of a product; a shorter one is ProductTooShort; 0: no limit'
     )
     max_length: float = _length(
-        math.inf, 'longest product, a longer one is ProductTooLong; .inf for any'
+        math.inf, 'largest length of a product; a longer one is ProductTooLong; .inf: no limit'
     )
     min_speed: float = _speed(
-        0.0, 'slowest belt for the product, a slower one is BeltSpeed; 0 for any'
+        0.0, 'lowest belt speed for the product; a lower one is BeltSpeed; 0: no limit'
     )
     max_speed: float = _speed(
-        math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any'
+        math.inf, 'highest belt speed for the product; a higher one is BeltSpeed; .inf: no limit'
     )
     nominal: float = _mass(
-        0.0, 'NominalWeight with tare, which batch_surplus of the verdicts counts from; 0 for none'
+        0.0, 'nominal weight plus tare, the reference of batch_surplus in verdicts; 0: none'
     )
     tu1: float = _mass(
-        0.0, 'TU1 of 76/211/EEC with tare: lighter ones are accepted within tu1_quota; 0 for none'
+        0.0, 'TU1 of 76/211/EEC plus tare; tu1_quota limits the share of lighter items; 0: none'
     )
     tu1_quota: float = parameter(
         0.025,
-        'largest share below tu1 of the accepted items of the batch, beyond it TU1Quota',
+        'largest share of items below tu1 among the accepted items of a batch; more are TU1Quota',
         minimum=0,
         maximum=1,
     )
     mean_value: bool = parameter(
         False,
-        'an item below nominal is accepted only while the mean of the accepted ones of the batch '
-        'stays at nominal or above, else MeanValueRequirement',
+        'whether an item below nominal is accepted only if the mean of the accepted items of the '
+        'batch stays at or above nominal; otherwise it is MeanValueRequirement',
     )
     inspections: str = parameter(
-        '', 'devices whose external_reject an item waits for, such as "metal xray vision"'
+        '', 'inspection devices whose answers a verdict waits for, such as "metal xray vision"'
     )
     inspection_distances: tuple[float, ...] = _length(
         (),
-        'distance of each of them behind the infeed eye, below 0 before it',
+        'distance of each inspection device behind the infeed eye; negative: before it',
         minimum=-100,
         maximum=100,
     )
     inspection_times: tuple[float, ...] = _delay(
         (),
-        'time after an item has passed it in which each answers, with the way of the message',
+        'longest time from the passage of an item until the answer of each device arrives',
         maximum=60,
     )
     inspection_tolerance: float = _delay(
-        0.02, 'by which the time of an answer may be off: two items that it fits are both rejected'
+        0.02, 'largest error of the time of an answer; an answer that fits two items rejects both'
     )
     stations: str = parameter(
         '',
-        'what each reject station or sorting zone beside the rejector takes, with ; between them: '
-        'decisions, reasons, and of accepted items a range of masses in kg; such as '
+        'what each further reject station or sorting zone removes, separated by semicolons: '
+        'decisions, reasons, or a range of accepted masses in kg, such as '
         '"MetalDetected; UNDER; 0.150..0.155"',
     )
     station_distances: tuple[float, ...] = _length(
-        (), 'distance of each of them behind the outfeed eye', maximum=1000
+        (), 'distance of each station behind the outfeed eye', maximum=1000
     )
-    station_delays: tuple[float, ...] = _delay((), 'time from telling each of them to its action')
+    station_delays: tuple[float, ...] = _delay(
+        (), 'time from the signal to each station until it acts'
+    )
     needs_product: bool = parameter(
         False,
-        'nothing is accepted (NoProduct) until there is a product; true on a line with recipes',
+        'whether items are a FAULT (NoProduct) until a product is selected; true with recipes',
     )
     numbers: str = parameter(
         '',
-        'file of the numbers of items with a verdict, beside that of segmenter; from the next '
-        'start',
+        'file for the numbers of the items with a verdict, which the next start reads',
     )
 
     def __post_init__(self) -> None:
@@ -127,9 +134,11 @@ class RejectParameters(Parameters):
         self._check_lengths('inspections', devices, 'inspection_distances', 'inspection_times')
         self._check_lengths('stations', takes, 'station_distances', 'station_delays')
         if len(set(devices)) < len(devices):
-            raise ParameterError(f'reject.inspections: {self.inspections!r} has a device twice')
+            raise ParameterError(f'reject.inspections: {self.inspections!r} names a device twice')
         if len(takes) > MAX_STATIONS:
-            raise ParameterError(f'reject.stations: {len(takes)}, at most {MAX_STATIONS}')
+            raise ParameterError(
+                f'reject.stations: {len(takes)} stations, but at most {MAX_STATIONS} are possible'
+            )
         _ = self.all_stations  # raises an exception if a station is not valid
         self._check_limits()
 
@@ -141,7 +150,9 @@ class RejectParameters(Parameters):
                     f'reject.{name}: {value} is not a mass in kg (or {none} for no limit)'
                 )
         if self.mean_value and not self.nominal:
-            raise ParameterError('reject.mean_value: true needs nominal, the weight in kg')
+            raise ParameterError(
+                'reject.mean_value: true requires reject.nominal, the nominal weight in kg'
+            )
         for name in ('lower_limit', 'min_length', 'min_speed'):
             other = name.replace('lower', 'upper').replace('min', 'max')
             low, high = getattr(self, name), getattr(self, other)
@@ -172,7 +183,7 @@ class RejectParameters(Parameters):
 
     @cached_property
     def all_stations(self) -> tuple[Station, ...]:
-        """Reject stations in the order of their numbers."""
+        """Stations, in the order of the parameter `stations`."""
         places = zip(self._takes, self.station_distances, self.station_delays, strict=True)
         return tuple(
             station_of(text, distance, delay, f'reject.stations[{number}]')

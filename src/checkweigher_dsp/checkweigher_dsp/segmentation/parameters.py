@@ -24,106 +24,121 @@ class SegmenterParameters(Parameters):
 
     node: ClassVar[str] = 'segmenter'
 
-    lead_time: float = _duration(0.5, 'signal before t1 that goes with each window')
+    lead_time: float = _duration(0.5, 'duration of the signal before t1 in each window')
     trail_time: float = _duration(
         0.0,
-        'signal after t3 that is waited for, at most until the item has left; later verdicts, '
-        'only gauss_markov gains',
+        'duration of the signal after t3 in each window, at most until the item has left; it '
+        'delays the verdict, and only gauss_markov uses it',
     )
-    zero_time: float = _duration(1.0, 'empty belt before t1 that is read for the zero, at most')
+    zero_time: float = _duration(
+        1.0, 'longest signal of the empty belt before t1 that the zero is computed from'
+    )
     settle_time: float = _duration(
-        0.1, 'ring-down after an item has left, not read for the zero; longer on a soft platform'
+        0.1, 'time after an item has left that the zero ignores, because the platform rings down'
     )
     zero_initial_std_dev: float = _mass(
-        0.005, 'drift of the zero since calibration, standard deviation', minimum=1e-9
+        0.005, 'standard deviation of the change of the zero since the calibration', minimum=1e-9
     )
     zero_random_walk: float = _mass(
         1e-5,
-        'what the zero moves at random in a second, standard deviation; larger follows '
-        'faster, averages less',
+        'standard deviation of the random walk of the zero; with a larger value the zero follows '
+        'faster and averages less',
         unit='kg/sqrt(s)',
     )
     zero_drift: float = _mass(
         2e-5,
-        'drift of the zero, standard deviation; it is looked for unless this is 0',
+        'standard deviation of the steady drift of the zero; 0: the drift is not estimated',
         unit='kg/s',
     )
     zero_moment: float = _duration(
-        0.03, 'shortest empty belt that is read; where less has settled, the ring-down as well'
+        0.03, 'shortest signal of the empty belt for the zero; it includes the ring-down if it must'
     )
     zero_range: float = _mass(
-        0.3, 'largest distance from the zero of calibration; 4 % of Max in OIML R 51'
+        0.3, 'largest change of the zero since the calibration; OIML R 51 allows 4 % of Max'
     )
     zero_rate: float = _mass(
-        1.0, 'fastest tracking of the zero; 0.5 e a second, OIML R 51', unit='kg/s'
+        1.0, 'highest rate of zero tracking; OIML R 51 allows 0.5 e per second', unit='kg/s'
     )
-    zero_stability: float = _mass(0.1, 'an empty belt is not read if parts of 0.1 s differ by more')
+    zero_stability: float = _mass(
+        0.1,
+        'largest difference between the means of 0.1 s of the empty belt; otherwise the zero stays',
+    )
     max_belt_noise: float = _mass(
-        0.0, 'standard deviation of the empty belt above which the diagnostics warn; 0: none'
+        0.0, 'standard deviation of the empty belt above which the diagnostics warn; 0: no limit'
     )
-    min_belt_speed: float = _speed(0.1, 'slowest belt; an item that takes longer is given up')
-    max_belt_speed: float = _speed(3.0, 'fastest belt')
-    min_product_length: float = _length(0.005, 'shortest product; a shorter one is a fault')
-    product_length: float = _length(0.0, 'length of the products; 0: not known, not checked')
+    min_belt_speed: float = _speed(
+        0.1, 'lowest belt speed; an item that takes longer is a FAULT (MissingEdge)'
+    )
+    max_belt_speed: float = _speed(3.0, 'highest belt speed')
+    min_product_length: float = _length(
+        0.005, 'smallest length of a product; a shorter one is a FAULT'
+    )
+    product_length: float = _length(0.0, 'length of the products; 0: unknown, not checked')
     product_width: float = _length(
-        0.0, 'width of the products, to tell one that lies askew; 0: not known'
+        0.0, 'width of the products, by which an askew product is recognised; 0: unknown'
     )
     length_tolerance: float = _length(
-        0.01, 'largest difference between the length from the eyes and product_length'
+        0.01, 'largest difference between the length that the eyes measure and product_length'
     )
     speed_tolerance: float = parameter(
         0.2,
-        'largest relative change of belt speed from item to item; 0: not checked',
+        'largest relative change of the belt speed between two items; 0: not checked',
         minimum=0,
         maximum=100,
     )
     debounce_time: float = _duration(
-        0.005, 'shortest time for which an eye clears; less is chatter', maximum=10
+        0.005,
+        'shortest time for which an eye is clear between two items; less is chatter',
+        maximum=10,
     )
     edge_lateness: float = _duration(
-        2.0, 'largest delay of edges behind the samples of the same time'
+        2.0, 'longest time by which an edge may arrive after the samples of its time'
     )
     sample_lateness: float = _duration(
-        10.0, 'largest delay of samples behind the edges of the same time', minimum=0.1, maximum=600
+        10.0,
+        'longest time by which samples may arrive after the edges of their time',
+        minimum=0.1,
+        maximum=600,
     )
     clock_tolerance: float = _duration(
         0.02,
-        'largest difference between the stamp of a block and the time of its index',
+        'largest difference between the stamp of a block and the time that its index gives',
         minimum=1e-6,
     )
     rise_lag: float = parameter(
         PLATFORM_LAG,
-        'how much later than the eyes say samples show a load: filter of the '
-        'amplifier, clocks, and 2 xi / omega of the platform',
+        'delay of the load in the samples relative to the eyes, from the filter of the amplifier, '
+        'the clocks, and 2 xi / omega of the platform',
         unit='s',
         minimum=-1,
         maximum=1,
     )
     rise_lag_distance: float = parameter(
         0.0,
-        'the part of it that goes with 1 / belt speed: an infeed eye that sees too early',
+        'part of the delay that is proportional to 1 / belt speed, as of a misplaced infeed eye',
         unit='m',
         minimum=-1,
         maximum=1,
     )
     rise_lag_known: bool = parameter(
-        False, 'whether both were measured with products like these; else the first items tell'
+        False, 'whether both were measured with such products; false: the first items give them'
     )
     rise_lag_tolerance: float = _duration(
         0.003,
-        'largest change of the lag, beside 2 % of t2 - t1: EdgeMismatch; 0: not checked',
+        'largest change of the delay, in addition to 2 % of t2 - t1, before EdgeMismatch; '
+        '0: not checked',
         maximum=1,
     )
     min_window: int = parameter(
         16,
-        'fewest samples between t2 and t3 that can be weighed',
+        'smallest number of samples between t2 and t3',
         unit='samples',
         minimum=8,
         maximum=1_000_000,
     )
 
     numbers: str = parameter(
-        '', 'file of the numbers of items, which go on over runs; empty: each run counts from 1'
+        '', 'file for the numbers of the items, which continue in the next run; empty: count from 1'
     )
 
     def __post_init__(self) -> None:

@@ -33,12 +33,12 @@ class AeksiParameters(AdaptiveParameters):
 
     measurement_noise: tuple[float, ...] = parameter(
         (1.0,),
-        'R as a multiple of the variance of the least-squares residual',
+        'R, as a multiple of the variance of the least-squares residual',
         minimum=1e-9,
         maximum=1e9,
     )
     process_noise: tuple[float, ...] = parameter(
-        (0.1,), 'Q as a multiple of R', minimum=0, maximum=1e9
+        (0.1,), 'Q, as a multiple of R', minimum=0, maximum=1e9
     )
     coefficient_variance: tuple[float, ...] = parameter(
         (1.0,), 'P0 of a1 and a2', minimum=1e-12, maximum=1e9

@@ -75,16 +75,16 @@ class AdaptiveParameters(EstimatorParameters):
 
     iterations: tuple[float, ...] = parameter(
         (2.0,),
-        'number of identifications of the platform, rounded; 1 is without a prefilter',
+        'number of identifications of the platform, rounded; 1: no prefilter',
         minimum=1,
         maximum=20,
     )
     max_order: tuple[float, ...] = parameter(
-        (2.0,), 'highest order of the prefilter, rounded', minimum=0, maximum=100
+        (2.0,), 'maximum order of the prefilter, rounded', minimum=0, maximum=100
     )
     lowpass_cutoff: tuple[float, ...] = parameter(
         (480.0,),
-        'cut-off of the fixed low-pass; none from 0.36 of the sample rate on',
+        'cut-off frequency of the fixed low-pass; no low-pass from 0.36 of the sample rate on',
         unit='Hz',
         minimum=1,
         maximum=1e6,

@@ -59,45 +59,49 @@ class GaussMarkovParameters(EstimatorParameters):
 
     sample_rate: float = parameter(
         0.0,
-        'sample rate of the noise model; 0: no model but the empty belt before each item',
+        'sample rate of the noise model; 0: the noise of the empty belt before each item',
         unit='Hz',
         minimum=0,
         maximum=1e6,
     )
     natural_frequency: float = parameter(
-        40.0, 'of the empty platform', unit='Hz', minimum=0.1, maximum=1e4
+        40.0, 'natural frequency of the empty platform', unit='Hz', minimum=0.1, maximum=1e4
     )
-    damping_ratio: float = parameter(0.05, 'of the empty platform', minimum=0, maximum=0.99)
+    damping_ratio: float = parameter(
+        0.05, 'damping ratio of the empty platform', minimum=0, maximum=0.99
+    )
     moving_mass: float = parameter(
-        2.5, 'of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
+        2.5, 'moving mass of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
     )
     entry_begin: float = _position(
-        0.0, 'position at which the load begins to come on, behind the infeed eye'
+        0.0, 'position of the product behind the infeed eye at which the load begins to rise'
     )
-    entry_end: float = _position(0.0, 'position at which all of the load is on, behind that at t2')
+    entry_end: float = _position(
+        0.0, 'position of the product behind that at t2 at which the load is complete'
+    )
     impact: tuple[float, ...] = parameter(
         (0.0,),
-        'oscillation that an impact at entry leaves, standard deviation per mass and speed',
+        'standard deviation of the oscillation after the impact at entry, per mass and speed',
         unit='s/m',
         minimum=0,
         maximum=100,
     )
     lead_time: float = parameter(
-        0.4, 'signal before t1 that is used, at most', unit='s', minimum=0, maximum=60
+        0.4, 'longest signal before t1 that is used', unit='s', minimum=0, maximum=60
     )
     max_misfit: float = parameter(
         4.0,
-        'largest misfit of signal and model as a multiple of the noise, above it no mass',
+        'largest misfit of signal and model, as a multiple of the noise; beyond it there is none',
         minimum=1,
         maximum=1e9,
     )
     order: int = parameter(1, 'order of the autoregression', minimum=1, maximum=1000)
     reflection: tuple[float, ...] = parameter(
-        (0.0,), 'reflection coefficients: `order` values for each speed', minimum=-1, maximum=1
+        (0.0,), 'reflection coefficients: `order` values per speed', minimum=-1, maximum=1
     )
     noise: tuple[float, ...] = parameter(
         (1e-3,),
-        'innovation of the autoregression, standard deviation',
+        'standard deviation of the innovation of the autoregression',
         unit='kg',
         minimum=0,
         maximum=1e3,

@@ -32,25 +32,23 @@ class IswdEksiParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.iswd_eksi'
 
     measurement_noise: float = parameter(
-        0.25, 'R as a share of the variance that denoising removed', minimum=1e-9, maximum=1e9
+        0.25, 'R, as a multiple of the variance that denoising removed', minimum=1e-9, maximum=1e9
     )
     process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
     initial_variance: float = parameter(
-        1.0, 'P0 of x and b1, the signal being normalised to 1', minimum=1e-9, maximum=1e9
+        1.0, 'P0 of x and b1, for a signal that is normalised to 1', minimum=1e-9, maximum=1e9
     )
-    coefficient_variance: float = parameter(
-        1e-6, 'P0 of a1 and a2; 1 with the other 1 is P0 = I', minimum=0, maximum=1e9
-    )
+    coefficient_variance: float = parameter(1e-6, 'P0 of a1 and a2', minimum=0, maximum=1e9)
     rise_noise: tuple[float, ...] = parameter(
         (10.0,),
-        'R while the load rises, as a multiple of R: 1e9 begins at t2',
+        'R while the load rises, as a multiple of R; 1e9: the filter begins at t2',
         minimum=1,
         maximum=1e9,
     )
     doubt: bool = parameter(
         True,
-        'whether, until it is trained, the level of the window counts the more the worse the rise '
-        'fits what is assumed of the machine',
+        'whether an untrained estimator gives the level of the window more weight, the worse the '
+        'rise fits the assumed platform',
     )
 
     @property

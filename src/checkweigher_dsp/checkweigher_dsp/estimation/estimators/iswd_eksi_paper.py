@@ -40,10 +40,10 @@ class IswdEksiPaperParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.iswd_eksi_paper'
 
     threshold_unit: float = parameter(
-        1e-7, 'one unit of the thresholds of Table 1', unit='kg', minimum=0, maximum=1e3
+        1e-7, 'unit of the thresholds in Table 1', unit='kg', minimum=0, maximum=1e3
     )
     measurement_noise: float = parameter(
-        0.25, 'R as a share of the variance that denoising removed', minimum=1e-9, maximum=1e9
+        0.25, 'R, as a multiple of the variance that denoising removed', minimum=1e-9, maximum=1e9
     )
     process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
 

@@ -39,14 +39,14 @@ class TvlpfParameters(EstimatorParameters):
         (2.0,), 'number of first-order sections, rounded', minimum=1, maximum=8
     )
     initial_cutoff: tuple[float, ...] = parameter(
-        (50.0,), 'cut-off at t2', unit='Hz', minimum=0, maximum=1e5
+        (50.0,), 'cut-off frequency at t2', unit='Hz', minimum=0, maximum=1e5
     )
     final_cutoff: tuple[float, ...] = parameter(
-        (3.0,), 'cut-off at the end', unit='Hz', minimum=0, maximum=1e5
+        (3.0,), 'cut-off frequency at the end', unit='Hz', minimum=0, maximum=1e5
     )
     half_life: tuple[float, ...] = parameter(
         (0.1,),
-        'time in which the cut-off falls by half of the way, as a share of the window',
+        'time in which the cut-off frequency falls half of the way, as a share of the window',
         minimum=1e-4,
         maximum=1e3,
     )
