@@ -77,7 +77,9 @@ class Line:
         self.log = folder / 'audit.log'
         self._identifier = IdentifierNode if weighs else Unheard
         # Without deadlines, for a bag comes faster than its time.
-        self.for_reject = {'deadlines': False, 'needs_product': needs_product}
+        numbers = str(folder / 'verdicts')  # so that a new reject node judges no item again
+        rules = {'needs_product': needs_product, 'numbers': numbers}
+        self.for_reject = {'deadlines': False, **rules}
         self.stages = {name: self.make(name) for name in STAGE_NODES if name != without}
         self.operator = Node('operator')
         self.verdicts: queue.SimpleQueue[Any] = queue.SimpleQueue()
