@@ -8,8 +8,8 @@ high-pass filter, scaled to keep the variance of white noise, separates this noi
 If the converter works, the filtered signal e has four properties:
 
 - Its variance under a load, from t2 to t3, is not below the variance on the empty belt. The ratio
-  of the two has an F distribution. The samples of e are correlated, so the degrees of freedom per
-  sample are 1 divided by the sum of the squared correlations, which is 0.48 for white noise.
+  of the variances has approximately an F distribution. The samples of e are correlated, so each
+  counts as 1 / sum r_k^2 degrees of freedom, with the correlations r_k; 0.48 for white noise.
 - It has no steps from t1 to t3, except those that the noise and the product explain. The product
   causes an impact in proportion to load and speed, and a change of the slope at t1, t2 and t3.
 - It does not repeat itself. With white noise of s counts, no prediction is right for more than a

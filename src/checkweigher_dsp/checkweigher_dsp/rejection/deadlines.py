@@ -78,7 +78,8 @@ class Deadlines:
         """Return the deadline and the reject time of an item that is known only by an outfeed edge.
 
         `speed` is the belt speed of the item in m/s, or NaN. The reject time is None if it is
-        unknown. A stage that has just started waits for the latched announcements.
+        unknown. After a start of the stage, the deadline is later, so that latched announcements
+        can arrive before it.
         """
         if self._heard is None:
             return edge.came + PATIENCE_UNHEARD, None

@@ -43,7 +43,7 @@ class OutfeedWatch:
         self._taken: tuple[float, float] = (math.inf, -math.inf)
         self._clear_since = -math.inf
         self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # stamps of all edges
-        # Times t1 and t3 of items that were judged before the segmenter completed them.
+        # Times t1 and t3 of items whose verdict preceded their announcement.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
@@ -84,11 +84,11 @@ class OutfeedWatch:
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def judge(self, t1: int | None, t3: int) -> None:
-        """Store the edges of an item that was judged by them."""
+        """Store the edges of an item that receives its verdict before it is announced."""
         self._judged.append((t1, t3))
 
     def has_judged(self, item: Item) -> bool:
-        """Return whether an announced item was already judged by its edges."""
+        """Return whether an item received a verdict by its edges before it was announced."""
         return any(
             (item.t1 is not None and item.t1 == t1) or (item.t3 is not None and item.t3 == t3)
             for t1, t3 in self._judged
