@@ -14,8 +14,8 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import MachineSource
 
-# Names of the sources, with their classes. A class is imported on request, so that a machine needs
-# only the libraries of its own devices.
+# Classes of the sources by name. A class is imported on request, so that a machine needs only the
+# libraries of its own devices.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -46,46 +46,44 @@ ReadParameters = Callable[[type[Parameters]], Any]
 
 @dataclass(frozen=True)
 class DriverParameters(Parameters):
-    """Selection of the devices, and pacing of a recorded or simulated source."""
+    """Parameters of the driver: its devices, and the pace of a recorded or simulated source."""
 
     node: ClassVar[str] = 'driver'
 
     source: str = parameter('simulator', 'source of samples and edges', choices=tuple(SOURCES))
     eyes: str = parameter(
         NONE,
-        'photo-eyes that are read beside the load cell; none where the source has them',
+        'photo-eyes that are connected separately; none if the source has its own',
         choices=tuple(EYES),
     )
     rate: float = parameter(
         1.0,
-        'pace of a recorded or simulated source, seconds of signal in a second; '
-        '0 as fast as nothing is lost',
+        'speed of a recorded or simulated source relative to real time; 0: as fast as possible',
         minimum=0,
         maximum=1e6,
     )
     lossless: bool = parameter(
         True,
-        'hold a recorded or simulated source back until the segmenter has taken what was '
-        'sent; false runs it without a segmenter',
+        'whether a recorded or simulated source waits for the segmenter and for the verdicts, so '
+        'that no data is lost',
     )
     listeners: int = parameter(
         0,
-        'nodes beside segmenter, such as recorders, that have to take load_cell/samples before '
-        'a recorded or simulated source begins',
+        'number of other subscribers of load_cell/samples, such as recorders, for which a '
+        'lossless source waits before it begins',
         minimum=0,
         maximum=1000,
     )
     block_time: float = parameter(
         0.1,
-        'duration to which the blocks of a recorded or simulated source are joined, the '
-        'fewer the less work; an edge waits for none; 0 leaves them as they are',
+        'duration up to which blocks of a recorded or simulated source are joined, which saves '
+        'CPU time; edges are not delayed; 0: no blocks are joined',
         unit='s',
         minimum=0,
         maximum=1,
     )
     publish_clock: bool = parameter(
-        False,
-        'publish the time of the samples on /clock, for nodes with use_sim_time beside a bag',
+        False, 'whether the stamps of the samples are published on /clock, for use_sim_time'
     )
     outputs: str = parameter(
         NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
@@ -96,7 +94,7 @@ class DriverParameters(Parameters):
         choices=tuple(INPUTS),
     )
     autostart: bool = parameter(
-        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
+        True, 'whether the node activates itself; false leaves this to a lifecycle manager'
     )
 
 
@@ -122,8 +120,8 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
     """Return a function that opens a source of samples together with its photo-eyes.
 
     The returned function raises ValueError if a device cannot be opened; the message is one line
-    for a technician. Raises ParameterError if the source has photo-eyes of its own, or if a
-    parameter is invalid.
+    for a technician. Raises ParameterError if `eyes` are given for a source with its own
+    photo-eyes, or if a parameter is invalid.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)
@@ -132,7 +130,7 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
     make_eyes = eyes_class(eyes)
     if make_source.paced:
         raise ParameterError(
-            f'eyes: {eyes!r}, but the source {name!r} has eyes of its own; must be {NONE!r}'
+            f'eyes: {eyes!r}, but the source {name!r} has its own eyes; must be {NONE!r}'
         )
     eye_parameters = read(make_eyes.parameters)
 

@@ -42,7 +42,7 @@ _LOOK_PERIOD = 0.2  # period in s of the check for faults of the machine
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
-    """Node that publishes a source of samples and photo-eye edges.
+    """Node that publishes the samples and edges of a source, and switches the outputs.
 
     A separate thread reads the source. Each activation begins a new `stream` of samples.
     """
@@ -90,9 +90,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.begin()
 
     def configure(self) -> None:
-        """Open the source."""
+        """Open the source, the outputs and the inputs."""
         try:
-            self._calibration.read()  # an invalid file is reported before a device is opened
+            self._calibration.read()  # report an invalid file before a device is opened
             self._source = self._make_source()
         except ParameterError:
             raise
@@ -104,7 +104,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._inputs.open(locked(self._publish_input))
 
     def _declare_operation(self) -> Parameters | None:
-        """Declare and return the operator's settings of a simulated machine, None for others."""
+        """Declare and return the operator's settings, which only a simulated machine has."""
         kind = devices.source_class(self.parameters.source).operation
         if kind is None:
             return None
@@ -127,7 +127,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def activate(self) -> None:
         """Begin a new stream."""
-        if self._source is None:  # deactivation closes a source whose reads block
+        if self._source is None:  # the last deactivation has closed a source whose reads block
             self.configure()
         assert self._source is not None
         load_cell = self._source.load_cell = self._calibration.apply(self._source.load_cell)
@@ -164,7 +164,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return [self.stream.status]
 
     def destroy_node(self) -> None:
-        """Stop reading the source, and destroy the node."""
+        """End the stream, close the devices, and destroy the node."""
         if hasattr(self, 'stream'):
             self._stop_reading()
             self.clean_up()
@@ -197,7 +197,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._conditions.send(event)
 
     def _machine_trouble(self) -> str:
-        """Return why the line cannot weigh, or an empty string. Any thread may call this."""
+        """Return the present fault of source or inputs, or ''. Any thread may call this."""
         source = self._source
         if source is None:
             return ''
@@ -212,7 +212,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return response
 
     def _restart_stream(self) -> str:
-        """Begin a new stream with a new calibration; return the reason of a failure, if any."""
+        """Begin a new stream with a new calibration; return the reason of a failure, or ''."""
         self.trigger_deactivate()
         self.trigger_activate()
         return '' if self.state == 'active' else self._failure

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Health of a source, with its samples, clock and photo-eyes."""
+"""Health of a source: its samples, clock and photo-eyes."""
 
 from collections.abc import Mapping
 
@@ -14,7 +14,7 @@ class DriverWatch:
     """Monitor of the source `name` and of its stream.
 
     Times are in s on a monotonic clock. Callers hold the lock of the process. `waits_for` is the
-    condition for which the source is held back, empty if it is not held back.
+    condition for which the source waits, or an empty string.
     """
 
     def __init__(self, name: str) -> None:
@@ -47,7 +47,7 @@ class DriverWatch:
             self._eyes.add(now, event)
 
     def end(self, failure: str | None = None) -> None:
-        """Report the end of the source, with the text of a failure if it has failed."""
+        """Record the end of the source. `failure` is the message of an error, if any."""
         self._change('finished' if failure is None else 'failed', failure or '')
 
     def _change(self, state: str, failure: str = '') -> None:
@@ -58,8 +58,8 @@ class DriverWatch:
     ) -> list[Finding]:
         """Return the findings at time `now`.
 
-        `offset_of_clocks` is the time of day minus `now` in s. `trouble` is the present fault of
-        the source, and `figures` are its own values for the diagnostics.
+        `offset_of_clocks` is the Unix time minus `now` in s. `trouble` is the present fault of the
+        source, and `figures` are its figures for the diagnostics.
         """
         source = self._source(trouble, figures)
         if self._samples is None:
@@ -68,9 +68,9 @@ class DriverWatch:
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self.waits_for:  # the absence of samples is no fault then
+        if self._state != 'running' or self.waits_for:  # then the source is to send nothing
             samples, eyes = (
-                conclude(finding.aspect, 'none now, see Source', (), finding.values)
+                conclude(finding.aspect, 'none at present, see Source', (), finding.values)
                 for finding in (samples, eyes)
             )
         return [source, samples, self._samples.clock.finding(offset_of_clocks), eyes]
@@ -80,22 +80,22 @@ class DriverWatch:
             error_if(
                 self._state == 'failed',
                 f'{self._name} failed: {self._failure}',
-                'check its cable, power and parameters, then start the driver again',
+                'check its cable, power and parameters, then restart the driver',
             ),
             error_if(
                 bool(trouble),
                 trouble,
-                'check cable and power; when it is over, call reset_stop_request',
+                'check cable and power; after the repair, call reset_stop_request',
             ),
             warn_if(
                 self._state == 'inactive',
                 'the driver is inactive',
-                'activate it: Start on the page, or ros2 lifecycle set',
+                'activate it with Start on the page, or with ros2 lifecycle set',
             ),
             warn_if(
                 bool(self.waits_for),
                 f'{self._name} is held back, waiting for {self.waits_for}',
-                'check that the other nodes run',
+                'check that the other nodes are running',
             ),
         )
         values: dict[str, float | str] = {

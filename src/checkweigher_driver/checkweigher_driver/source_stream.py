@@ -24,13 +24,13 @@ from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
 from checkweigher_recording.block_cutting import cut_for_pace
 
-# Times in s after the beginning of a stream at which its status is sent again. A subscriber that is
-# visible in the ROS graph may not be connected yet, and would get the first status only from the
+# Times in s after the beginning of a stream at which its status is repeated. A subscriber that is
+# visible in the ROS graph may not be connected yet, and would get the first status only with the
 # next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
 _PATIENCE = 5.0  # longest wait in s for the other nodes
 _END_PATIENCE = 2.0  # longest wait in s for the last read of a source
-_PERIOD = 0.02  # time in s between checks of a condition, because not all changes are notified
+_PERIOD = 0.02  # period in s of the checks of a condition, because some changes notify no waiter
 _REMINDER = 5.0  # time in s between warnings
 
 
@@ -76,7 +76,7 @@ class SourceStream:
         self._answered = False
         self.failure = self._trouble = ''
         self._flows = False  # whether events are being sent
-        self._repeats: list[float] = []  # times in s at which the status is sent again
+        self._repeats: list[float] = []  # times in s at which the status is repeated
 
     def begin(self, source: Source) -> None:
         """Begin a new stream."""
@@ -88,7 +88,7 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` closes a source whose blocking read ends only then.
+        `close` closes the source, if otherwise a blocking read would not end.
         """
         was_running = self._running
         with self._changed:
@@ -98,7 +98,7 @@ class SourceStream:
             close()
         with self._changed:
             if not self._changed.wait_for(lambda: not self._running, _END_PATIENCE):
-                self._node.warn(f'source {self._parameters.source}: a read does not end')
+                self._node.warn(f'source {self._parameters.source}: the last read does not end')
         return was_running
 
     def report(self, state: StreamState, text: str = '') -> None:
@@ -118,7 +118,7 @@ class SourceStream:
                 self._node.warn(trouble)
 
     def on_segmenter_status(self, status: StreamStatus) -> None:
-        """Process the progress that the segmenter reports."""
+        """Update the flow control by the progress of the segmenter."""
         with self._changed:
             if status.stream != self._progress.stream:
                 return
@@ -130,7 +130,7 @@ class SourceStream:
             self._changed.notify_all()
 
     def on_verdict(self) -> None:
-        """Count a verdict."""
+        """Update the flow control by a verdict."""
         with self._changed:
             self._flow.items_judged += 1
             self._changed.notify_all()
@@ -179,7 +179,7 @@ class SourceStream:
             return
         pace, pacer = self._parameters.rate, None
         for event in cut_for_pace(source, rate, pace, self._parameters.block_time):
-            # The first event of a simulation takes some time.
+            # The pace begins here, because a simulation needs some time for its first event.
             pacer = pacer or Pacer(pace, rate, time.monotonic())
             with self._changed:
                 left = max(pacer.due(event) - time.monotonic(), 0.0)
@@ -187,7 +187,7 @@ class SourceStream:
             yield event
 
     def _send(self, event: Event) -> None:
-        """Send an event, and before it the status if that is due again."""
+        """Send an event, and before the event a repetition of the status if it is due."""
         if self._repeats and time.monotonic() > self._repeats[0]:
             del self._repeats[0]
             self.report(StreamState.RUNNING, self._trouble)
@@ -213,12 +213,12 @@ class SourceStream:
         flow = self._flow
 
         def ask(waited: float) -> None:
-            # The segmenter reports its progress with the samples, and also if it gets the status of
-            # the driver.
+            # Without further samples, the segmenter reports its progress only in answer to a status
+            # of the driver.
             if flow.awaits_edges(event, rate):
                 self.report(StreamState.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := flow.give_up_edges()):
-                    self._node.warn(f'{lost} photo-eye edges have not come to the segmenter')
+                    self._node.warn(f'{lost} photo-eye edges have not reached the segmenter')
 
         return self._wait_for(
             lambda: flow.may_send(event, rate), 'segmenter and verdicts to catch up', ask=ask
@@ -279,8 +279,8 @@ class SourceStream:
     ) -> bool:
         """Wait until a condition holds, for at most `patience` s; return False if the stream ends.
 
-        Before each check but the first, `ask` is called with the time in s since the beginning. If
-        `what` is not empty, a warning with this name of the condition is logged every 5 s.
+        After each failed check, `ask` is called with the waiting time in s so far. If `what` is not
+        empty, a warning with this name of the condition is logged every 5 s.
         """
         began = reminded = time.monotonic()
         with self._changed:

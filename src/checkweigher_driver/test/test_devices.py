@@ -37,7 +37,7 @@ def test_a_source_with_eyes_of_its_own_takes_no_others(tmp_path):
         return kind.from_mapping({'count': 1} if kind.node == 'simulator' else {})
 
     assert source_maker('simulator', 'none', read)().paced
-    with pytest.raises(ParameterError, match="'replayed', but the source 'simulator' has eyes"):
+    with pytest.raises(ParameterError, match="the source 'simulator' has its own eyes"):
         source_maker('simulator', 'replayed', read)
     with pytest.raises(ParameterError, match=r"eyes: 'laser' is not one of .*replayed"):
         source_maker('aed', 'laser', read)

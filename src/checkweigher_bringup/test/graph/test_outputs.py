@@ -108,7 +108,7 @@ def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
         line.verdict()
         wait_for(lambda: plc.state(RELEASE) is True, 'the release')
         plc.kill()
-        wait_for(lambda: 'not reached' in line.stops[-1].hint, 'the stop request')
+        wait_for(lambda: 'cannot be reached' in line.stops[-1].hint, 'the stop request')
         assert line.stops[-1].reason == 'DriverTrouble'
         assert not line.reset()  # they still are not reached
         down = line.verdict()
@@ -118,7 +118,7 @@ def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
         assert line.stops[-1].state == StopRequest.STOP
         assert aspect(line.driver, 'Outputs').level == Level.ERROR
         wait_for(lambda: plc.state(RELEASE) is False, 'the outputs')
-        wait_for(lambda: 'not reached' not in line.stops[-1].hint, 'the end of the trouble')
+        wait_for(lambda: 'cannot be reached' not in line.stops[-1].hint, 'the end of the trouble')
         line.verdict_after(time.time_ns())  # nothing changes by itself
         assert plc.state(RELEASE) is False
         wait_for(line.reset, 'the reset')  # it is refused while a trouble lasts

@@ -38,7 +38,7 @@ def check_calibration_file(path: Path) -> None:
     """
     check_not_installed(path)
     if path.is_dir():
-        raise CalibrationError(f'{path}: is a folder, not a file to write to')
+        raise CalibrationError(f'{path}: is a folder, must be a file')
     check_folder_of(path)
     if path.exists():
         read_version(path)
@@ -49,8 +49,8 @@ def check_not_installed(path: Path) -> None:
     for tree in _installed():
         if any(each.is_relative_to(tree) for each in (path.absolute(), path.resolve())):
             raise CalibrationError(
-                f'{path}: lies in the installed packages in {tree}; the next installation would '
-                'replace it, choose a place of the machine, such as /etc/checkweigher'
+                f'{path}: lies in the installed packages in {tree}; choose another folder, such as '
+                '/etc/checkweigher, because the next installation would replace the file'
             )
 
 
@@ -71,7 +71,7 @@ def read_version(path: Path) -> int:
     found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
     if found is None:
         raise CalibrationError(
-            f'{path}: exists already and is no calibration; choose another name for the calibration'
+            f'{path}: exists already and is not a calibration file; choose another name'
         )
     return int(found.group(1))
 
@@ -107,7 +107,7 @@ def write_version(
 
     The previous version is kept as ``NAME.vN.yaml``. Other parameters are copied from the file
     `base` or, by default, from the previous version. Raises CalibrationError or OutputError if the
-    file cannot be written; an existing file then stays.
+    file cannot be written. An existing file is then left unchanged.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -169,7 +169,7 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return the parameters of a source in a parameter file by their names."""
+    """Return the parameters of a source in a parameter file by name."""
     with opened(path) as sections:
         return _values_of(sections, source)
 
@@ -184,15 +184,16 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
 
 
 def check_calibrated_source(source: str) -> None:
-    """Raise CalibrationError if a source has no calibration parameters, as a bag has none."""
+    """Raise CalibrationError if a source, such as a bag, has no calibration parameters."""
     if not {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries()):
-        raise CalibrationError(f'source {source}: has its calibration in its data')
+        raise CalibrationError(f'source {source}: its data contain the calibration')
 
 
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
     """Return counts_per_kg and zero_counts of a source, or None without a calibration file.
 
-    Raises CalibrationError or SettingsError if the file is not a calibration of this source.
+    The result is also None if the source has no such parameters. Raises CalibrationError or
+    SettingsError if the file is not a calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
         return None

@@ -33,7 +33,7 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-# A reading that takes longer than the parameter `patience` by this time in s gets no samples.
+# If a reading takes this time in s longer than the parameter `patience`, no samples arrive.
 _SILENCE = 5.0
 
 # Fields of StaticCalibration and of the response of finish_calibration.
@@ -101,7 +101,7 @@ class CalibrationServices:
         self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Process an event of the stream. The caller holds the lock of the process."""
+        """Add an event of the stream to the reading. The caller holds the lock of the process."""
         if isinstance(event, EyeEdge):
             self._edges[event.eye] = event
         else:
@@ -119,16 +119,16 @@ class CalibrationServices:
                 self._answer((True, f'{reading}; {len(session.points)} read by now', found))
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
-        """Return session and file. Raises an error if the load cell cannot be calibrated now."""
+        """Return session and file. Raises ValueError if the load cell cannot be calibrated now."""
         check_calibrated_source(self._source)
         path = self._parameters.path
         if path is None:
             raise CalibrationError(
-                'calibration.file of the driver is empty; name the file of this machine there'
+                'calibration.file of the driver is empty; set it to the file of this machine'
             )
         check_calibration_file(path)
         if self._session is None:
-            raise CalibrationError('the driver is not active, so no samples come; activate it')
+            raise CalibrationError('the driver is not active, so no samples arrive; activate it')
         return self._session, path
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
@@ -155,14 +155,14 @@ class CalibrationServices:
         except ValueError as error:
             return self._refused(str(error))
         self._waiting = Future()
-        # Another thread sets the result, which does not wake the executor.
+        # Without this call, a result that another thread sets would not wake the executor.
         self._waiting.add_done_callback(lambda _: self._node.executor.wake())
         patience = self._parameters.patience + _SILENCE
         answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
         if answer is None:
             self._waiting = None
             session.reading = None
-            return self._refused('no samples come; check cable and power of the load cell')
+            return self._refused('no samples arrive; check cable and power of the load cell')
         return answer
 
     def _refuse(self, text: str) -> None:
@@ -185,7 +185,7 @@ class CalibrationServices:
         if session is not None:
             self._session = CalibrationSession(session.load_cell, self._parameters.steadiness)
         points = 0 if session is None else len(session.points)
-        response.success, response.message = True, f'{points} readings forgotten'
+        response.success, response.message = True, f'{points} readings discarded'
         return response
 
     async def _on_finish(
@@ -210,7 +210,7 @@ class CalibrationServices:
         response.file, response.version = str(path), version
         trouble = self._restart()
         response.message = f'{_change(session.load_cell, found)}; version {version} of {path}' + (
-            f'; but the driver does not start again: {trouble}' if trouble else ''
+            f'; but the driver cannot restart: {trouble}' if trouble else ''
         )
         self._node.get_logger().info(f'calibration: {response.message}')
         return response
@@ -218,7 +218,7 @@ class CalibrationServices:
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration
     ) -> int:
-        """Write the audit log and then the file; return its version. Raises ValueError."""
+        """Write the audit log, then the file; return its version. Raises ValueError if refused."""
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)
         change = CALIBRATION, ports.LOAD_CELL_INFO.name
@@ -226,7 +226,7 @@ class CalibrationServices:
             raise CalibrationError(reason)
         try:
             if self._session is not session:
-                raise CalibrationError('the stream was started again meanwhile: begin again')
+                raise CalibrationError('the stream was restarted in the meantime: begin again')
             return write_version(path, self._source, found, session.points)
         except ValueError:
             await self._node.change_record.write(*change, asdict(before))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Session of a calibration, in which known masses are read while no product passes."""
+"""Calibration session, in which known masses are read while no product passes."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -27,24 +27,24 @@ _LONGEST = 3600.0  # longest duration of a session in s, because the zero drifts
 
 @dataclass(frozen=True)
 class CalibrationParameters(Parameters):
-    """Calibration file of the machine, and limits of a load at rest."""
+    """Parameters of the calibration file, and of the readings of loads at rest."""
 
     node: ClassVar[str] = 'calibration'
 
     file: str = parameter(
         '',
-        'calibration of this machine: its values override the parameters of the source, and '
-        'the services write it; empty for none',
+        'calibration file of this machine, which overrides the parameters of the source; the '
+        'calibration services write it; empty for none',
     )
     duration: float = parameter(
         5.0, 'time for which each mass is read', unit='s', minimum=0.5, maximum=600
     )
     tolerance: float = parameter(
-        1e-4, 'largest change of a load at rest', unit='kg', minimum=1e-9, maximum=1e6
+        1e-4, 'largest drift and standard error of a reading', unit='kg', minimum=1e-9, maximum=1e6
     )
     patience: float = parameter(
         30.0,
-        'time after which a load that does not come to rest is given up',
+        'time after which the reading of a load that does not come to rest is cancelled',
         unit='s',
         minimum=1,
         maximum=3600,
@@ -54,8 +54,8 @@ class CalibrationParameters(Parameters):
         super().__post_init__()
         if self.patience <= self.duration:
             raise ParameterError(
-                f'calibration.patience: {self.patience:g} s is not above calibration.duration '
-                f'{self.duration:g} s'
+                f'calibration.patience: {self.patience:g} s must be longer than '
+                f'calibration.duration {self.duration:g} s'
             )
 
     @property
@@ -70,7 +70,7 @@ class CalibrationParameters(Parameters):
 
 
 class CalibrationSession:
-    """Session of a calibration. Loads are read one after the other, then `finish` fits the points.
+    """Calibration session. Loads are read one after the other, then `finish` fits the points.
 
     A session is idle if `reading` is None; otherwise it reads a load. `begin` starts to read a
     load. The session is idle again when the load was read, or after an error.
@@ -87,15 +87,15 @@ class CalibrationSession:
     def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
         """Begin to read a load with its mass and uncertainty in kg, both 0 for the empty belt.
 
-        `edges` has the latest edge of each photo-eye. Raises CalibrationError if the load cannot be
-        read now.
+        `edges` contains the latest edge of each photo-eye. Raises CalibrationError if the load
+        cannot be read now.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
         if not (math.isfinite(mass) and math.isfinite(uncertainty) and uncertainty >= 0):
             raise CalibrationError(
-                f'mass {mass:g} kg, uncertainty {uncertainty:g} kg: both must be finite numbers, '
-                'the latter not negative'
+                f'mass {mass:g} kg, uncertainty {uncertainty:g} kg: both must be finite, and the '
+                'uncertainty must not be negative'
             )
         if mass == 0:
             _check_clear(edges)
@@ -103,7 +103,7 @@ class CalibrationSession:
         self.reading = RestReading(self.load_cell, self._steadiness)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
-        """Process an event of the stream; return the reading if it is complete.
+        """Add an event to the reading; return the reading if it is complete.
 
         `now` is the time in s on a monotonic clock. Raises CalibrationError if the load cannot be
         read; no point is then added.
@@ -131,10 +131,10 @@ class CalibrationSession:
     ) -> StaticCalibration:
         """Return the calibration that fits the points.
 
-        `max_residual` is the largest valid residual in kg; if it is 0, all are valid. `edges` has
-        the latest edge of each photo-eye. `stamp` is the stamp of the last block in ns, and `now`
-        is the time in s on the clock of `add`. Raises CalibrationError if the points do not
-        determine a calibration, or if a product may be on the belt.
+        `max_residual` is the largest valid residual in kg; if it is 0, all are valid. `edges`
+        contains the latest edge of each photo-eye. `stamp` is the stamp of the last block in ns,
+        and `now` is the time in s on the clock of `add`. Raises CalibrationError if the points do
+        not determine a calibration, or if a product may be on the belt.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')
@@ -154,9 +154,9 @@ class CalibrationSession:
         found = self._calibration()
         if max_residual > 0 and found.largest_residual > max_residual:
             raise CalibrationError(
-                f'a mass is {GRAMS * found.largest_residual:.3f} g off the line, more than '
-                f'{GRAMS * max_residual:g} g; check the masses and what touches the belt, then '
-                'call cancel_calibration and begin again'
+                f'the largest residual is {GRAMS * found.largest_residual:.3f} g, more than '
+                f'{GRAMS * max_residual:g} g; check the masses, and that nothing touches the belt, '
+                'then call cancel_calibration and begin again'
             )
         return found
 
@@ -165,7 +165,7 @@ class CalibrationSession:
             return calibrate(self.points)
         if len(self.points) > 1:
             raise CalibrationError(
-                'the empty belt was read several times, and no mass; call calibrate_span, or '
+                'only the empty belt was read, and several times; call calibrate_span, or '
                 'cancel_calibration and read it once'
             )
         return zero_only(self.points[0], self.load_cell.counts_per_kg)

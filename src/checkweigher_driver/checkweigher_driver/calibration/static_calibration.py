@@ -27,7 +27,7 @@ _QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to the c
 
 
 class CalibrationError(ValueError):
-    """Error of a calibration that fails or is invalid. The message is one line with the reason."""
+    """Raised if a calibration fails or is invalid. The message is one line with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
     Raises CalibrationError if there are too few samples, or if one is at a limit of the converter.
     """
     if len(counts) < _LEAST_SAMPLES:
-        raise CalibrationError(f'{len(counts)} samples are too few, {_LEAST_SAMPLES} are needed')
+        raise CalibrationError(f'{len(counts)} samples are too few; {_LEAST_SAMPLES} are needed')
     if np.any((counts <= min_counts) | (counts >= max_counts)):
         raise CalibrationError(
             'the converter is at its limit; check overload, load-cell wiring and the range'
@@ -70,7 +70,7 @@ class Steadiness:
     """Limits of a load at rest."""
 
     duration: float = 5.0  # duration of the reading in s
-    tolerance: float = 1e-4  # largest difference in kg between the halves of the reading
+    tolerance: float = 1e-4  # largest drift and standard error of the reading in kg
     patience: float = 60.0  # time in s after which the reading is cancelled
 
 
@@ -130,15 +130,15 @@ class RestReading:
         if self._gaps:
             return (
                 f'samples were lost {self._gaps} times in {wanted.patience:g} s; check the cable '
-                'of the load cell and the load on the machine'
+                'of the load cell and the CPU load of this computer'
             )
         assert self.latest is not None
         per_gram = abs(self._load_cell.counts_per_kg) / GRAMS
         return (
-            f'the load did not come to rest within {wanted.patience:g} s: the halves of '
-            f'{wanted.duration:g} s differ by {self.latest.drift / per_gram:.3f} g, its mean is '
-            f'known to {self.latest.std_error / per_gram:.3f} g, and both must be within '
-            f'{GRAMS * wanted.tolerance:g} g; check for wind, vibration and what touches the belt'
+            f'the load did not come to rest within {wanted.patience:g} s: in {wanted.duration:g} s '
+            f'it drifts by {self.latest.drift / per_gram:.3f} g with a standard error of '
+            f'{self.latest.std_error / per_gram:.3f} g, and both must be within '
+            f'{GRAMS * wanted.tolerance:g} g; check for wind, vibration and contact with the belt'
         )
 
 
@@ -180,7 +180,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     if np.any(of_readings < 0) or np.any(of_masses < 0):
         raise CalibrationError('an uncertainty is negative')
     if len(np.unique(masses)) < 2:
-        raise CalibrationError('at least two different masses are needed, one may be none')
+        raise CalibrationError('two different masses are needed; one may be the empty belt')
     of_readings = np.maximum(of_readings, _QUANTISATION)
     slope, _ = np.polyfit(masses, readings, 1)
     for _ in range(_ITERATIONS):
@@ -192,7 +192,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:
         raise CalibrationError(
-            'the readings hardly differ between the masses; check that they rest on the belt, and '
+            'the readings of the masses hardly differ; check that the masses rest on the belt, and '
             'the load-cell wiring'
         )
     return StaticCalibration(

@@ -4,7 +4,8 @@
 
 The file is on the disk before the belt may run, so the next start detects that the driver was
 killed or lost its power while items may have been on the belt. The names of the items need not
-survive a power cut. A separate thread writes them, so that the outputs never wait for a disk.
+survive a power cut. A separate thread writes them, so that the outputs do not wait for the disk
+while the belt runs.
 
 An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
 record, the record was lost, and the belt may have run. If neither file exists, the driver starts
@@ -24,9 +25,9 @@ import zlib
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file, sync_folder
 
-_SIZE = 16_384  # bytes that are allocated at the start, because the disk may be full later
+_SIZE = 16_384  # size of the file in bytes, allocated first, because the disk may be full later
 _NAME = 'rejector.record'
-# Record of an empty belt that an earlier version has written without a checksum.
+# Record of an empty belt from an earlier version, which wrote no checksum.
 _EMPTY_BEFORE = b'[false, [], []]'
 
 
@@ -34,9 +35,9 @@ _EMPTY_BEFORE = b'[false, [], []]'
 class OnBelt:
     """State of the belt.
 
-    `released` is true if the belt may have run since it was known to be empty. `items` has the
-    names of the items on the belt. `doubts` has the texts on missed products for which no person
-    has looked yet.
+    `released` is true if the belt may have run since it was known to be empty. `items` contains the
+    names of the items on the belt. `doubts` contains the messages on missed products for which no
+    person has looked yet.
     """
 
     released: bool = False
@@ -45,10 +46,7 @@ class OnBelt:
 
     @classmethod
     def of_line(cls, data: bytes) -> Self:
-        """Return the state in the first line of a record.
-
-        If the checksum is wrong, the record is damaged, and the belt may have run.
-        """
+        """Return the state in the first line of a record; a damaged record means `released`."""
         line = data.split(b'\n', 1)[0]
         if line == _EMPTY_BEFORE:
             return cls()
@@ -60,18 +58,19 @@ class OnBelt:
         return cls(released=True)
 
     def line(self) -> bytes:
-        """Return the state as a line of a record with a line end."""
+        """Return the state as a line of a record, with its line end."""
         text = json.dumps(astuple(self)).encode()
         return b'%08x %s\n' % (zlib.crc32(text), text)
 
     def to_look_for(self) -> tuple[str, ...]:
-        """Return the texts on products for which a person has to look at the next start."""
+        """Return the messages on products for which a person has to look at the next start."""
         if not self.released:
             return self.doubts
         known = f'{", ".join(self.items)}, and ' if self.items else ''
         return (
             *self.doubts,
-            f'the line did not end with an empty belt: look for {known}what has entered since',
+            'the belt may not have been empty at the end of the last run: look for '
+            f'{known}products that have entered since',
         )
 
 
@@ -87,10 +86,10 @@ class BeltRecord:
         try:
             self.found = self._open()
         except OSError as error:
-            taken = 'another driver has it, and so these outputs'
+            taken = 'another driver uses this file and its outputs'
             why = taken if isinstance(error, BlockingIOError) else error.strerror or error
             raise ParameterError(
-                f'{_NAME}: {str(path)!r}: {why}; must be a file that outlives this process'
+                f'{_NAME}: {str(path)!r}: {why}; must be a file that is kept over a restart'
             ) from None
         self._kept = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
@@ -110,7 +109,7 @@ class BeltRecord:
                 sync_folder(folder.parent)
         except OSError as error:
             if created and not isinstance(error, BlockingIOError):
-                path.unlink()  # an empty record would be a damaged record at the next start
+                path.unlink()  # at the next start, an empty record would count as damaged
             os.close(self._file)
             raise
         return found
@@ -125,12 +124,12 @@ class BeltRecord:
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        with suppress(PermissionError):  # this user cannot remove the record, either
+        with suppress(PermissionError):  # without this permission, no user can lose the record
             begun.touch()
         return found
 
     def keep(self, belt: OnBelt) -> None:
-        """Write the state of the belt. Before the belt runs, wait for the disk.
+        """Write the state of the belt. If the belt starts, wait until the state is on the disk.
 
         Raises OSError if the state cannot be written; the belt must then not run.
         """
@@ -162,7 +161,7 @@ class BeltRecord:
 
 
 def record_path(wanted: str, machine: str) -> Path:
-    """Return the path `wanted` or, if it is empty, a path with the name of the outputs."""
+    """Return the path `wanted` or, if it is empty, a path named after the outputs `machine`."""
     if wanted:
         return Path(wanted)
     try:

@@ -44,7 +44,7 @@ class ClockStepWatch:
         self.steps = 0
 
     def look(self) -> int | None:
-        """Return monotonic time minus real time in ns, or None for a while after a step.
+        """Return monotonic time minus real time in ns, or None in the first 10 s after a step.
 
         The method must be called often, because two opposite steps between two calls are not
         detected.

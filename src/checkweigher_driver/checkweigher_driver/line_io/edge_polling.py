@@ -26,11 +26,11 @@ class Poll:
 class EdgePolling:
     """Detector of edges in polls of the photo-eyes. All times are in ns.
 
-    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A long time
-    without polls, in which a product may have passed, also counts as a loss. The longest allowed
-    time without polls is the time for which the last product covered an eye, but at least twice
-    `max_uncertainty` and at most `longest_gap`. `delay` is the time from an edge to the first poll
-    that can show it.
+    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A time without
+    polls in which a product may have passed also counts as a loss. The longest allowed time without
+    polls is the shorter of the times for which the last product covered the two eyes, but at least
+    twice `max_uncertainty` and at most `longest_gap`. `delay` is the time from an edge to the first
+    poll that can show it.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -46,9 +46,9 @@ class EdgePolling:
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Add a poll; return the edges or the loss of the eyes since the previous poll.
+        """Add a poll; return the edges, the loss or the return of the eyes since the previous poll.
 
-        `to_stamp` is the difference in ns between stamps and the times of the polls.
+        `to_stamp` is a stamp minus the simultaneous time of a poll, in ns.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay
@@ -91,7 +91,7 @@ class EdgePolling:
         return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Process a failed poll; return the loss of the eyes if the previous poll succeeded."""
+        """Return the loss of the eyes after a failed poll, or nothing if they were lost before."""
         if self._lost:
             return []
         self._lost = True
@@ -103,8 +103,8 @@ class EdgePolling:
     def figures(self) -> dict[str, float]:
         """Return values for the diagnostics.
 
-        ``edge uncertainty`` is computed from the mean period and round-trip time. ``largest edge
-        uncertainty`` is the maximum over all edges.
+        ``edge uncertainty ms`` is computed from the mean period and round-trip time. ``largest edge
+        uncertainty ms`` is the maximum over all edges.
         """
         polls = max(self._polls, 1)
         period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Photo-eyes, outputs and inputs on GPIO lines of a Linux machine, with stamps of the kernel."""
+"""Photo-eyes, outputs and inputs on GPIO lines of a Linux computer. The kernel stamps the edges."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -40,15 +40,15 @@ class GpioEyesParameters(Parameters):
 
     node: ClassVar[str] = 'gpio'
 
-    chip: str = parameter('/dev/gpiochip0', 'device of the chip')
-    infeed: int = parameter(0, 'offset of the line of the infeed eye', minimum=0)
-    outfeed: int = parameter(1, 'offset of the line of the outfeed eye', minimum=0)
-    infeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
-    outfeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
+    chip: str = parameter('/dev/gpiochip0', 'device file of the GPIO chip')
+    infeed: int = parameter(0, 'line offset of the infeed eye', minimum=0)
+    outfeed: int = parameter(1, 'line offset of the outfeed eye', minimum=0)
+    infeed_active_low: bool = parameter(False, 'whether the line is low while the eye is blocked')
+    outfeed_active_low: bool = parameter(False, 'whether the line is low while the eye is blocked')
     bias: str = parameter('as_is', 'bias of both lines', choices=tuple(_BIASES))
     debounce: float = parameter(
         0.0,
-        'for which a line has to keep its state, done by the kernel; edges come later by it',
+        'debounce time of the kernel, by which all edges are delayed',
         unit='s',
         minimum=0,
         maximum=1,
@@ -57,14 +57,14 @@ class GpioEyesParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.infeed == self.outfeed:
-            raise ParameterError(f'gpio.outfeed: {self.outfeed} is the infeed eye as well')
+            raise ParameterError(f'gpio.outfeed: {self.outfeed} is also the line of the infeed eye')
 
 
 class EdgeOrder:
     """Conversion of kernel events to edges, with detection of lost events.
 
     The kernel numbers the events from 1, and drops the oldest event if its buffer is full. `eyes`
-    has the photo-eye of each line by the offset of the line.
+    maps the offset of each line to its photo-eye.
     """
 
     def __init__(self, eyes: dict[int, Eye]) -> None:
@@ -74,7 +74,7 @@ class EdgeOrder:
         self.lost = 0
 
     def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
-        """Return the edge of an event, after a loss of the eyes if earlier events were lost."""
+        """Return the edge of an event, preceded by a loss of the eyes if events were lost."""
         missing = event.global_seqno - self._next
         since = self._last_stamp
         self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
@@ -82,7 +82,7 @@ class EdgeOrder:
         if missing <= 0:
             return [edge]
         self.lost += missing
-        text = f'{missing} edges of the photo-eyes were lost: the machine did not keep up'
+        text = f'{missing} edges of the photo-eyes were lost, because the computer was too slow'
         return [EyesLost(since, text), EyesBack(event.timestamp_ns - 1), edge]
 
 
@@ -104,18 +104,18 @@ class GpioEyes(EdgeSource):
         self._edges = 0
 
     def figures(self) -> dict[str, float]:
-        """Return the numbers of edges and of lost edges."""
+        """Return the numbers of received and lost edges."""
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges until `close`. Raises OSError if the chip disappears."""
+        """Yield edges and losses of edges until `close`. Raises OSError if the chip disappears."""
         with self._request:
             while not self._closing.is_set():
                 try:
                     ready = self._request.wait_edge_events(_WAIT)
                     events = self._request.read_edge_events() if ready else []
                 except OSError as error:
-                    self.trouble = f'the photo-eyes are not read: gpio: {error.strerror or error}'
+                    self.trouble = f'the photo-eyes cannot be read: gpio: {error.strerror or error}'
                     raise
                 for event in events:
                     self._edges += 1
@@ -124,35 +124,34 @@ class GpioEyes(EdgeSource):
 
 @dataclass(frozen=True)
 class GpioOutputParameters(Parameters):
-    """Parameters of the GPIO lines of the outputs, and of the belt input."""
+    """Parameters of the GPIO lines of the outputs and the belt input."""
 
     node: ClassVar[str] = 'gpio_outputs'
 
-    chip: str = parameter('/dev/gpiochip0', 'device of the chip')
-    reject: int = parameter(2, 'offset of the line of the rejector', minimum=0)
-    reject_active_low: bool = parameter(False, 'the line is low while the rejector acts')
-    stop: int = _line('offset of the line of the stop request; -1 for none')
+    chip: str = parameter('/dev/gpiochip0', 'device file of the GPIO chip')
+    reject: int = parameter(2, 'line offset of the rejector', minimum=0)
+    reject_active_low: bool = parameter(False, 'whether the output is low while the rejector acts')
+    stop: int = _line('line offset of the stop output; -1 for none')
     stop_active_low: bool = parameter(
-        True, 'the line is high while the line may run, so that a dead wire stops it'
+        True, 'whether the stop output is low during a stop; if true, a broken wire stops the belt'
     )
     permit: int = _line(
-        'offset of the line that is high while an accepted product passes the rejector; -1 for none'
+        'line offset of the output that is high while an accepted product passes the rejector; '
+        '-1 for none'
     )
     stations: tuple[float, ...] = parameter(
-        (),
-        'offsets of the lines of the stations beside the rejector, in the order of reject.stations',
-        minimum=0,
+        (), 'line offsets of the sorting stations, in the order of reject.stations', minimum=0
     )
-    heartbeat: int = _line('offset of the line that changes with each cycle; -1 for none')
-    belt: int = _line('offset of an input that is on while the belt runs; -1 for none')
-    belt_active_low: bool = parameter(False, 'that input is low while the belt runs')
+    heartbeat: int = _line('line offset of the output that changes in each cycle; -1 for none')
+    belt: int = _line('line offset of the input that is on while the belt runs; -1 for none')
+    belt_active_low: bool = parameter(False, 'whether the belt input is low while the belt runs')
 
     def __post_init__(self) -> None:
         super().__post_init__()
         lines = self.reject, self.stop, self.permit, self.heartbeat, self.belt, *self.station_lines
         if max(Counter(line for line in lines if line >= 0).values()) > 1:
             raise ParameterError(
-                'gpio_outputs: reject, stop, permit, stations, heartbeat and belt have to be '
+                'gpio_outputs: reject, stop, permit, stations, heartbeat and belt must be '
                 'different lines'
             )
 
@@ -231,17 +230,17 @@ class GpioInputParameters(InputParameters):
 
     node: ClassVar[str] = 'gpio_inputs'
 
-    chip: str = parameter('/dev/gpiochip0', 'device of the chip')
-    bias: str = parameter('as_is', 'bias of the lines', choices=tuple(_BIASES))
+    chip: str = parameter('/dev/gpiochip0', 'device file of the GPIO chip')
+    bias: str = parameter('as_is', 'bias of all lines', choices=tuple(_BIASES))
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if min(self.wiring().values()) < 0:
-            raise ParameterError('gpio_inputs: offsets of lines are 0 or more')
+            raise ParameterError('gpio_inputs: line offsets must be 0 or more')
 
 
 class GpioInputs(InputPort):
-    """Machine inputs on GPIO lines, whose readings are stamped by the kernel."""
+    """Machine inputs on GPIO lines, whose edges are stamped by the kernel."""
 
     parameters = GpioInputParameters
 
@@ -263,7 +262,7 @@ class GpioInputs(InputPort):
         self._levels = {}
 
     def read(self) -> list[Reading]:
-        """Return a reading for each edge since the last call, or one reading without edges."""
+        """Return a reading for each edge since the last call, or one reading if there is none."""
         if not self._levels or not self._lines.wait_edge_events(_WAIT):
             values = self._lines.get_values(list(self._names))
             on = (value is Value.ACTIVE for value in values)
@@ -306,7 +305,7 @@ def _request(chip: str, settings: _Settings, node: str) -> gpiod.LineRequest:
     except PermissionError:
         why = 'no permission; add the user to the group that owns the device'
     except OSError as error:
-        why = f'{error.strerror or error}; gpiodetect and gpioinfo show chips and lines in use'
+        why = f'{error.strerror or error}; list chips and used lines with gpiodetect and gpioinfo'
     except ValueError as error:
         why = str(error)
     raise ParameterError(f'{node}.chip: {chip}: {why}')

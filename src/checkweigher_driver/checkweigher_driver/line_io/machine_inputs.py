@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Machine inputs: rejects of inspection devices, guards, air pressure, bins.
+"""Machine inputs: rejects and readiness of inspection devices, guards, air pressure, bins.
 
 The input of a metal detector, X-ray or vision inspection is on while the device rejects an item.
 The other inputs are on while the guards are closed, the air pressure suffices, the bins have room
-and the inspection devices are ready. A broken wire therefore stops the line.
+and the inspection devices are ready. A broken wire of one of them therefore stops the line.
 """
 
 from abc import ABC, abstractmethod
@@ -37,21 +37,22 @@ InputEvent = ExternalReject | MachineConditions
 
 @dataclass(frozen=True)
 class InputParameters(Parameters):
-    """Parameters of the machine inputs, which are addresses (Modbus) or offsets (GPIO)."""
+    """Parameters of the machine inputs. An input is an address (Modbus) or a line offset (GPIO)."""
 
-    metal: int = _input('input that is on while the metal detector rejects; -1 for none')
-    xray: int = _input('input that is on while the X-ray inspection rejects; -1 for none')
-    vision: int = _input('input that is on while the vision inspection rejects; -1 for none')
-    guards: tuple[float, ...] = parameter((), 'inputs that are on while guards are closed')
-    air: tuple[float, ...] = parameter((), 'inputs that are on while there is enough air')
-    bins: tuple[float, ...] = parameter((), 'inputs that are on while reject bins have room')
+    metal: int = _input('input that is on while the metal detector rejects an item; -1 for none')
+    xray: int = _input('input that is on while the X-ray inspection rejects an item; -1 for none')
+    vision: int = _input('input that is on while the vision system rejects an item; -1 for none')
+    guards: tuple[float, ...] = parameter((), 'inputs that are on while the guards are closed')
+    air: tuple[float, ...] = parameter((), 'inputs that are on while the air pressure suffices')
+    bins: tuple[float, ...] = parameter((), 'inputs that are on while the reject bins have room')
     inspections: tuple[float, ...] = parameter(
-        (), 'inputs that are on while inspection devices are ready'
+        (), 'inputs that are on while the inspection devices are ready'
     )
-    inverted: str = parameter('', 'inputs that are inverted, such as "metal bins"')
+    inverted: str = parameter('', 'names of the inverted inputs, such as "metal bins"')
     bin_time: float = parameter(
         1.0,
-        'time for which a bin has no room before it counts as full: products fall past',
+        'time for which a bin input is off before the bin counts as full; shorter times are '
+        'products that fall past the sensor',
         unit='s',
         minimum=0,
         maximum=60,
@@ -65,12 +66,12 @@ class InputParameters(Parameters):
                 raise ParameterError(f'{self.node}.inverted: {name!r} is not one of {known}')
         addresses = list(self.wiring().values())
         if not addresses:
-            raise ParameterError(f'{self.node}: names no input')
+            raise ParameterError(f'{self.node}: no input is given')
         if len(set(addresses)) < len(addresses):
-            raise ParameterError(f'{self.node}: two inputs have one address')
+            raise ParameterError(f'{self.node}: two inputs have the same address')
 
     def wiring(self) -> dict[str, int]:
-        """Return the address of each input by its name."""
+        """Return the addresses of the inputs by name."""
         single = {name: int(getattr(self, name)) for name in DEVICES}
         several = {
             f'{name}[{number}]': int(address)
@@ -80,7 +81,7 @@ class InputParameters(Parameters):
         return {n: address for n, address in single.items() if address != _NONE} | several
 
     def is_inverted(self, name: str) -> bool:
-        """Return whether an input is inverted."""
+        """Return whether the input of a name is inverted."""
         return name.partition('[')[0] in self.inverted.split()
 
 
@@ -94,7 +95,7 @@ class Reading(NamedTuple):
 class InputWatch:
     """Detector of new rejects and conditions in the readings of the inputs.
 
-    A full bin is reported after `bin_time` in s.
+    A bin is reported as full when its input has been off for `bin_time` in s.
     """
 
     def __init__(self, bin_time: float) -> None:
@@ -105,7 +106,7 @@ class InputWatch:
         self.rejects = 0
 
     def take(self, reading: Reading) -> list[InputEvent]:
-        """Process a reading; return new external rejects, and the conditions if they changed."""
+        """Add a reading; return new external rejects, and the conditions if they have changed."""
         stamp, levels = reading
         on = {name for name in DEVICES if levels.get(name)}
         events: list[InputEvent] = [
@@ -132,7 +133,7 @@ class InputWatch:
         )
 
     def lose(self, stamp: int) -> list[InputEvent]:
-        """Process a failed reading at `stamp` in ns; return the conditions if they changed."""
+        """Return unknown conditions after a failed reading, unless they were unknown before."""
         if self._reported is not None and not self._reported.known:
             return []
         self._reported = MachineConditions(stamp, False)
@@ -156,7 +157,7 @@ class InputPort(ABC):
 
     @abstractmethod
     def read(self) -> list[Reading]:
-        """Return one or more readings, after a wait of at most some tenths of a second."""
+        """Return one or more readings. The call may block for some tenths of a second."""
 
     @abstractmethod
     def close(self) -> None:
@@ -206,7 +207,7 @@ class MachineInputs:
                         for event in self._watch.take(reading):
                             send(event)
             except (OSError, ValueError) as error:
-                self.trouble = f'the machine inputs are not read: {error}'
+                self.trouble = f'the machine inputs cannot be read: {error}'
                 for event in self._watch.lose(time.time_ns()):
                     send(event)
                 port.close()
@@ -228,5 +229,5 @@ class MachineInputs:
             ),
         )
         return conclude(
-            'Machine inputs', 'all is well', concerns, {'external_rejects': self._watch.rejects}
+            'Machine inputs', 'all are on', concerns, {'external_rejects': self._watch.rejects}
         )

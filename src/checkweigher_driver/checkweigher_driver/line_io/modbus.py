@@ -29,20 +29,20 @@ _delay = partial(parameter, unit='s', minimum=0, maximum=1)
 class _DeviceParameters(Parameters):
     """Parameters of the connection to a Modbus device."""
 
-    host: str = parameter('localhost', 'name or address of the device')
+    host: str = parameter('localhost', 'host name or IP address of the device')
     port: int = parameter(502, 'TCP port of the device', minimum=1, maximum=65535)
-    device_id: int = parameter(1, 'unit of the device behind a gateway', minimum=0, maximum=255)
+    device_id: int = parameter(1, 'unit identifier of the device', minimum=0, maximum=255)
     timeout: float = parameter(
-        0.2, 'longest time for connecting and for each answer', unit='s', minimum=0.01, maximum=60
+        0.2, 'longest wait for a connection or an answer', unit='s', minimum=0.01, maximum=60
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.host.strip():
-            raise ParameterError(f'{self.node}.host: empty, must name the device')
+            raise ParameterError(f'{self.node}.host: empty, must be the host name of the device')
 
     def link(self) -> ModbusLink:
-        """Return a link to the device. It is not connected yet."""
+        """Return a link to the device, which is not connected yet."""
         return ModbusLink(self.host, self.port, self.device_id, self.timeout)
 
 
@@ -52,42 +52,45 @@ class ModbusEyesParameters(_DeviceParameters):
 
     node: ClassVar[str] = 'modbus'
 
-    inputs: str = parameter('discrete', 'discrete inputs or coils', choices=('discrete', 'coil'))
+    inputs: str = parameter('discrete', 'kind of the inputs', choices=('discrete', 'coil'))
     infeed: int = _address(0, 'address of the infeed eye')
     outfeed: int = _address(1, 'address of the outfeed eye')
-    infeed_inverted: bool = parameter(False, 'the input is on while the eye is clear')
-    outfeed_inverted: bool = parameter(False, 'the input is on while the eye is clear')
-    poll_period: float = _delay(0.002, 'time from one reading of the eyes to the next')
-    delay: float = _delay(0.0, 'delay of an input by filter and cycle')
+    infeed_inverted: bool = parameter(False, 'whether the input is on while the eye is clear')
+    outfeed_inverted: bool = parameter(False, 'whether the input is on while the eye is clear')
+    poll_period: float = _delay(0.002, 'period of the polls')
+    delay: float = _delay(0.0, 'mean delay of an input by its filter and the cycle of the PLC')
     max_uncertainty: float = _delay(
         0.01,
-        'largest uncertainty of the time of an edge; more counts as eyes lost',
+        'largest uncertainty of the time of an edge; a less certain edge is a loss of the eyes',
         minimum=1e-4,
     )
     longest_gap: float = _delay(
         0.05,
-        'longest time without a reading; after it a product may have passed unseen',
+        'longest time without a poll; a longer time is a loss of the eyes, because a product may '
+        'have passed',
         minimum=1e-3,
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.infeed == self.outfeed:
-            raise ParameterError(f'modbus.outfeed: {self.outfeed} is the infeed eye as well')
+            raise ParameterError(
+                f'modbus.outfeed: {self.outfeed} is also the address of the infeed eye'
+            )
         if abs(self.infeed - self.outfeed) >= _MAX_INPUTS:
             raise ParameterError(
-                f'modbus.outfeed: {self.outfeed} is {_MAX_INPUTS} or more from the infeed eye at '
+                f'modbus.outfeed: {self.outfeed} is {_MAX_INPUTS} or more addresses from infeed '
                 f'{self.infeed}; one request cannot read both'
             )
         if self.poll_period / 2 > self.max_uncertainty:
             raise ParameterError(
-                f'modbus.poll_period: {self.poll_period:g} s makes every edge less certain than '
-                f'max_uncertainty {self.max_uncertainty:g} s'
+                f'modbus.poll_period: half of {self.poll_period:g} s is more than max_uncertainty '
+                f'{self.max_uncertainty:g} s'
             )
 
 
 class ModbusEyes(EdgeSource):
-    """Photo-eyes that are polled. The eyes count as lost while the device cannot be reached."""
+    """Polled photo-eyes. The eyes count as lost while the device cannot be reached."""
 
     parameters = ModbusEyesParameters
     trouble = 'the photo-eyes have not been read yet'
@@ -103,7 +106,7 @@ class ModbusEyes(EdgeSource):
         super().__init__(parameters)
 
     def figures(self) -> dict[str, float]:
-        """Return values on the polls for the diagnostics."""
+        """Return figures on the polls for the diagnostics."""
         return self._polling.figures()
 
     def events(self) -> Iterator[EyeEvent]:
@@ -115,7 +118,7 @@ class ModbusEyes(EdgeSource):
                     self._link.connect()
                     poll = self._poll()
                 except ModbusLinkError as error:
-                    self.trouble = f'the photo-eyes are not read: {error}'
+                    self.trouble = f'the photo-eyes cannot be read: {error}'
                     yield from self._polling.lose(begin, _to_stamp(), self.trouble)
                     self._closing.wait(RETRY_TIME)
                     continue
@@ -154,22 +157,22 @@ class ModbusOutputParameters(_DeviceParameters):
     node: ClassVar[str] = 'modbus_outputs'
 
     reject: int = _address(0, 'coil of the rejector')
-    reject_inverted: bool = parameter(False, 'the coil is off while the rejector acts')
-    stop: int = _optional_address('coil of the stop request; -1 for none')
+    reject_inverted: bool = parameter(False, 'whether the coil is off while the rejector acts')
+    stop: int = _optional_address('coil of the stop output; -1 for none')
     stop_inverted: bool = parameter(
-        True, 'the coil is on while the line may run, so that a dead wire stops it'
+        True, 'whether the coil is off during a stop; if true, a broken wire stops the belt'
     )
     permit: int = _optional_address(
         'coil that is on while an accepted product passes the rejector; -1 for none'
     )
     stations: tuple[float, ...] = _address(
-        (), 'coils of the stations beside the rejector, in the order of reject.stations'
+        (), 'coils of the sorting stations, in the order of reject.stations'
     )
     watchdog: int = _optional_address(
-        'holding register that counts up with each cycle; -1 for none'
+        'holding register that is incremented in each cycle; -1 for none'
     )
     belt: int = _optional_address('discrete input that is on while the belt runs; -1 for none')
-    belt_inverted: bool = parameter(False, 'the input is on while the belt stands')
+    belt_inverted: bool = parameter(False, 'whether the belt input is off while the belt runs')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -180,7 +183,7 @@ class ModbusOutputParameters(_DeviceParameters):
             *(('stations', coil, 'another station') for coil in self.station_coils),
         ):
             if coil in used:
-                raise ParameterError(f'modbus_outputs.{name}: coil {coil} is {used[coil]} as well')
+                raise ParameterError(f'modbus_outputs.{name}: coil {coil} is also {used[coil]}')
             if coil >= 0:
                 used[coil] = what
 
@@ -255,26 +258,26 @@ class ModbusInputParameters(_DeviceParameters, InputParameters):
 
     node: ClassVar[str] = 'modbus_inputs'
 
-    inputs: str = parameter('discrete', 'discrete inputs or coils', choices=('discrete', 'coil'))
+    inputs: str = parameter('discrete', 'kind of the inputs', choices=('discrete', 'coil'))
     poll_period: float = _delay(
-        0.005, 'time from one reading to the next; a reject has to last longer', maximum=0.2
+        0.005, 'period of the polls; a reject signal must last longer', maximum=0.2
     )
-    delay: float = _delay(0.0, 'delay of an input by filter and cycle')
+    delay: float = _delay(0.0, 'mean delay of an input by its filter and the cycle of the PLC')
 
     def __post_init__(self) -> None:
         super().__post_init__()
         addresses = self.wiring().values()
         if not 0 <= min(addresses) <= max(addresses) <= _LAST_ADDRESS:
-            raise ParameterError(f'modbus_inputs: addresses are 0..{_LAST_ADDRESS}')
+            raise ParameterError(f'modbus_inputs: addresses must be 0..{_LAST_ADDRESS}')
         if max(addresses) - min(addresses) >= _MAX_INPUTS:
             raise ParameterError(
                 f'modbus_inputs: {min(addresses)} to {max(addresses)} are more than {_MAX_INPUTS} '
-                'inputs; one request cannot read all'
+                'addresses; one request cannot read all'
             )
 
 
 class ModbusInputs(InputPort):
-    """Machine inputs that are polled by one request."""
+    """Machine inputs that are polled with one request."""
 
     parameters = ModbusInputParameters
 

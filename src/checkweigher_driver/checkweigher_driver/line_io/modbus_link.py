@@ -9,20 +9,20 @@ from typing import Any
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-# pymodbus would log every refused connection in addition to the raised error.
+# Otherwise pymodbus would log every refused connection in addition to the raised error.
 logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
 
 
 class ModbusLinkError(ValueError):
-    """Error of a request without a valid answer. The message is one line with the reason."""
+    """Raised if a connection or a request fails. The message is one line with the reason."""
 
 
 class ModbusLink:
     """Connection to one device. Only one thread uses it.
 
     `device_id` is the Modbus unit identifier. `timeout` is the longest wait in s for a connection
-    and for each answer. All requests raise ModbusLinkError. After an error the connection is
-    closed, because a late answer could be taken for the answer to the next request.
+    and for each answer. A request without a valid answer raises ModbusLinkError. The connection is
+    then closed, because a late answer could be taken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
@@ -36,11 +36,11 @@ class ModbusLink:
         if not self._client.connect():
             raise ModbusLinkError(
                 f'{self._name}: no connection within {self._timeout:g} s; check cable, address and '
-                'whether the device runs'
+                'power of the device'
             )
 
     def read_inputs(self, kind: str, addresses: Collection[int]) -> dict[int, bool]:
-        """Return the states of discrete inputs or coils by address, read by one request.
+        """Return the states of discrete inputs or coils by address, read with one request.
 
         `kind` is ``discrete`` or ``coil``.
         """
@@ -57,13 +57,13 @@ class ModbusLink:
         return {each: bits[each - address] for each in addresses}
 
     def write_coil(self, address: int, value: bool) -> None:
-        """Set a coil."""
+        """Write a coil."""
         self._ask(
             self._client.write_coil, address, f'coil {address} cannot be written', value=value
         )
 
     def write_register(self, address: int, value: int) -> None:
-        """Set a holding register."""
+        """Write a holding register."""
         what = f'register {address} cannot be written'
         self._ask(self._client.write_register, address, what, value=value)
 
@@ -82,8 +82,8 @@ class ModbusLink:
         if answer.isError():
             self.close()
             raise ModbusLinkError(
-                f'{self._name}: {what}: the device refuses, exception code '
-                f'{getattr(answer, "exception_code", "unknown")}; check address and device id'
+                f'{self._name}: {what}: refused by the device, exception code '
+                f'{getattr(answer, "exception_code", "unknown")}; check address and device_id'
             )
         return answer
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs of the machine, such as rejector and stop, which a thread switches in time."""
+"""Outputs of the machine, such as rejector and stop, which a thread switches."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -55,11 +55,12 @@ class OutputPort(ABC):
 class MachineOutputs:
     """Outputs that reject items at the times in their verdicts, and stop the line.
 
-    In the safe state the rejector is in the state of the parameter `safe_state`, and the stop
-    output is set. The outputs are in the safe state from `open` until `activate`, and after `safe`
-    or `close`. The stop output is also set without a fresh permission to run, after a product that
-    the rejector may have missed, and if an earlier run left items on the belt. The last two causes
-    hold until `reset`, or until the stop request that shows the product is reset.
+    In the safe state the rejector has the state of the parameter `safe_state`, and the stop output
+    is set. The outputs are in the safe state from `open` until `activate`, and after `safe` or
+    `close`. The stop output is also set during a fault, without a fresh permission to run, after a
+    product that the rejector may have missed, and if the previous run may have left items on the
+    belt. The last two causes hold until `reset`, or until a stop request that shows the product is
+    reset.
 
     A thread opens the port, and opens it again after an error. If `port` is None, the machine has
     no outputs.
@@ -87,10 +88,10 @@ class MachineOutputs:
         return not self._port_trouble
 
     def trouble_with(self, source: str) -> str:
-        """Return the text for the stop request in one line, or an empty string without a fault.
+        """Return the one-line text of a new stop request, or '' if no new one is needed.
 
-        `source` is the present fault of load cell and photo-eyes. The text names each fault and
-        also the missed products, because it replaces the text of an earlier stop request.
+        `source` is the present fault of the source or the inputs. The text contains each fault and
+        also the missed products, because it replaces the text of the previous stop request.
         """
         with self._changed:
             missed = self._control.missed
@@ -112,7 +113,7 @@ class MachineOutputs:
             **{name.replace(' ', '_'): value for name, value in self._control.figures.items()},
             'belt_runs': {None: 'unknown', True: 'yes', False: 'no'}[self._control.motion.measured],
         }
-        return conclude('Outputs', 'switched as told', concerns, values)
+        return conclude('Outputs', 'switched in time', concerns, values)
 
     def activate(self) -> None:
         """Leave the safe state."""
@@ -125,7 +126,7 @@ class MachineOutputs:
             control.make_safe()
 
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
-        """Process a record of the line. None means that the stop request was reset."""
+        """Update the outputs by a record of the line, or by None after a reset stop request."""
         now = time.monotonic_ns()
         with self._change() as control:
             match record:
@@ -143,7 +144,7 @@ class MachineOutputs:
                     control.verdict(record, now)
 
     def reset(self) -> str:
-        """Release the stop after missed products; return the text on these products."""
+        """Release the stop after missed products; return the message on these products."""
         with self._change() as control:
             missed = control.missed.text
             control.missed.take(LatchEvent.RESET)
@@ -153,13 +154,13 @@ class MachineOutputs:
         """Start the thread that opens and switches the outputs.
 
         The thread calls `held` in each cycle. `held` returns whether the line has to stop because
-        of a fault of load cell or photo-eyes. Raises `ParameterError` if the file with the state of
-        the belt cannot be written.
+        of a fault of the source or the inputs. Raises `ParameterError` if the file with the state
+        of the belt cannot be used.
         """
         if self._port is None or self.is_open:
             return
         if self._thread is not None:
-            self._thread.join()  # the previous thread may still wait for an answer of the device
+            self._thread.join()  # the previous thread may still be waiting for the device
         port, wanted = self._port, self._parameters
         record = BeltRecord(record_path(wanted.record, port.name))
         self._control = RejectorControl(wanted, permits=port.permits, stations=port.stations)
@@ -192,7 +193,7 @@ class MachineOutputs:
             except Exception as error:  # any failure of the port has to stop the line
                 with self._changed:
                     self._control.disconnect()
-                    self._port_trouble = f'the rejector is not reached: {error}'
+                    self._port_trouble = f'the outputs cannot be reached: {error}'
                 port.close()
                 with self._changed:
                     self._changed.wait_for(lambda: not self.is_open, RETRY_TIME)
@@ -215,7 +216,7 @@ class MachineOutputs:
                 were_due, wanted = dues, self._control.levels(now)
                 dues = self._control.next_switches(now)
                 next_event = min(dues)
-                # A refresh must not delay the switching of the rejector.
+                # A refresh would delay a switching that is due within the next 5 ms.
                 if next_event - next_refresh >= _REFRESH_TIME:
                     next_event = next_refresh
                 if wanted == written and now < next_event:

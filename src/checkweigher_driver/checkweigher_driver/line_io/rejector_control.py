@@ -25,57 +25,57 @@ _duration = partial(parameter, unit='s', minimum=0, maximum=60)
 
 @dataclass(frozen=True)
 class OutputParameters(Parameters):
-    """Parameters of the rejector and the stop output."""
+    """Parameters of the rejector, the permits and the stop output."""
 
     node: ClassVar[str] = 'rejector'
 
-    pulse: float = _duration(0.1, 'time for which the rejector acts for one product', minimum=0.001)
+    pulse: float = _duration(0.1, 'duration of the pulse that rejects a product', minimum=0.001)
     min_pause: float = _duration(
-        0.02, 'shortest pause of the rejector; pulses that are closer become one'
+        0.02, 'shortest pause between two pulses or permits; closer pulses are joined'
     )
     late_tolerance: float = _duration(
-        0.01, 'largest delay of a pulse; later a rejected product may have passed: stop'
+        0.01, 'largest delay of a pulse; after a longer delay the line stops'
     )
     belt_margin: float = _duration(
-        0.05, 'longer pulse at both ends, by this, if the belt stopped before it'
+        0.05, 'extension at both ends of a pulse that a stop of the belt has delayed'
     )
     verdict_timeout: float = _duration(
         0.0,
-        'from a product at the outfeed eye to the next verdict, at most: else eject and stop; '
-        '0: the time to the rejector of the product before',
+        'longest time from a product at the outfeed eye to the next verdict, after which the '
+        'rejector ejects and the line stops; 0: the time from the outfeed eye to the rejector',
     )
     safe_state: str = parameter(
-        'eject', 'state of the rejector while no verdicts are taken', choices=('eject', 'retract')
+        'eject', 'state of the rejector in the safe state', choices=('eject', 'retract')
     )
     cycle: float = _duration(
         0.05,
-        'period in which all outputs are written again and the belt input is read',
+        'period with which all outputs are written and the belt input is read',
         minimum=0.005,
         maximum=10,
     )
     permit_margin: float = _duration(
         0.02,
-        'time by which a permit begins before its product is at the rejector, and ends '
-        'after it has passed',
+        'time by which a permit begins before its product arrives at the rejector, and ends after '
+        'the product has passed',
         maximum=10,
     )
     watchdog_time: float = _duration(
         0.25,
-        'time without a sign of life after which the machine ejects and stops by itself; '
-        'after a longer one what was on the belt is in doubt',
+        'time without a heartbeat after which the machine ejects and stops by itself, and a '
+        'person has to look for the products on the belt',
         minimum=0.02,
     )
     record: str = parameter(
         '',
-        'file that keeps what is on the belt over a restart; empty for one named after the '
-        'outputs in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher',
+        'file that records the products on the belt for the next start; empty for a file in '
+        '$XDG_STATE_HOME/checkweigher or ~/.local/state/checkweigher, named after the outputs',
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.min_pause > 10 * self.pulse:
             raise ParameterError(
-                f'rejector.min_pause: {self.min_pause:g} s is more than ten pulses of '
+                f'rejector.min_pause: {self.min_pause:g} s is more than ten times rejector.pulse '
                 f'{self.pulse:g} s'
             )
 
@@ -88,10 +88,10 @@ class RejectorControl:
     permission of the node reject, while `held` is true, and after a missed product.
 
     The times of pulses and permits follow from the positions of the items. After a stop of the belt
-    that no belt input has measured, the positions are unknown. No item may then pass, and the line
-    stops until a person has looked for the items. `permits` is true if the machine has a permit
-    output. `stations` is the number of sorting stations in addition to the rejector. In the safe
-    state the stations are off, because the rejector removes all doubtful items.
+    that no belt input has measured, the positions are unknown. All permits are then cancelled, and
+    the line stops until a person has looked for the rejected items. `permits` is true if the
+    machine has a permit output. `stations` is the number of sorting stations in addition to the
+    rejector. In the safe state the stations are off, so that only the rejector removes items.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class RejectorControl:
         }
 
     def make_safe(self) -> None:
-        """Enter the safe state. A person has to look for all items on the belt."""
+        """Enter the safe state. A person has to look for the items on the belt, if any."""
         if self._items:
             self._report_doubt('the outputs were made safe', self._items.names())
         self.active = False
@@ -159,7 +159,7 @@ class RejectorControl:
         return Levels(reject, stop, self._sorter.permits.given(now), tuple(stations))
 
     def _report_stop(self) -> None:
-        """Report the rejected items on a stopped belt, because their positions are unknown."""
+        """Cancel the permits and report the rejected items, because the positions are unknown."""
         self._sorter.permits.clear()
         bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
         if names := [str(each) for each in bad if not each.reported]:
@@ -169,23 +169,23 @@ class RejectorControl:
 
     def _report_doubt(self, why: str, names: Sequence[str]) -> None:
         self._sorter.permits.clear()
-        what = f'look for {", ".join(names)}' if names else 'look for what is on the belt'
-        self.missed.add(f'{why} before all had passed the rejector: {what}')
+        what = f'look for {", ".join(names)}' if names else 'look for all items on the belt'
+        self.missed.add(f'{why} before all items had passed the rejector: {what}')
 
     def on_belt(self) -> OnBelt:
         """Return the state of the belt for the next start."""
         return OnBelt(self.motion.released, self._items.names(), self.missed.texts)
 
     def alive(self, begun: int, done: int) -> None:
-        """Process a heartbeat that was sent to the machine between two times."""
+        """Record a heartbeat that was sent to the machine between two times."""
         self._check_silence(done)
         self.motion.heartbeat(begun)
 
     def _check_silence(self, now: int) -> None:
-        """Check whether the machine has stopped the belt because it got no heartbeat."""
+        """Report all items if the machine has stopped the belt because it got no heartbeat."""
         if self.motion.is_silent(now):
             self._report_doubt(
-                f'the machine had no sign of life for {self._watchdog_time:g} s',
+                f'the machine received no heartbeat for {self._watchdog_time:g} s',
                 self._items.names(),
             )
 
@@ -194,7 +194,7 @@ class RejectorControl:
         return self._sorter.next_switches(now) if self.active else Switches()
 
     def _check_verdicts(self, now: int, to_monotonic: int | None) -> None:
-        """Eject and stop if a verdict is overdue, or if an item must have passed without one."""
+        """Eject and stop if a verdict is overdue, or if an item at the rejector has none."""
         if self._verdicts.is_overdue(now):
             within = f'{self._verdicts.timeout / NANOSECONDS:.2g} s'
             self._sorter.eject(
@@ -205,15 +205,15 @@ class RejectorControl:
         for item in self._arrivals.unjudged(self._items, now, self._late_tolerance, to_monotonic):
             if not item.reported:
                 item.reported = True
-                self._sorter.eject(now, f'{item} would be at the rejector by now; look for it')
+                self._sorter.eject(now, f'{item} must be at the rejector by now; look for it')
 
     def edge(self, edge: EyeEdge, now: int) -> None:
-        """Process an edge of the photo-eyes."""
+        """Update the items on the belt and the deadline of the next verdict by an edge."""
         self._verdicts.edge(edge, now)
         self._items.edge(edge)
 
     def announce(self, item: Item) -> None:
-        """Add the number of an item that the segmenter has announced."""
+        """Set the number of an item on the belt from a message of the segmenter."""
         self._items.announce(item)
 
     def verdict(self, verdict: Verdict, now: int) -> None:
@@ -227,25 +227,25 @@ class RejectorControl:
             self.missed.add(f'item {verdict.item_id}: the rejector was not active; look for it')
 
     def connect(self, now: int) -> None:
-        """Process a new connection, after the outputs were in the safe state."""
+        """Record a new connection. The outputs are in the safe state."""
         self.connected = True
         if self.motion.released and self._items:
             self._report_doubt('the connection to the machine was lost', self._items.names())
         self._sorter.reconnect(now)
 
     def disconnect(self) -> None:
-        """Process the loss of the connection."""
+        """Record the loss of the connection."""
         self._losses += self.connected
         self.connected = False
         self.motion.measured = None
 
     def switched(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> None:
-        """Check whether outputs that were switched between two times were late."""
+        """Report the outputs that were switched too late, between times `begun` and `done`."""
         for text in self._switching.add(before, after, due, begun, done):
             self.missed.add(text)
 
     def belt(self, running: bool | None, now: int) -> None:
-        """Process the state of the belt input, None without one."""
+        """Record the state of the belt input, None without a belt input."""
         here = self.motion.measure(running, now)
         if here is not None:
             self._sorter.resume(here)

@@ -31,26 +31,26 @@ class AedParameters(SerialParameters):
 
     node: ClassVar[str] = 'aed'
 
-    address: int = _setting('address on the bus (S command); -1: the only device', maximum=31)
+    address: int = _setting('bus address of the device (S); -1: only device', maximum=31)
     trailer: str = parameter(
-        'auto', 'whether CR LF ends each frame; auto finds out', choices=TRAILERS
+        'auto', 'end of a frame: CR LF, or none; auto: detected from the data', choices=TRAILERS
     )
     checksum: bool = parameter(
-        True, 'XOR in each frame (CSM 1); false: the status of the device, disturbances pass'
+        True, 'whether frames have a checksum (CSM 1); false: transmission errors go unnoticed'
     )
-    termination: bool = parameter(True, 'termination of the bus in the device (STR)')
-    filter: int = _setting('ASF: the filter; -1 leaves it as it is')
+    termination: bool = parameter(True, 'whether the device terminates the bus (STR)')
+    filter: int = _setting('number of the filter (ASF); -1: unchanged')
     filter_mode: int = parameter(
-        1, 'FMD: the kind of filter; -1 leaves it as it is', minimum=-1, maximum=99
+        1, 'number of the filter mode (FMD); -1: unchanged', minimum=-1, maximum=99
     )
-    output_rate: int = _setting('ICR: the code of the output rate; -1 leaves it as it is')
-    reset: bool = parameter(False, 'restart the device before (RES), which takes 3 s')
+    output_rate: int = _setting('code of the output rate (ICR); -1: unchanged')
+    reset: bool = parameter(False, 'whether the device is restarted first (RES), which takes 3 s')
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.checksum and self.trailer == 'none':
             raise ParameterError(
-                'aed.trailer: none without aed.checksum: frames could not be told apart'
+                "aed.trailer: 'none' needs aed.checksum; otherwise no frame could be found"
             )
 
 
@@ -78,7 +78,7 @@ class AedSource(SerialSource):
         rate = device.ask('BDR').split(',')[0].strip()
         if rate != str(wanted.baud_rate):
             raise SerialError(
-                f'{port.name}: the device says that it is set to {rate} Bd, aed.baud_rate is '
+                f'{port.name}: the device is set to {rate} Bd, but aed.baud_rate is '
                 f'{wanted.baud_rate}'
             )
         device.order('COF 8', 'docs/hardware.md')
@@ -143,7 +143,7 @@ class AedDialogue:
             if self._line():
                 self._drain()
                 return
-        raise SerialError(f'{self._port.name}: the device did not come back after RES')
+        raise SerialError(f'{self._port.name}: the device does not reply after RES')
 
     def ask(self, query: str) -> str:
         """Return the reply to a query. Raises `SerialError` without a valid reply."""
@@ -182,8 +182,8 @@ class AedDialogue:
                     attempt -= 1  # late replies to earlier attempts are discarded
                 return ' '.join(fields[:2]), fields[2]
         raise SerialError(
-            f'{self._port.name}: replied {reply!r} to IDN?, which is no load cell of the AED '
-            'family; check baud_rate and what is connected'
+            f'{self._port.name}: the reply {reply!r} to IDN? is not that of a load cell of the AED '
+            'family; check baud_rate and the connected device'
         )
 
     def _line(self) -> str:

@@ -29,16 +29,16 @@ class AsciiParameters(SerialParameters):
         r'S([+-]\d{7})', 'regular expression of a whole line; its first group is the value'
     )
     decimals: int = parameter(
-        0, 'digits after the point: one of the last of them is a count', minimum=0, maximum=9
+        0, 'number of decimals; one unit of the last decimal is one count', minimum=0, maximum=9
     )
     line_bytes: int = parameter(
         11,
-        'length of a line with its end, to see whether baud_rate is enough',
+        'length of a line with its line end in bytes, for the check of baud_rate',
         minimum=2,
         maximum=256,
     )
-    start_command: str = parameter('', 'command to begin; empty if the device sends unasked')
-    stop_command: str = parameter('', 'command at the end')
+    start_command: str = parameter('', 'command that starts the stream; empty if none is needed')
+    stop_command: str = parameter('', 'command that stops the stream; empty for none')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,9 +78,8 @@ class LineDecoder(Decoder):
 
     `pattern` is a regular expression that matches a whole line without its line end. The first
     group of the pattern matches the number. The pattern should fix the number of digits, because
-    without a checksum a line that has lost a digit would be read as another number. One count is 1
-    in the last of the `decimals` digits after the decimal point. Raises ValueError if the pattern
-    is invalid.
+    without a checksum a line that has lost a digit would be read as another number. One count is
+    one unit of the last of `decimals` decimals. Raises ValueError if the pattern is invalid.
 
     Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
     several if it is longer than the previous reading. Bytes before the first line end are skipped.
@@ -106,7 +105,7 @@ class LineDecoder(Decoder):
         return max(self.frame_bytes - len(self._data), 1)
 
     def feed(self, data: bytes) -> Decoded:
-        """Process the next bytes of the stream; return the readings that are complete now."""
+        """Decode the next bytes of the stream; return the readings that are complete now."""
         self._data += data
         *lines, rest = _ENDS.split(self._data)
         if lines and not self._begun:

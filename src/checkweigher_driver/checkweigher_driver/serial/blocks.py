@@ -17,12 +17,12 @@ class BlockMaker:
     """Conversion of reads to blocks of samples.
 
     The index continues after a break of the connection, and jumps by the number of lost samples.
-    Blocks are held back while their stamps are uncertain: for 1 s at the start, after late reads
-    until the next read in time, and for 1 s after a step of the clock of the host or an undetected
-    loss of samples. Because of such a step or loss, an item on the belt becomes a fault.
+    Blocks are held back while their stamps are uncertain: for 1 s at the start, while reads are
+    over 20 ms late, and for 1 s after a step of the clock of the host or an undetected loss of
+    samples. If the step or loss exceeds 20 ms, an item on the belt becomes a fault.
 
     `latency` is the shortest time in s from a sample to the read that returns it. `limits` are the
-    limits of the converter in counts.
+    lower and the upper limit of the converter in counts.
     """
 
     def __init__(self, sample_rate: float, latency: float, limits: tuple[int, int]) -> None:
@@ -37,7 +37,7 @@ class BlockMaker:
     def resume(self, reads: Sequence[Read]) -> None:
         """Increase the index by the number of samples that were lost in a break.
 
-        The number of samples is computed from the time of the next read with the smallest delay.
+        The number is computed from the read with the smallest delay of the first `reads`.
         """
         index, least = self.index - 1, math.inf
         for read in reads:
@@ -68,5 +68,5 @@ class BlockMaker:
         self._lost += lost
 
     def figures(self) -> dict[str, float]:
-        """Return values on samples, losses and the clock for the diagnostics."""
+        """Return figures on samples, losses and the clock for the diagnostics."""
         return {'samples': self._samples, 'samples lost': self._lost, **self._clock.figures()}

@@ -27,7 +27,7 @@ class Decoder(ABC):
 
     @abstractmethod
     def feed(self, data: bytes) -> Decoded:
-        """Process the next bytes of the stream; return the readings that are complete now."""
+        """Decode the next bytes of the stream; return the readings that are complete now."""
 
     @property
     @abstractmethod

@@ -37,10 +37,11 @@ _UNUSED = 0b1100_0000  # status bits that are always 0
 class _Places:
     """Properties of the frames of one size that could begin at each byte of the data.
 
-    `counts` has the readings of the frames. The other attributes are boolean: `good` marks valid
-    frames, and `doubtful` marks frames that may seem valid at a wrong place. `run` marks places at
-    which five consecutive frames are valid. `begins` marks places of this kind that are certain,
-    and `slipped` marks places that are less likely than another place.
+    `counts` contains the readings of the frames. The other attributes are boolean: `overflow` marks
+    an overflow that the device reports, `good` marks valid frames, and `doubtful` marks frames that
+    may seem valid at a wrong place. `run` marks places at which five consecutive frames are valid.
+    `begins` marks places of this kind that are certain, and `slipped` marks places at which the
+    readings change much more than at another place.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -56,8 +57,8 @@ class _Places:
         self.overflow: NDArray[np.bool_] = (
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
-        # At each place, `run` is true if four consecutive frames are valid, and `change` is the sum
-        # of the changes of their readings. Other places are compared over the same bytes.
+        # At each place, `run` tells whether four consecutive frames are valid, and `change` is the
+        # sum of the changes of their readings. Other places are compared over the same bytes.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
@@ -127,7 +128,7 @@ class FrameDecoder(Decoder):
         return size - len(self._data) % size
 
     def feed(self, data: bytes) -> Decoded:
-        """Process the next bytes of the stream; return the readings that are complete now."""
+        """Decode the next bytes of the stream; return the readings that are complete now."""
         self._data = np.concatenate((self._data, np.frombuffer(data, np.uint8)))
         position = 0 if self.frame_bytes else self._find_size()
         found: list[tuple[int, int]] = []  # position of the first byte, and number of frames
@@ -168,7 +169,7 @@ class FrameDecoder(Decoder):
             _Places(self._data, size, True) for size in (_WITH_TRAILER, _WITHOUT)
         )
         looked_at = max(len(self._data) - _AHEAD + 1, 0)
-        # Frames with CR LF may look like frames without, but hardly the other way round.
+        # Check for CR LF first, because frames with CR LF may also seem valid without it.
         for position in range(looked_at):
             if with_trailer.run[position : position + _WITH_TRAILER].any():
                 self.frame_bytes = _WITH_TRAILER

@@ -18,12 +18,12 @@ _REASONS: dict[int | None, str] = {
     errno.ENODEV: _NO_PORT,
     errno.EAGAIN: _IN_USE,
     errno.EBUSY: _IN_USE,
-    errno.ENOTTY: 'is no serial port',
+    errno.ENOTTY: 'is not a serial port',
 }
 
 
 class SerialError(ValueError):
-    """Error of a serial port or of its device. The message is one line for a technician."""
+    """Raised if a serial port or its device fails. The message is one line for a technician."""
 
 
 def open_port(name: str, baud_rate: int) -> serial.Serial:
@@ -38,7 +38,7 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
 
 def reason_of(name: str, error: Exception) -> str:
     """Return the reason of an error of a serial port, for a technician."""
-    # pyserial wraps some errors in others.
+    # pyserial wraps some errors in another error, which has no error number.
     number = getattr(error, 'errno', None) or getattr(error.__context__, 'args', (None,))[0]
     if number in (errno.EACCES, errno.EPERM):
         try:

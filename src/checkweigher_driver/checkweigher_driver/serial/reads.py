@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of a device on a serial port."""
+"""Reader of a load cell on a serial port."""
 
 from collections.abc import Iterator
 import threading
@@ -31,7 +31,7 @@ class ValueReader:
 
     `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings in a read. The
     device counts as silent after `timeout` s without a reading. `comes` is true while readings
-    arrive. `trouble` is a message while the measured sample rate differs from `rate`.
+    arrive. `trouble` is a message if the measured sample rate differs from `rate` by 5 % or more.
     """
 
     def __init__(self, rate: float, in_block: int, timeout: float, closed: threading.Event) -> None:
@@ -70,20 +70,20 @@ class ValueReader:
                 self._check_rate(number / (last_value - began))
                 began, number = last_value, 0
             self.comes = True
-            # Readings that wait in the decoder have arrived after these readings.
+            # The readings that still wait in the decoder have arrived later, at the sample rate.
             at = now - round(decoder.waiting * NANOSECONDS / self._rate)
             yield Read(values, at, len(data))
 
     def _check_rate(self, found: float) -> None:
         is_off = abs(found / self._rate - 1) >= _RATE_TOLERANCE
-        self.trouble = f'the device sends {found:.0f} values a second' if is_off else ''
+        self.trouble = f'the device sends {found:.0f} values per second' if is_off else ''
 
     def _silence(self, bytes_came: int) -> str:
         during = f'for {self._timeout:g} s'
         if bytes_came:
-            advice = 'check baud_rate and the format that the device is set to'
-            return f'bytes come, but no values {during}; {advice}'
-        return f'no bytes come {during}; check its supply and the cable'
+            advice = 'check baud_rate and the output format of the device'
+            return f'bytes arrive, but no values {during}; {advice}'
+        return f'no bytes arrive {during}; check the cable and the supply of the device'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
         """Return the first reads after a break, up to a read whose time of arrival is known.

@@ -9,10 +9,10 @@ line is an edge of the lower convex hull of the points, namely the edge at the m
 (Zhang, Liu and Xia, INFOCOM 2002). A delay of all reads, such as the transmission time of a frame,
 is given as `latency`.
 
-Two events require a new line. If a read is too early, the clock of the host was set back or the
-index is too large. A new line then begins at once. If all reads are late for a while, samples were
-lost without notice or the clock of the host was set forward. A new line then begins with the late
-reads. Until then the stamps are uncertain, and `settled` is false.
+Two events require a new line. If a read is more than 5 ms too early, the clock of the host was set
+back or the index is too large. A new line then begins with this read. If all reads are more than
+5 ms late for 1 s, samples were lost without notice or the clock of the host was set forward. A new
+line then begins with the late reads. While reads are over 20 ms late, `settled` is false.
 """
 
 from collections import deque
@@ -71,9 +71,9 @@ class SampleClock:
     The true sample rate may differ by 2 % from `sample_rate` in Hz. `latency` is the shortest time
     in s from a sample to the read that returns it.
 
-    A stamp depends only on earlier reads, and increases with the index. In a settled clock, the
-    stamps approach the line at a relative rate of at most 0.2 %, or follow it at once if they
-    differ by more than 20 ms. `add` must be called before `stamp`, with increasing indices.
+    A stamp depends only on the reads so far. In a settled clock, the stamps approach the line at a
+    relative rate of at most 0.2 %, or jump to the line if they differ from it by more than 20 ms.
+    `add` must be called before `stamp`, with increasing indices.
     """
 
     def __init__(self, sample_rate: float, *, latency: float = 0.0) -> None:
@@ -113,7 +113,7 @@ class SampleClock:
         )
 
     def add(self, first_index: int, count: int, host_ns: int) -> None:
-        """Add a read of `count` samples that has returned at time `host_ns` in ns."""
+        """Add a read of `count` samples that returned at time `host_ns` in ns."""
         if self._out is None:
             self._origin = first_index, host_ns
         index = first_index - self._origin[0]
@@ -151,7 +151,7 @@ class SampleClock:
             self._refit()
 
     def _is_lasting(self, point: _Point) -> bool:
-        """Return whether reads stay late, unlike after a stall of the machine."""
+        """Return whether reads have been late for longer than after a stall of the computer."""
         first, enough = self._late[0], _WARM_UP * self._rate
         elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
         return (
@@ -192,7 +192,7 @@ class SampleClock:
         self._next_fit = hull[-1][0] + round(_REFIT * self._rate)
 
     def _follow(self, index: int) -> None:
-        """Move the stamps of the samples from `index` on towards the line."""
+        """Move the stamps towards the line, beginning with the stamp of the sample `index`."""
         assert self._fit is not None
         target = self._fit.at(index)
         if self._out is None or abs(target - self._out.at(index)) > _STEP:

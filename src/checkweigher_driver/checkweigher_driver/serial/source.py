@@ -31,9 +31,9 @@ _reading = partial(parameter, minimum=-(2**31), maximum=2**31 - 1)
 
 @dataclass(frozen=True)
 class SerialParameters(Parameters):
-    """Parameters of all load cells on serial ports."""
+    """Parameters that all load cells on serial ports have."""
 
-    port: str = parameter('', 'device file, best one of /dev/serial/by-id')
+    port: str = parameter('', 'device file, preferably in /dev/serial/by-id')
     baud_rate: int = parameter(
         115_200,
         'baud rate of the device, with 8 data bits, no parity, 1 stop bit',
@@ -43,16 +43,16 @@ class SerialParameters(Parameters):
     )
     sample_rate: float = parameter(
         960.0,
-        'values a second, as the device is set',
+        'sample rate to which the device is set',
         unit='Hz',
         minimum=1.0,
         maximum=MAX_SAMPLE_RATE,
     )
     block_duration: float = parameter(
-        0.01, 'signal in one block', unit='s', minimum=0.001, maximum=1.0
+        0.01, 'duration of a block', unit='s', minimum=0.001, maximum=1.0
     )
     timeout: float = parameter(
-        1.0, 'time without a value before it is started again', unit='s', minimum=0.1, maximum=60.0
+        1.0, 'time without a value until a new set-up', unit='s', minimum=0.1, maximum=60.0
     )
     delay: float = parameter(
         0.0, 'delay of the signal by the filter of the device', unit='s', minimum=0, maximum=10
@@ -85,16 +85,16 @@ class SerialParameters(Parameters):
         if self.baud_rate < least:
             raise ParameterError(
                 f'{self.node}.baud_rate: {self.baud_rate} Bd is too slow for {self.sample_rate:g} '
-                f'values a second of {bytes_per_value} bytes; must be {least} Bd or more'
+                f'values per second of {bytes_per_value} bytes; must be {least} Bd or more'
             )
 
 
 class SerialSource(Source):
     """Load cell that streams readings over a serial port.
 
-    The constructor opens the port and sets up the device. If the port disappears and returns, the
-    source opens it again and sets up the device again. The index then increases by the number of
-    samples that were lost in the meantime.
+    The constructor opens the port and sets up the device. If the port disappears or the device is
+    silent, the source opens the port again and sets up the device again. The index then increases
+    by the number of samples that were lost in the meantime.
     """
 
     paced = False
@@ -135,7 +135,7 @@ class SerialSource(Source):
         """Stop the stream of the device."""
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield blocks until `close`. Raises `SerialError` if a break ends with another device."""
+        """Yield blocks until `close`. Raises `SerialError` if another device follows a break."""
         self._reading = True
         try:
             while not self._closed.is_set():
@@ -166,12 +166,12 @@ class SerialSource(Source):
             return
         self._breaks += 1
         self._reader.comes = False
-        broken = f'{self._settings.port}: the connection broke off; is the device plugged in?'
+        broken = f'{self._settings.port}: the connection is broken; is the device plugged in?'
         self._broken = broken if isinstance(error, _BROKEN) else str(error)
         self._let_go()
 
     def _open_again(self) -> None:
-        """Open the port as soon as possible. Return if the source was closed."""
+        """Try to open the port every 0.3 s until it succeeds or the source is closed."""
         while not self._closed.wait(RETRY_TIME):
             try:
                 identity = self._open()
@@ -180,8 +180,8 @@ class SerialSource(Source):
                 continue
             if identity != self._identity:
                 raise SerialError(
-                    f'{self._settings.port}: {" ".join(identity)} answers, '
-                    f'{" ".join(self._identity)} did at the start; start again with its calibration'
+                    f'{self._settings.port}: {" ".join(identity)} answers instead of '
+                    f'{" ".join(self._identity)}; restart the driver with its calibration'
                 )
             return
 
@@ -192,7 +192,7 @@ class SerialSource(Source):
                 self._end(port)
 
     def close(self) -> None:
-        """Stop the device and close the port. The iterator ends within 0.1 s.
+        """Stop the device and close the port. A read ends within 0.1 s.
 
         A closed source cannot be iterated again.
         """
@@ -221,10 +221,10 @@ class SerialSource(Source):
         if not self._reader.comes:
             return self._broken
         return self._reader.trouble and (
-            f'{self._reader.trouble}, {self._settings.node}.sample_rate is '
+            f'{self._reader.trouble}, but {self._settings.node}.sample_rate is '
             f'{self._settings.sample_rate:g}'
         )
 
     def figures(self) -> dict[str, float]:
-        """Return values on samples, losses, breaks and the clock for the diagnostics."""
+        """Return figures on samples, losses, breaks and the clock for the diagnostics."""
         return {**self._blocks.figures(), **self._reader.figures, 'breaks': self._breaks}

@@ -48,7 +48,7 @@ class Device(ABC):
         return ''
 
     def figures(self) -> dict[str, float]:
-        """Return values for the diagnostics since the opening. Any thread may call this."""
+        """Return figures for the diagnostics. Any thread may call this."""
         return {}
 
 
@@ -105,7 +105,7 @@ class EdgeSource(Device):
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges when they occur, with stamps on the clock of the samples."""
+        """Yield edges, losses and returns of the eyes, with stamps on the clock of the samples."""
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
         """Return the edges that belong to a block, if the edges are tied to samples."""

@@ -16,24 +16,24 @@ from checkweigher_recording.bags.reading import read_bag
 
 @dataclass(frozen=True)
 class BagParameters(Parameters):
-    """Bag that is replayed."""
+    """Parameters of a replayed bag."""
 
     node: ClassVar[str] = 'bag'
 
     path: str = parameter('', 'folder of the bag, or its .mcap file')
     namespace: str = parameter(
-        '', 'namespace of the lane, / for none; empty takes the only lane of the bag'
+        '', 'namespace of the lane, / for none; empty for the only lane of the bag'
     )
 
     def read(self) -> Recording:
-        """Return the recording. Raises `ParameterError` without a path, `BagError` if damaged."""
+        """Return the recording. Raises `ParameterError` without a path, `BagError` if invalid."""
         if not self.path:
             raise ParameterError(f'{self.node}.path: empty, must name a bag')
         return read_bag(Path(self.path), self.namespace or None)
 
 
 class BagSource(Source):
-    """Bag that is read completely before the first event, so that damage is detected first."""
+    """Replayed bag, which is read completely before the first event, so that damage shows first."""
 
     parameters = BagParameters
     paced = True
@@ -53,7 +53,7 @@ class BagSource(Source):
 
 @dataclass(frozen=True)
 class ReplayedParameters(BagParameters):
-    """Bag whose edges are replayed."""
+    """Parameters of photo-eyes that are replayed from a bag."""
 
     node: ClassVar[str] = 'replayed'
 

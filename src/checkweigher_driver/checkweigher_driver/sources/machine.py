@@ -41,7 +41,7 @@ class MachineSource(Source):
         self.start_stamp = samples.start_stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield events when they occur. Raise an error that ends a device."""
+        """Yield events when they occur. Raises the error of a device that fails."""
         shorten_switch_interval()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)

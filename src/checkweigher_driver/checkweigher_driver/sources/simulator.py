@@ -23,7 +23,7 @@ class LiveSimulationParameters(SimulationParameters):
 
     start_time: int = parameter(
         0,
-        'stamp of the first sample, since 1970; 0: now',
+        'Unix time of the first sample; 0: the present time',
         unit='s',
         minimum=0,
         maximum=2_000_000_000,

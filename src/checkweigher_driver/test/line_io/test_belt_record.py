@@ -66,11 +66,11 @@ def test_a_killed_process_leaves_the_names_of_what_was_on_the_belt(tmp_path):
     ) as process:
         assert process.stdout.readline() == 'kept\n'
         wait_for(lambda: b'item 7' in path.read_bytes(), 'the names')
-        with pytest.raises(ParameterError, match='another driver has it'):
+        with pytest.raises(ParameterError, match='another driver uses this file'):
             BeltRecord(path)
         process.send_signal(signal.SIGKILL)
     (text,) = found(path).to_look_for()
-    assert 'look for item 7 UNDER, and what has entered since' in text
+    assert 'look for item 7 UNDER, and products that have entered since' in text
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_killed_process_leaves_the_names_of_what_was_on_the_belt(tmp_path):
 def test_a_record_that_cannot_be_read_leaves_all_in_doubt(tmp_path, data):
     path = tmp_path / 'belt'
     path.write_bytes(data)
-    assert 'did not end with an empty belt' in found(path).to_look_for()[0]
+    assert 'may not have been empty' in found(path).to_look_for()[0]
 
 
 def test_a_record_that_is_gone_is_no_first_start(tmp_path):

@@ -60,8 +60,8 @@ def test_a_chip_that_is_not_there_is_said_to():
 @pytest.mark.parametrize(
     ('kind', 'values', 'message'),
     [
-        (GpioEyesParameters, {'outfeed': 0}, 'is the infeed eye as well'),
-        (GpioOutputParameters, {'stop': 2}, 'have to be different lines'),
+        (GpioEyesParameters, {'outfeed': 0}, 'is also the line of the infeed eye'),
+        (GpioOutputParameters, {'stop': 2}, 'must be different lines'),
     ],
 )
 def test_lines_that_are_used_twice_are_refused(kind, values, message):

@@ -82,7 +82,7 @@ def test_inputs_of_a_plc_reject_stop_and_are_lost_with_it(plc: Any):
             wait_for(lambda: last().conditions == (), 'the end of it')
         plc.kill()
         wait_for(lambda: not last().known, 'the loss')
-        assert 'the machine inputs are not read' in inputs.trouble
+        assert 'the machine inputs cannot be read' in inputs.trouble
     finally:
         inputs.close()
         switch.close()
@@ -91,8 +91,8 @@ def test_inputs_of_a_plc_reject_stop_and_are_lost_with_it(plc: Any):
 @pytest.mark.parametrize(
     ('values', 'text'),
     [
-        ({}, 'names no input'),
-        ({'metal': 3, 'air': (3,)}, 'two inputs have one address'),
+        ({}, 'no input is given'),
+        ({'metal': 3, 'air': (3,)}, 'two inputs have the same address'),
         ({'metal': 3, 'air': (100,)}, 'one request cannot read all'),
         ({'metal': 3, 'inverted': 'doors'}, "'doors' is not one of metal, xray"),
     ],

@@ -51,7 +51,7 @@ def test_a_device_that_dies_loses_the_eyes_and_comes_back_without_an_invented_ed
         wait_for(lambda: eyes.figures()['polls'] > 10, 'polls')
         plc.kill()
         wait_for(lambda: events, 'the loss')
-        assert 'not read' in eyes.trouble
+        assert 'the photo-eyes cannot be read' in eyes.trouble
         assert f'127.0.0.1:{plc.port}' in eyes.trouble
         killed = time.time_ns()
         # It comes back in the middle of a product.
@@ -84,7 +84,7 @@ def test_a_device_that_refuses_is_said_to(plc):
     plc.start()
     link = ModbusLink('127.0.0.1', plc.port, 1, 1.0)
     link.connect()
-    with pytest.raises(ModbusLinkError, match='discrete input 900 cannot be read: the device ref'):
+    with pytest.raises(ModbusLinkError, match='input 900 cannot be read: refused by the device'):
         link.read_inputs('discrete', [900])
     link.connect()
     assert link.read_inputs('discrete', range(3)) == {0: False, 1: False, 2: True}  # the belt runs
@@ -95,10 +95,10 @@ def test_a_device_that_refuses_is_said_to(plc):
     ('kind', 'values', 'message'),
     [
         (ModbusEyesParameters, {'host': ' '}, r'modbus\.host: empty'),
-        (ModbusEyesParameters, {'outfeed': 0}, r'modbus\.outfeed: 0 is the infeed eye as well'),
+        (ModbusEyesParameters, {'outfeed': 0}, r'modbus\.outfeed: 0 is also the address'),
         (ModbusEyesParameters, {'outfeed': 64}, r'one request cannot read both'),
-        (ModbusEyesParameters, {'poll_period': 0.05}, r'less certain than'),
-        (ModbusOutputParameters, {'stop': 0}, r'modbus_outputs\.stop: coil 0 is the rejector'),
+        (ModbusEyesParameters, {'poll_period': 0.05}, r'is more than max_uncertainty'),
+        (ModbusOutputParameters, {'stop': 0}, r'modbus_outputs\.stop: coil 0 is also the rejector'),
     ],
 )
 def test_parameters_that_cannot_be_are_refused(kind, values, message):

@@ -17,7 +17,7 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters, Rejec
 
 MS = 1_000_000
 FOREVER = 10**12
-UNKNOWN = 'the time at which it is at the rejector is not known'
+UNKNOWN = 'its arrival time at the rejector is unknown'
 RUN, STOP, REJECT = Levels(False, False), Levels(False, True), Levels(True, False)
 
 
@@ -159,7 +159,7 @@ def test_a_belt_that_is_stopped_leaves_a_rejected_item_in_doubt_and_permits_noth
     permit(outputs, now, run=False)
     outputs.levels(now + 100 * MS)
     permit(outputs, now + FOREVER)
-    assert 'the belt was stopped before all had passed the rejector' in outputs.missed.text
+    assert 'the belt was stopped before all items had passed the rejector' in outputs.missed.text
     assert 'item 8 OVER' in outputs.missed.text
     assert 'item 7' not in outputs.missed.text
     outputs.missed.take(LatchEvent.RESET)
@@ -195,7 +195,7 @@ def test_a_silence_in_which_the_machine_stops_by_itself_leaves_all_in_doubt(sile
     passing(outputs, now + 50 * MS, now, Decision.OVER)  # which does not get there
     outputs.levels(now + silent * MS)
     outputs.alive(now + silent * MS, now + silent * MS)
-    assert ('no sign of life for 0.25 s' in outputs.missed.text) == in_doubt
+    assert ('no heartbeat for 0.25 s' in outputs.missed.text) == in_doubt
     assert ('item 7 OVER' in outputs.missed.text) == in_doubt
 
 
@@ -280,7 +280,7 @@ def test_a_product_that_nobody_saw_leave_the_belt_is_ejected_when_it_is_at_the_r
     assert outputs.levels(now + 799 * MS) == RUN
     assert outputs.levels(now + 815 * MS)[:2] == (True, True)
     assert 'item 9 without a verdict' in outputs.missed.text
-    assert 'would be at the rejector by now' in outputs.missed.text
+    assert 'must be at the rejector by now' in outputs.missed.text
 
 
 @pytest.mark.parametrize('reason', [Reason.DISTANCE_FAULT, Reason.EDGE_MISMATCH])
@@ -295,4 +295,4 @@ def test_the_place_of_two_products_that_were_taken_for_one_is_not_known(
     t3 = stamp - 100 * MS
     due = t3 - transit + way
     outputs.verdict(Verdict(8, t3, Decision.FAULT, reasons, reject_at=due, t1=t3 - transit), now)
-    assert ('is not known' in outputs.missed.text) == in_doubt
+    assert ('is unknown' in outputs.missed.text) == in_doubt

@@ -194,7 +194,7 @@ def test_after_a_break_the_index_is_that_of_the_time(journey):
 
 def test_trouble_is_said_in_words_and_ends(journey):
     trouble = journey.trouble
-    assert 'no bytes come for 1 s; check its supply and the cable' in trouble['silent']
+    assert 'no bytes arrive for 1 s; check the cable' in trouble['silent']
     assert trouble['heard again'] == trouble['replugged'] == ''
     assert 'is the device plugged in?' in trouble['unplugged']
 
@@ -225,11 +225,11 @@ def test_the_device_says_who_it_is(device, options, values):
     [
         (('--mute',), r'no reply to IDN\? within 0.5 s; check the supply, the wires, baud_rate'),
         (('--refuse', 'IDN'), r'the device does not know IDN\?'),
-        (('--identity', 'scale 3'), r"replied 'scale 3' to IDN\?, which is no load cell of"),
+        (('--identity', 'scale 3'), r"the reply 'scale 3' to IDN\? is not that of a load cell"),
         (('--refuse', 'STR'), r"replies '\?' to STR 1; see aed\.termination"),
         (('--refuse', 'CSM'), r"replies '\?' to CSM 1; see aed\.checksum"),
         (('--refuse', 'ASF'), r"replies '\?' to ASF 5; see aed\.filter"),
-        (('--baud', '57600'), r'set to 57600 Bd, aed\.baud_rate is 115200'),
+        (('--baud', '57600'), r'set to 57600 Bd, but aed\.baud_rate is 115200'),
     ],
 )
 def test_a_device_that_does_not_answer_as_it_should_is_refused(device, options, message):
@@ -240,7 +240,7 @@ def test_a_device_that_does_not_answer_as_it_should_is_refused(device, options, 
 def test_another_device_in_its_place_ends_the_stream(running):
     error = running[replaced].result()
     assert isinstance(error, SerialError)
-    assert 'HBM FIT/5 9999999 answers, HBM FIT/5 0123456 did at the start' in str(error)
+    assert 'HBM FIT/5 9999999 answers instead of HBM FIT/5 0123456' in str(error)
 
 
 def test_a_stream_that_is_stopped_is_started_again(running):
@@ -251,7 +251,8 @@ def test_a_stream_that_is_stopped_is_started_again(running):
 
 def test_a_device_that_is_set_to_another_rate_is_said_to_be(running):
     found = re.fullmatch(
-        r'the device sends (\d+) values a second, aed.sample_rate is 1200', running[slower].result()
+        r'the device sends (\d+) values per second, but aed.sample_rate is 1200',
+        running[slower].result(),
     )
     assert found
     assert float(found[1]) == pytest.approx(600, rel=0.1)
@@ -262,7 +263,7 @@ def test_a_port_that_cannot_be_opened_says_why(device, tmp_path):
         make('aed', tmp_path / 'none')
     plain = tmp_path / 'plain'
     plain.touch()
-    with pytest.raises(SerialError, match='is no serial port'):
+    with pytest.raises(SerialError, match='is not a serial port'):
         make('aed', plain)
     machine = device()
     first = make('aed', machine.link)
@@ -293,10 +294,10 @@ def test_a_port_without_permission_names_the_group(device, tmp_path):
         ({'weigh_length': 0.0}, r'aed\.weigh_length: 0, must be given'),
         (
             {'sample_rate': 960.0, 'baud_rate': 38_400},
-            r'aed\.baud_rate: 38400 Bd is too slow for 960 values a second of 6 bytes; '
+            r'aed\.baud_rate: 38400 Bd is too slow for 960 values per second of 6 bytes; '
             r'must be 57600 Bd or more',
         ),
-        ({'trailer': 'none', 'checksum': False}, r'aed\.trailer: none without aed\.checksum'),
+        ({'trailer': 'none', 'checksum': False}, r"aed\.trailer: 'none' needs aed\.checksum"),
     ],
 )
 def test_what_cannot_work_is_refused_before_the_port_is_opened(tmp_path, values, message):

@@ -139,7 +139,7 @@ def test_old_versions_are_kept_as_they_were(tmp_path: Path):
 def test_what_is_no_calibration_is_not_overwritten(tmp_path: Path):
     path = tmp_path / 'line.yaml'
     path.write_text('/**/driver:\n  ros__parameters:\n    source: aed\n')
-    with pytest.raises(CalibrationError, match='is no calibration'):
+    with pytest.raises(CalibrationError, match='is not a calibration file'):
         check_calibration_file(path)
     with pytest.raises(CalibrationError, match='is a folder'):
         check_calibration_file(tmp_path)
@@ -158,7 +158,7 @@ def test_an_installed_package_is_no_place_for_a_calibration(tmp_path: Path):
     ('options', 'message'),
     [
         (('--masses', 0, '--source', 'simulator'), '--masses 0'),
-        (('--zero', '--source', 'bag'), 'has its calibration in its data'),
+        (('--zero', '--source', 'bag'), 'its data contain the calibration'),
         (('--zero', '--source', 'nothing'), "'nothing' is not one of"),
         (('--zero', '--source', 'simulator', '--duration', 0), '--duration 0'),
         (('--zero', '--source', 'simulator', '--mass-uncertainty', -1), '--mass-uncertainty -1'),

@@ -18,11 +18,11 @@ _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 _FURTHEST = 600 * NANOSECONDS
 # With these reasons the belt may have been stopped, so the speed of the item is unreliable.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
-_CLOCK_STEP = 5_000_000  # ns
+_CLOCK_STEP = 5_000_000  # smallest step of the real-time clock that is detected, in ns
 
 
 class Times(NamedTuple):
-    """Times in ns of an item at rejector or station, at the outfeed eye and at the infeed eye."""
+    """Times in ns of an item at its rejector or station, the outfeed eye, and the infeed eye."""
 
     due: int
     since: int | None

@@ -8,7 +8,7 @@ import time
 from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Item, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
-_MAX_ITEMS = 200  # no belt carries more
+_MAX_ITEMS = 200  # largest number of items; no belt carries more
 _MAX_NAMES = 10
 
 
@@ -50,7 +50,7 @@ class BeltItems(list[BeltItem]):
     """Items between the infeed eye and the rejector, in order of entry."""
 
     def edge(self, edge: EyeEdge) -> None:
-        """Process an edge of the photo-eyes."""
+        """Add an item, or the end of its passage, by an edge of the infeed eye."""
         if edge.eye != Eye.INFEED:
             return
         last = self[-1] if self else BeltItem(None)
@@ -77,7 +77,7 @@ class BeltItems(list[BeltItem]):
         """
         item = self._find(verdict.t1)
         if item is None:
-            item = BeltItem(verdict.t1)  # inserted in front, because `leave` removes earlier items
+            item = BeltItem(verdict.t1)  # at the front, because `leave` removes items before it
             self.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:
@@ -98,7 +98,7 @@ class BeltItems(list[BeltItem]):
         ]
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the items, by which a person can look for them."""
+        """Return the names of the items for a person who looks for them."""
         names = tuple(str(each) for each in self[:_MAX_NAMES])
         more = len(self) - _MAX_NAMES
         return (*names, f'{more} more') if more > 0 else names

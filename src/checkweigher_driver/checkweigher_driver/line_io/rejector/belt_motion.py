@@ -24,7 +24,7 @@ class BeltMotion:
         self._stopped_at: int | None = None  # time of the last stop without a belt input
 
     def measure(self, running: bool | None, now: int) -> int | None:
-        """Process the state of the belt input; return the belt time if the belt starts."""
+        """Record the state of the belt input; return the belt time if the belt starts."""
         self.measured = running
         if running is False:
             self.time.stop(now)
@@ -47,7 +47,7 @@ class BeltMotion:
         return time is not None and self._stopped_at is not None and time < self._stopped_at
 
     def heartbeat(self, begun: int) -> None:
-        """Process a heartbeat that was sent after time `begun`."""
+        """Record a heartbeat that was sent after time `begun`."""
         self._heartbeat = begun, self._may_run
 
     def is_silent(self, now: int) -> bool:

@@ -21,7 +21,7 @@ class LatchEvent(Enum):
 
     MISS = auto()
     SHOW = auto()  # the stop request shows all missed products
-    FORGET = auto()  # the node reject is silent or not ready, because it may have been restarted
+    FORGET = auto()  # the node reject is silent or not ready: a restart loses its stop request
     RUN = auto()  # the stop request was reset
     RESET = auto()
 
@@ -41,10 +41,9 @@ _TRANSITIONS = {
 
 
 class MissedProducts:
-    """Latch that stops the line, with the `texts` on the missed products.
+    """Latch that stops the line, with the messages `texts` on the missed products.
 
-    `looked_at` is the last time in ns at which a person had looked for all missed products, or
-    None.
+    `looked_at` is the time in ns of the last release of the latch by a person, or None.
     """
 
     def __init__(self) -> None:
@@ -55,11 +54,11 @@ class MissedProducts:
 
     @property
     def text(self) -> str:
-        """Texts on the missed products in one line, empty if no product is missed."""
+        """Messages on the missed products in one line, empty if no product is missed."""
         return '; '.join(self.texts)
 
     def add(self, text: str) -> None:
-        """Add the text on a product that may have been missed."""
+        """Add the message on a product that may have been missed."""
         if text in self.texts:
             return
         named = self.texts[:_MAX_MISSED]

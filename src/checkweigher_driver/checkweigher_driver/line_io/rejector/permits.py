@@ -51,7 +51,7 @@ class Permits:
         ]
 
     def given(self, now: int) -> bool:
-        """Return whether an item may pass at time `now` in ns."""
+        """Return whether an item is permitted to pass at time `now` in ns."""
         here = self._belt.at(now)
         self._windows = [
             (begin, end)

@@ -35,12 +35,12 @@ class BeltTime:
         return self._stopped_at is not None
 
     def stop(self, now: int) -> None:
-        """Process a stop of the belt at time `now`."""
+        """Record a stop of the belt at time `now`."""
         if self._stopped_at is None:
             self._stopped_at = now
 
     def run(self, now: int) -> int:
-        """Process a start of the belt at time `now`; return the belt time."""
+        """Record a start of the belt at time `now`; return the belt time."""
         if self._stopped_at is not None:
             self._stops.append(_Stop(self._stopped_at, now, self._stood))
             self._stood += now - self._stopped_at
@@ -78,7 +78,7 @@ class BeltTime:
                 stood = run < since - entered
                 travel = travel * run // (since - entered)
             begin = self.at(since) + travel
-        # While the belt is stopped, `resume` will report the delay.
+        # A stop that still lasts is not reported, because `resume` will extend the pulse.
         return begin, stood or (not self.stopped and begin != self.at(due))
 
 
@@ -113,7 +113,7 @@ class RejectPulses:
             self._put(begin, end, here, self._times.belt_margin)
 
     def act(self, now: int) -> None:
-        """Begin a pulse at once."""
+        """Begin a pulse at time `now`."""
         here = self.belt.at(now)
         self._put(here, here + self._times.duration, here)
 

@@ -13,8 +13,8 @@ _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 class RunPermission:
     """Permission to run and stop requests of the node reject.
 
-    A permission expires after `FRESH_TIME`. Without a fresh permission, the node has ended or
-    hangs, and may have lost its stop requests.
+    A permission expires after `FRESH_TIME`. The node has then ended or hangs, and may have lost its
+    stop requests.
     """
 
     def __init__(self, missed: MissedProducts) -> None:
@@ -22,7 +22,7 @@ class RunPermission:
         # Arrival of the last permission in ns, and whether the line may run.
         self._permission: tuple[int, bool] | None = None
         self._silent = False  # whether the last permission has expired
-        self._asked = ''  # reason and hint of the present stop request
+        self._asked = ''  # reason and hint of the last stop request for a cause outside the driver
 
     def permits(self, now: int) -> bool:
         """Return whether a fresh permission allows the line to run at time `now` in ns."""
@@ -33,12 +33,12 @@ class RunPermission:
         return run
 
     def take_permission(self, permission: Permission, now: int) -> None:
-        """Process a permission that arrived at time `now` in ns."""
+        """Record a permission that arrived at time `now` in ns."""
         self._end_silence()
         self._permission = now, permission.run
 
     def take_request(self, request: StopRequest | None) -> None:
-        """Process a stop request, or None if the stop request was reset."""
+        """Update the latch by a stop request, or by None if the stop request was reset."""
         self._end_silence()
         if request is None:
             self._asked = ''
@@ -51,7 +51,7 @@ class RunPermission:
             self._missed.take(LatchEvent.SHOW)
 
     def _end_silence(self) -> None:
-        """Latch a stop request from before a silence, which a restarted node has forgotten."""
+        """Latch the stop request from before a silence, because a restart has cancelled it."""
         if self._silent and self._asked:
             self._missed.add(self._asked)
         self._silent = False

@@ -73,7 +73,7 @@ class Sorter:
         self.figures['permits' if given else 'permits withheld'] += 1
 
     def _was_stopped(self, times: Times | None) -> bool:
-        """Return whether the belt was stopped after an item was at the outfeed eye."""
+        """Return whether an unmeasured stop of the belt followed the item's outfeed edge."""
         return times is not None and self._motion.was_stopped_since(times.since)
 
     def _was_looked_for(self, verdict: Verdict) -> bool:
@@ -98,11 +98,9 @@ class Sorter:
         item, station = f'item {verdict.item_id}', verdict.station
         if station >= len(self._pulses):
             times = None
-            self._missed.add(f'{item}: is for station {station}, which the outputs lack')
+            self._missed.add(f'{item}: is for station {station}, which has no output')
         if times is None:
-            self.eject(
-                now, f'{item}: the time at which it is at the rejector is not known; look for it'
-            )
+            self.eject(now, f'{item}: its arrival time at the rejector is unknown; look for it')
             return
         late, why = self._pulses[station].add(times.due, times.since, now, times.entered), ''
         if late:
@@ -128,7 +126,7 @@ class Sorter:
         skipped = sum(pulses.skipped for pulses in self._pulses)
         acting = [pulses.acting(now) for pulses in self._pulses]
         if sum(pulses.skipped for pulses in self._pulses) > skipped:
-            self._missed.add('the machine was too busy to switch the rejector; look behind it')
+            self._missed.add('the computer was too busy to switch the rejector; look behind it')
         return acting
 
     def next_switches(self, now: int) -> Switches:
@@ -140,7 +138,7 @@ class Sorter:
     def reconnect(self, now: int) -> None:
         """Check whether a pulse has begun while the outputs could not be switched."""
         if any(pulses.begun(now) for pulses in self._pulses):
-            self._missed.add('the rejector could not be reached when it should act; look behind it')
+            self._missed.add('the rejector could not be reached in time to act; look behind it')
 
     def resume(self, here: int) -> None:
         """Extend the future pulses after a stop of the belt at belt time `here` in ns."""

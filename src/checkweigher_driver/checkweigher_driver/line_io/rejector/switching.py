@@ -26,7 +26,8 @@ class Switches(NamedTuple):
 class SwitchTiming:
     """Timing errors of the outputs. A change is late if its error exceeds `late_tolerance` in ns.
 
-    `figures` has the number of changes of the rejector, and their errors in ms, positive if late.
+    `figures` contains the number of switches of the rejector, their mean and largest error in ms,
+    positive if late, and their largest uncertainty in ms.
     """
 
     def __init__(self, late_tolerance: int) -> None:
@@ -39,7 +40,7 @@ class SwitchTiming:
         }
 
     def add(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> list[str]:
-        """Add a change that was made between two times; return texts on late outputs."""
+        """Add a change that was made between two times; return messages on late outputs."""
         rejector = before.reject != after.reject and due.reject <= begun
         if rejector:
             self._count(1e-6 * ((begun + done) / 2 - due.reject), 1e-6 * (done - begun) / 2)

@@ -15,7 +15,7 @@ class VerdictWatch:
 
     All times are in ns; `now` is on a monotonic clock. `timeout` is the longest time from a product
     at the outfeed eye to the next verdict. If `timeout` is 0, the travel time of the previous
-    product from the outfeed eye to the rejector is used.
+    product from the outfeed eye to the rejector is used, and 1 s for the first product.
     """
 
     def __init__(self, timeout: int) -> None:
@@ -33,7 +33,7 @@ class VerdictWatch:
         return self._timeout or self._travel
 
     def edge(self, edge: EyeEdge, now: int) -> None:
-        """Process an edge of the photo-eyes."""
+        """Begin to wait for a verdict if an edge shows a new product at the outfeed eye."""
         if edge.eye == Eye.INFEED and edge.blocked:
             self._infeed_blocked = edge.stamp
         elif edge.eye == Eye.INFEED:
@@ -52,7 +52,7 @@ class VerdictWatch:
         return stamp - self._last >= self._length and not 0 <= stamp - self._outfeed_clear < FLICKER
 
     def verdict(self, verdict: Verdict) -> None:
-        """Process a verdict. Verdicts on earlier products are then no longer awaited."""
+        """Stop waiting for a verdict, also on earlier products, and update the travel time."""
         self._since = None
         if verdict.t3 is not None and verdict.reject_at is not None:
             self._travel = max(verdict.reject_at - verdict.t3, 0) or self._travel
