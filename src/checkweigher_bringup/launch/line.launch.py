@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch file of the line: driver, segmenter, denoise, identifier, reject and product.
 
-The arguments set values that differ from run to run. All other values, and those of omitted
-arguments, come from the parameter file. With lanes:=FILE host:=NAME, the nodes of one host start.
-The file describes lanes on several hosts, see docs/hosts.md.
+The arguments set the values that differ from run to run. All other values, and the values of
+omitted arguments, come from the parameter file. With lanes:=FILE host:=NAME, only the nodes of this
+host start. The file describes lanes on several hosts, see docs/hosts.md.
 """
 
 from functools import partial
@@ -35,7 +35,7 @@ from checkweigher_gateways.settings import read_gateways
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
 
-_files = []  # temporary files, which launch removes when it ends.
+_files = []  # temporary files, which are removed when launch ends
 
 # Defaults of the arguments. The default of any other argument is ''.
 DEFAULTS = {
@@ -49,23 +49,22 @@ DEFAULTS = {
     'log_level': 'info',
 }
 ARGUMENTS = {
-    'namespace': 'of the lane',
-    'params_file': 'parameters of all nodes',
+    'namespace': 'namespace of the lane',
+    'params_file': 'parameter file of all nodes',
     'source': 'simulator, bag, aed or ascii; empty: bag with bag:=..., else as in params_file',
-    'bag': 'bag to play',
-    'rate': 'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in '
-    'params_file',
-    'one_process': 'whether all nodes share one process; false gives each its own',
-    'remap': 'topics of nodes under another name, as NODE:TOPIC:=OTHER, separated by spaces: for a '
-    'node of your own between two of the line',
-    'respawn': 'whether a process that has ended is started again; false ends the launch with it',
-    'folder': 'of this machine: calibration, trained parameters, recipes, audit log; made if there '
-    'is none, and with it the nodes dynamic_setting and verifier run beside the line',
-    'page': 'whether the page of the line is served, on http://127.0.0.1:8080/',
-    'batch_reports': 'whether each batch that ends gets a report beside its record',
-    'gateways': 'settings of the gateways into the plant (YAML); those of its sections run',
-    'lanes': 'description of lanes on several hosts (YAML), in place of the arguments above but '
-    'respawn, page and gateways',
+    'bag': 'bag to replay',
+    'rate': 'speed of a bag or of the simulator relative to real time; 0: as fast as possible; '
+    'empty: as in params_file',
+    'one_process': 'whether all nodes share one process; false: one process for each node',
+    'remap': 'remapping rules NODE:TOPIC:=OTHER, separated by spaces, to insert your own node',
+    'respawn': 'whether processes that end are restarted; false: the launch then ends, too',
+    'folder': 'folder of this machine with calibration, trained parameters, recipes and audit log; '
+    'created if necessary; the nodes dynamic_setting and verifier then also run',
+    'page': 'whether the web page of the line is served, at http://127.0.0.1:8080/',
+    'batch_reports': 'whether a report is written beside the record of each batch that ends',
+    'gateways': 'settings file of the gateways (YAML); a gateway runs for each section',
+    'lanes': 'description of lanes on several hosts (YAML), which replaces the arguments above '
+    'except respawn, page and gateways',
     'host': 'name of this host in the file lanes',
     'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
 }
@@ -138,18 +137,18 @@ def remap_arguments(context):
         # ROS would ignore an unknown node, and the line would run without the node of the user.
         if node not in NODES or not all(names.partition(':=')):
             known = ', '.join(NODES)
-            raise RuntimeError(f'remap: {rule!r} is not NODE:TOPIC:=OTHER, with one of {known}')
+            raise RuntimeError(f'remap: {rule!r} is not NODE:TOPIC:=OTHER; NODE is one of {known}')
     return [word for rule in rules for word in ('--remap', rule)]
 
 
 def make_host(context, lanes, host):
     """Return the actions that start the nodes of one host, with one process for each lane."""
     if not (lanes and host):
-        raise RuntimeError('lanes and host belong together: the file, and a host of it')
+        raise RuntimeError('lanes and host must be given together: a file, and a host in the file')
     for name in (each for each in ARGUMENTS if each not in WITH_LANES):
         default = normalize_to_list_of_substitutions(DEFAULTS.get(name, ''))
         if LaunchConfiguration(name).perform(context) != perform_substitutions(context, default):
-            raise RuntimeError(f'{name}: {lanes} says that; see docs/hosts.md')
+            raise RuntimeError(f'{name}: cannot be used with lanes:={lanes}; see docs/hosts.md')
     line = read_line(Path(lanes))
     kept = kept_running(context)
     environment = [SetEnvironmentVariable(*each) for each in line.environment().items()]
@@ -206,8 +205,8 @@ def make_gateways(context, kept):
 def kept_running(context):
     """Return the options by which launch restarts a process, unless `respawn` is false.
 
-    On SIGTERM, launch ends without ending its processes, which would hold the places of the line.
-    With the added variable, each process ends with its parent.
+    On SIGTERM, launch ends without ending its processes, which would then prevent a new start. With
+    the added variable, each process ends with its parent.
     """
     respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
     respawn = perform_typed_substitution(context, respawn, bool)
@@ -220,7 +219,7 @@ def kept_running(context):
 
 
 def files_and_parameters(context, params_file):
-    """Return the parameter files, and the parameters of each node for the folder."""
+    """Return the parameter files, and the parameters by which each node uses the folder."""
     own = {name: {} for name in (*NODES, *OF_MACHINE)}
     path = LaunchConfiguration('folder').perform(context)
     if not path:
@@ -231,7 +230,7 @@ def files_and_parameters(context, params_file):
 
 
 def on_exit(event, context, *, respawn):
-    """End the launch if a process cannot start, or if any process ends and `respawn` is false.
+    """End the launch if a process of the line cannot start, or ends and `respawn` is false.
 
     A line without one of its nodes gives no verdicts. The delay before a respawn is long enough to
     end the launch first.
@@ -260,6 +259,6 @@ def driver_parameters(context):
 
 
 def reject_parameters(context):
-    """Return the parameters of `reject`. It has no deadlines if the rate is not real time."""
+    """Return the parameters of `reject`, which has no deadlines at a rate other than 1."""
     rate = LaunchConfiguration('rate').perform(context)
     return {'deadlines': False} if rate and float(rate) != 1 else {}

@@ -62,7 +62,7 @@ def test_a_process_that_died_is_started_again_after_the_delay(
     assert not it.starts(100.9)
     assert it.starts(101.2)
     said = capsys.readouterr().err
-    assert 'it: killed by signal 9 (SIGKILL); started again after 1.2 s' in said
+    assert 'it: killed by signal 9 (SIGKILL); restarted after 1.2 s' in said
 
 
 def test_one_that_dies_at_once_again_and_again_waits_longer_up_to_a_limit(made: list[Supervised]):
@@ -110,7 +110,7 @@ def test_a_silent_process_is_killed_and_said_to_have_hung(
         assert not it.starts(start + 34.5)
         it.ended()
         assert not it.starts(start + 34.7)
-    assert 'it: hung: no diagnostics for 5 s; started again' in capsys.readouterr().err
+    assert 'it: hung: no diagnostics for 5 s; restarted' in capsys.readouterr().err
 
 
 def test_diagnostics_of_a_process_that_has_ended_do_not_count_for_the_next(made: list[Supervised]):

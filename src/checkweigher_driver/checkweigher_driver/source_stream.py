@@ -30,7 +30,7 @@ from checkweigher_recording.block_cutting import cut_for_pace
 _REPEATS = (0.2, 0.5, 1.0)
 _PATIENCE = 5.0  # longest wait in s for the other nodes
 _END_PATIENCE = 2.0  # longest wait in s for the last read of a source
-_PERIOD = 0.02  # period in s of the checks of a condition, because some changes notify no waiter
+_PERIOD = 0.02  # period of the checks in s, because not all changes wake the thread
 _REMINDER = 5.0  # time in s between warnings
 
 
@@ -187,7 +187,7 @@ class SourceStream:
             yield event
 
     def _send(self, event: Event) -> None:
-        """Send an event, and before the event a repetition of the status if it is due."""
+        """Send an event, after a repetition of the status if one is due."""
         if self._repeats and time.monotonic() > self._repeats[0]:
             del self._repeats[0]
             self.report(StreamState.RUNNING, self._trouble)

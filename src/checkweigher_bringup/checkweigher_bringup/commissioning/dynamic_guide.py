@@ -36,8 +36,8 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     )
     train(bags, new, estimators, base, budget=arguments.budget)
     taken = ask(
-        f'Type yes to take these parameters over as {output}',
-        f'the parameters were taken over; they are in {new}',
+        f'Type yes to write these parameters to {output}',
+        f'the parameters were accepted; they are in {new}',
     )
     if taken.lower() not in ('y', 'yes'):
         print(f'{output}: not written; the parameters are in {new}')
@@ -61,9 +61,9 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record the passes at a speed in m/min. Repeat this if the belt ran at another speed."""
+    """Return a bag of passes at a speed in m/min; repeat a recording at another speed."""
     while True:
-        ask(f'Set the belt to {speed:g} m/min, run the line')
+        ask(f'Set the belt to {speed:g} m/min and run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))
         bag = next(path for path in names if not path.exists())
         known = ReferencePasses(arguments.reference / GRAMS, arguments.passes)
@@ -71,11 +71,11 @@ def _record_at(
         passes = [each for each in read_passes([bag], None, base.segmenter).passes if each.whole]
         if len(passes) < arguments.passes:
             raise UserError(
-                f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; start again, '
-                'or tune on the recorded bags'
+                f'{bag}: only {len(passes)} of {arguments.passes} passes were recorded; begin '
+                'again, or use the command tune with the recorded bags'
             )
         found = _MINUTE * median(each.window.belt_speed for each in passes)
         print(f'{bag}: {len(passes)} passes at {found:.2f} m/min')
         if abs(found / speed - 1) <= _TOLERANCE:
             return bag
-        print(f'the belt ran at {found:.2f} m/min, not at {speed:g}: this bag is left out')
+        print(f'the belt ran at {found:.2f} m/min, not at {speed:g} m/min: this bag is not used')

@@ -44,28 +44,28 @@ from checkweigher_validation.tuning.parameter_file import accuracy_lines
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # time in s in which a child process must complete its bag
 _NICENESS = 10  # niceness of the training, which gives the line priority
-_NOTHING_WAITS = f'nothing that was learned waits; call {ports.TUNE_PASSES} first'
+_NOTHING_WAITS = f'there are no learned parameters to accept; call {ports.TUNE_PASSES} first'
 
 
 @dataclass(frozen=True)
 class DynamicSettingParameters(Parameters):
-    """Folder of the bags and of the learned parameters, and parameters of the training."""
+    """Parameters of the recording of passes and of the training."""
 
     node: ClassVar[str] = 'dynamic_setting'
 
     folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml, must be given')
     estimator: str = parameter(
         'best',
-        'estimator to train and to select in machine.yaml; best: the best of all on passes '
-        'that were held out',
+        'estimator that is trained and selected in machine.yaml; best: the most accurate one on '
+        'held-out passes',
         choices=('best', *ESTIMATORS),
     )
-    budget: int = parameter(240, 'evaluations at each speed', minimum=1, maximum=1_000_000)
+    budget: int = parameter(240, 'number of evaluations per speed', minimum=1, maximum=1_000_000)
     parameters: str = parameter(
-        '', 'parameter file of everything that is not trained; empty for the defaults'
+        '', 'file of the parameters that are not trained; empty for the defaults'
     )
     restart_file: str = parameter(
-        '', 'file by which the line is asked to start again; empty without `run --folder`'
+        '', 'file that is created to request a restart; empty without `run --folder`'
     )
 
 
@@ -125,10 +125,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._publisher.publish(self._said)
 
     def _waiting(self) -> str:
-        """Return a text with the services that show, accept or drop the learned parameters."""
+        """Return a text with the services that show, accept or discard the learned parameters."""
         return (
-            f'tuned: {self._learned} waits; {ports.SHOW_TUNED} shows how accurate it is, '
-            f'{ports.ACCEPT_TUNED} takes it over, {ports.CANCEL_PASSES} drops it'
+            f'tuned: {self._learned} is ready; {ports.SHOW_TUNED} shows its accuracy, '
+            f'{ports.ACCEPT_TUNED} accepts it, {ports.CANCEL_PASSES} discards it'
         )
 
     # Services
@@ -163,18 +163,18 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         output = ('--output', self._learned, '--overwrite', '--budget', known.budget)
         self._begin('tune', *bags, *output, *options)
         self._publish_state(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
-        return f'begun; {ports.DYNAMIC_SETTING.name} says when it is done'
+        return f'training has begun; {ports.DYNAMIC_SETTING.name} reports its end'
 
     def _cancel(self, request: Any, response: Any) -> str:
-        """End recording or training, or drop the learned parameters. Recorded passes are kept."""
+        """End recording or training, or discard learned parameters. Recorded passes are kept."""
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
-            return 'it ends; passes that were weighed are kept'
+            return 'recording or training ends; passes that were weighed are kept'
         if not self._learned.exists():
-            return 'nothing is under way'
+            return 'nothing to cancel'
         self._learned.unlink()
-        text = f'what was learned is dropped; {self._file} stays as it was'
+        text = f'the learned parameters were discarded; {self._file} is unchanged'
         self._publish_state(DynamicSetting.IDLE, text)
         return text
 
@@ -195,17 +195,17 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         name = self.get_fully_qualified_name()
         value = {'file': str(self._file), 'sha256': hashlib.sha256(learned).hexdigest()}
         if reason := await self.change_record.write(TUNED, name, value):
-            raise UserError(f'{reason}: not taken over')
+            raise UserError(f'{reason}: not accepted')
         try:
             self._check_idle()
             if self._candidate() != learned:
-                raise UserError('the learned parameters have changed meanwhile')
+                raise UserError('the learned parameters have changed in the meantime')
             version = replace_version(self._file, self._learned)
         except (UserError, OutputError, OSError) as error:
-            text = f'not taken over: {error}'
+            text = f'not accepted: {error}'
             await self.change_record.write(TUNED, name, text)
             raise UserError(text) from None
-        text = f'{self._file}, version {version}; the line takes it at its next start'
+        text = f'{self._file}, version {version}; the line uses it from its next start'
         self._publish_state(DynamicSetting.IDLE, text)
         self.get_logger().info(text)
         return text
@@ -214,12 +214,12 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         """Request a restart of the line, which then reads the parameter file again."""
         file = self.parameters.restart_file
         if not file:
-            raise UserError('this line can only be restarted where it was started')
+            raise UserError('only a line of `run --folder` can be restarted by this service')
         try:
             Path(file).touch()
         except OSError as error:
             raise UserError(f'{file}: {error.strerror}') from None
-        return 'the line ends, and starts again'
+        return 'the line restarts'
 
     # The child process
 
@@ -241,7 +241,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 stdout=output,
                 stderr=errors,
                 env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
-                process_group=0,  # Ctrl-C reaches only this process, which then ends the child.
+                process_group=0,  # Ctrl-C reaches only this process, which then ends the child
             )
         self._timer.reset()
         if words[0] == 'tune':
@@ -263,7 +263,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._finish(status)
 
     def _finish(self, status: int) -> None:
-        """Publish the result of the child process, after removing the files of a failed one."""
+        """Publish the result of the child process. Files without a result are removed."""
         said, values = self._said, dict[str, Any]()
         if self._recording is not None:
             text = f'{said.passes} of {said.wanted} passes of {GRAMS * said.mass:g} g recorded'

@@ -57,7 +57,7 @@ class Identity:
             digests, entries = _read_audit(self._audit)
             self._known |= digests
             changes += _changes_in_log(entries[self._entries :])
-        except AuditError as error:  # The report is written even if the log was damaged meanwhile.
+        except AuditError as error:  # a log that was damaged in the meantime prevents no report
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
         return json.dumps(self._known)
@@ -68,17 +68,17 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
     for node in sorted({*before, *after}):
         if node not in before or node not in after:
             when = 'before the first' if node in before else 'after the last'
-            yield f'Node {node} told its parameters only {when} step.'
+            yield f'Node {node} reported its parameters only {when} step.'
             continue
         old, new = before[node], after[node]
         for name in sorted({*old, *new}):
             was, now = (
-                repr(values[name]) if name in values else 'not there' for values in (old, new)
+                repr(values[name]) if name in values else 'not set' for values in (old, new)
             )
             if was != now:
                 yield (
                     f'Parameter {node}.{name} was {one_line(was, _LONGEST)} before the first step '
-                    f'and {one_line(now, _LONGEST)} after the last one.'
+                    f'and {one_line(now, _LONGEST)} after the last step.'
                 )
 
 

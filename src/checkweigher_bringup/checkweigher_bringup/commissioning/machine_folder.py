@@ -15,17 +15,17 @@ from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_validation.verification.plan import PLANS
 
 _RECIPES = """\
-# The products of this machine. Masses in kg; docs/recipes.md says what each key means.
+# The products of this machine. Masses are in kg. docs/recipes.md describes the keys.
 products:
   crisps_150g:
-    nominal: 0.150      # what the label says
-    tare: 0.004         # what the packaging weighs
-    lower_limit: TU1    # of directive 76/211/EEC; or a mass
+    nominal: 0.150      # mass on the label
+    tare: 0.004         # mass of the packaging
+    lower_limit: TU1    # TU1 or TU2 of directive 76/211/EEC, or a mass
     upper_limit: 0.165
 """
 # Parameters by node and name.
 ParameterSets = dict[str, dict[str, object]]
-# Defaults, which the parameter files override. A simulated line has no end.
+# Defaults, which the parameter files override: with a folder, a simulated line has no end.
 DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 
 
@@ -37,7 +37,7 @@ def own_folder(node: Node, name: str) -> Path:
     folder = Path(name)
     try:
         if not name or not folder.is_dir():
-            raise CalibrationError(f'{name!r} is not a folder; make it, and name it there')
+            raise CalibrationError(f'{name!r} is not an existing folder')
         check_not_installed(folder)
     except CalibrationError as error:
         text = f'{node.get_name()}.folder: {error}'
@@ -52,9 +52,9 @@ class MachineFolder:
 
     The files are the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
     `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, and the audit
-    log `audit.log`. The folders `passes_N` have recorded passes, `kept` has items that users kept,
-    `batches` has records and reports of batches, and `plans` has plans of verifications. The folder
-    `verifications` has a folder for each verification.
+    log `audit.log`. The folders `passes_N` are bags of recorded passes, `kept` contains items that
+    users kept, `batches` contains records and reports of batches, `plans` contains verification
+    plans, and `verifications` contains a folder for each verification.
     """
 
     path: Path
@@ -67,13 +67,13 @@ class MachineFolder:
             check_not_installed(path)
             for name in ('kept', PLANS):
                 (path / name).mkdir(parents=True, exist_ok=True)
-            cls(path).take_restart()  # Discard a request that an earlier run has left.
+            cls(path).take_restart()  # discard the request of an earlier run
             if not (path / 'recipes.yaml').exists():
                 write_whole(path / 'recipes.yaml', _RECIPES)
         except (CalibrationError, OutputError) as error:
             raise UserError(f'--folder {error}') from None
         except OSError as error:
-            raise UserError(f'--folder {path}: cannot be made: {error.strerror}') from None
+            raise UserError(f'--folder {path}: cannot be created: {error.strerror}') from None
         return cls(path)
 
     def take_restart(self) -> bool:
@@ -89,7 +89,7 @@ class MachineFolder:
         return self.path / 'restart'
 
     def files(self, given: Path | None) -> list[Path]:
-        """Return the parameter file of the user, and the file of the trained parameters."""
+        """Return the parameter file of the user and the trained parameters, if there are any."""
         trained = self.path / 'machine.yaml'
         known = [] if given is None else [given]
         return [*known, trained] if trained.exists() else known

@@ -29,9 +29,9 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
         states: queue.Queue[PerformanceTest] = queue.Queue()
         node.subscribe(ports.PERFORMANCE_TEST, states.put)
         spinner.add(node)
-        # If the test began before the first message, this node might miss the first passes.
+        # Wait for a message before the test, because otherwise the first passes might be missed.
         topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
-        absent = f'nothing on {topic}: is the line running, with a product selected?'
+        absent = f'no message on {topic}: is the line running, with a product selected?'
         before = _next(states, _PATIENCE, absent)
         request = BeginTest.Request(who=who, reason=reason)
         print(call(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request), flush=True)
@@ -59,7 +59,7 @@ def _follow(states: queue.Queue[PerformanceTest], before: PerformanceTest, timeo
     """
     end, shown, begun = time.monotonic() + timeout, 0, False
     while True:
-        absent = f'no {"end" if begun else "begin"} of the test within {timeout:g} s'
+        absent = f'no {"end" if begun else "start"} of the test within {timeout:g} s'
         state = _next(states, end - time.monotonic(), absent)
         is_running = state.state is PerformanceState.RUNNING
         begun |= state.stamp > before.stamp and (is_running or len(state.errors) > 0)
@@ -84,5 +84,5 @@ def _pass(number: int, state: PerformanceTest) -> str:
 def _conclude(state: PerformanceTest) -> bool:
     full = len(state.errors) >= state.passes > 0
     passed = full and all(abs(each) <= state.limit for each in state.errors)
-    print('passed' if passed else f'FAILED: {state.text or "it was broken off"}', flush=True)
+    print('passed' if passed else f'FAILED: {state.text or "the test was cancelled"}', flush=True)
     return passed

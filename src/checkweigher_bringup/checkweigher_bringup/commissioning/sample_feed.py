@@ -35,7 +35,7 @@ class SampleFeed:
         self._messages.put(message)
 
     def wait_for_load_cell(self) -> LoadCell:
-        """Return the load cell, or raise `UserError` if it does not arrive in time."""
+        """Return the load cell, or raise `UserError` if nothing arrives for 5 s."""
         while self.load_cell is None:
             self._take()
         return self.load_cell
@@ -81,7 +81,7 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 
 @contextmanager
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
-    """Yield the feed of a source, and close the source after the block."""
+    """Yield the feed of a source, and close the source at the end of the context."""
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)
     ending = threading.Event()

@@ -10,10 +10,10 @@ from checkweigher_bringup.errors import UserError
 
 
 def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[[Any, Any], Any]:
-    """Return the callback of a service that answers with a message.
+    """Return a service callback that sets `success` and `message` of the response.
 
-    The function or coroutine function `callback` is called with the request and the response.
-    The function returns the message, or raises `UserError` with the reason of a refusal.
+    The function or coroutine function `callback` is called with the request and the response. It
+    returns the message, or raises `UserError` with the reason of a refusal.
     """
 
     async def answer(request: Any, response: Any) -> Any:
@@ -37,7 +37,7 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
     client = node.create_client(kind, name)
     try:
         if not client.wait_for_service(patience):
-            raise UserError(f'no answer of the service {client.srv_name}; is the line running?')
+            raise UserError(f'there is no service {client.srv_name}; is the line running?')
         future = client.call_async(kind.Request() if request is None else request)
         answer = answer_of(future, client.srv_name, patience)
     finally:
@@ -52,5 +52,5 @@ def answer_of(future: Any, name: str, patience: float) -> Any:
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     if not done.wait(patience):
-        raise UserError(f'no answer of {name} within {patience:g} s')
+        raise UserError(f'no answer from {name} within {patience:g} s')
     return future.result()

@@ -32,7 +32,7 @@ from checkweigher_driver.devices import source_class
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     """Guide the technician through the masses, and write the calibration file."""
     if arguments.source is None:
-        raise UserError('--source: must name the source that is calibrated, such as aed')
+        raise UserError('--source: must be the source to calibrate, such as aed')
     check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
     if not arguments.mass_uncertainty >= 0:
         raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')
@@ -47,15 +47,15 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     residual = GRAMS * found.largest_residual
     if arguments.max_residual and residual > arguments.max_residual:
         raise UserError(
-            f'{arguments.output}: not written: a mass is {residual:.3f} g off the line, more than '
-            f'--max-residual {arguments.max_residual:g}; check the masses, and the belt'
+            f'{arguments.output}: not written: the largest residual is {residual:.3f} g, more than '
+            f'--max-residual {arguments.max_residual:g}; check the masses and the belt'
         )
     version = write_version(arguments.output, arguments.source, found, points, arguments.params)
     print(f'{arguments.output}: version {version} written; start the line with it')
 
 
 def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
-    """Return the feed of a running line, or of the source itself with the option `--open`."""
+    """Return the feed of a running line or, with the option `--open`, of the source itself."""
     check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))

@@ -27,7 +27,7 @@ def verify(arguments: argparse.Namespace) -> str:
         raise UserError('--params: only with --bags; a running line has its own parameters')
     check_new(folder)
     if arguments.plan is None:
-        refuse(arguments, 'not with --from, the bag has the digest of its log', 'audit')
+        refuse(arguments, 'not with --from; the bag contains the digest of its log', 'audit')
         with local_bag(arguments.procedure) as recorded:
             return write_report(recorded, folder)
     plan, text = plan_of(arguments.plan)
@@ -62,8 +62,7 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
 
 def write_report(bag: Path, folder: Path) -> str:
     """Write the report of a procedure into a folder, and return the verdict."""
-    # The libraries of this module double the memory of the node `verifier`, so they are imported
-    # only here.
+    # Import this module only here, because its libraries double the memory of the node `verifier`.
     from checkweigher_validation.report.verification_page import render_verification
 
     report = report_of(read_procedure(bag))

@@ -57,7 +57,7 @@ def procedure_of_bags(
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
         if bag.name not in steps:
-            raise UserError(f'{bag}: is named as no step of the plan; verify --steps lists them')
+            raise UserError(f'{bag}: the name is not a step of the plan; verify --steps lists them')
     found = [(bag, steps[bag.name], read_bag(bag)) for bag in bags]
     found.sort(key=lambda each: each[2].blocks[0].stamp)
     _check_together(found)
@@ -91,8 +91,8 @@ def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
         for known in recording.references:
             if step.load and abs(known.mass / step.load.mass - 1) > _SAME_LOAD:
                 raise UserError(
-                    f'{bag}: its reference_mass is {GRAMS * known.mass:g} g, the plan has '
-                    f'{step.load.name}, {GRAMS * step.load.mass:g} g'
+                    f'{bag}: its reference_mass is {GRAMS * known.mass:g} g, but in the plan '
+                    f'{step.load.name} is {GRAMS * step.load.mass:g} g'
                 )
 
 
@@ -137,6 +137,6 @@ def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int,
             end = end_of_block(block, recording.load_cell)
             return end - round(steadiness.duration * NANOSECONDS), end
     raise UserError(
-        f'{bag}: the load is never at rest for {steadiness.duration:g} s to within '
-        f'{GRAMS * steadiness.tolerance:g} g; see rest: in the plan'
+        f'{bag}: the load is never at rest for {steadiness.duration:g} s within '
+        f'{GRAMS * steadiness.tolerance:g} g; see the section rest of the plan'
     )

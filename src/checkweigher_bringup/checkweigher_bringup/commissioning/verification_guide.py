@@ -60,13 +60,13 @@ _ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
 _SILENCE = 10.0  # time in s without a product after which the operator gets a message
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # duration in s of the samples that are recorded after the last step
-_UNFINISHED = 'the verification was done; what was recorded is in the bag'
+_UNFINISHED = 'the verification was complete; the bag contains the steps so far'
 # Parameters that each ROS node has, and that do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
 class BrokenOffError(Exception):
-    """The operator has cancelled the procedure."""
+    """Raised if the operator cancels the procedure."""
 
 
 class Operator(Protocol):
@@ -107,7 +107,7 @@ class Terminal:
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
         """Print the result of a step, and return false if the step must be repeated."""
         self.tell(f'{self._steps[number].name}, {found}')
-        return passed or ask('Type r to make it again, or nothing to go on', _UNFINISHED) != 'r'
+        return passed or ask('Type r to repeat the step, or nothing to go on', _UNFINISHED) != 'r'
 
     def tell(self, text: str) -> None:
         """Print the text of an event."""
@@ -124,9 +124,9 @@ def procedure_on_line(
 ) -> None:
     """Guide an operator through the steps of a plan, and record the procedure into a bag.
 
-    The parameters of the line are read before the first step and after the last one. If the
-    operator cancels the procedure, the bag has the steps so far. Raises `UserError` if the line
-    does not run or the input ends.
+    The parameters of the line are read before the first step and after the last step. If the
+    operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if the
+    line does not run or the input ends.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -154,7 +154,7 @@ def procedure_on_line(
 
 
 class VerificationNode(RecorderNode):
-    """Node that records a lane, and that has the samples and verdicts for the steps.
+    """Node that records a lane, and that provides the samples and verdicts for the steps.
 
     Any thread may read the queue `verdicts`. `latest` is the time in ns of the latest sample or
     verdict.
@@ -186,14 +186,14 @@ class VerificationNode(RecorderNode):
         self.feed.put(block)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        # A busy computer may deliver samples after verdicts. A step begins after both.
+        # On a busy computer, samples may arrive after verdicts, and a step begins after both.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
 
 
 @contextmanager
 def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
-    """Write the recorded messages in another thread during a block."""
+    """Write the recorded messages in another thread for the duration of the context."""
     ending = threading.Event()
 
     def write() -> None:
@@ -248,7 +248,7 @@ class _Guide:
         node.tell(VerificationStep(begin, step.name, StepState.BEGUN, begin))
         try:
             attempt = self._read(step) if step.at_rest else self._count(step, begin)
-        except (CalibrationError, UserError) as error:  # The step has no result and is repeated.
+        except (CalibrationError, UserError) as error:  # the step has no result and is repeated
             self._operator.tell(f'{step.name}: {error}')
             return False
         node.tell(VerificationStep(attempt.end, step.name, StepState.DONE, attempt.begin))
@@ -263,13 +263,13 @@ class _Guide:
             return
         due = self._warm + round(step.minutes * MINUTE * NANOSECONDS)
         while (left := due - self._node.latest) > 0:
-            self._operator.show(f'{step.name}: in {left / NANOSECONDS:.0f} s')
+            self._operator.show(f'{step.name}: begins in {left / NANOSECONDS:.0f} s')
             time.sleep(_POLL_PERIOD)
 
     def _read(self, step: Step) -> Attempt:
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
-            self._operator.show('it is zeroed')
+            self._operator.show('the zero is being set')
             answer = call(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
             self._operator.tell(f'zero: {answer}')
         found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
@@ -300,8 +300,8 @@ class _Guide:
                     self._operator.tell(f'no product within {_SILENCE:.0f} s')
                 continue
             latest = time.monotonic()
-            # The verdict has no belt speed, so this is the planned speed. The report uses the speed
-            # of the estimate.
+            # The planned speed is used, because a verdict has no belt speed. The report uses the
+            # speed of the estimate.
             item = item_pass(verdict, step.speed or math.nan)
             if item.stamp < begin:
                 continue
@@ -313,7 +313,7 @@ class _Guide:
 
 
 def _count_weighed(step: Step, items: list[ItemPass]) -> int:
-    """Count the weighed items. In a step with a mass outside the range, all items count."""
+    """Return the number of weighed items, or of all items if the mass is outside the range."""
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
 
@@ -333,7 +333,7 @@ def _line(result: Result) -> str:
 
 
 def _parameters(node: VerificationNode, patience: float) -> NodeValues:
-    """Return the parameters of the nodes. Each node has `patience` s for an answer."""
+    """Return the parameters of the nodes. Wait for each answer for at most `patience` s."""
     found: NodeValues = {}
     for name in ports.NODES:
         client = AsyncParameterClient(node, name)

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Node for verifications with the operator at the page.
+"""Node that guides an operator at the page through a verification.
 
-The procedure is the same as at the terminal. The procedure runs in a thread that waits for the
+The procedure is the same as at the terminal. It runs in a separate thread, which waits for the
 answers of the operator.
 """
 
@@ -49,18 +49,18 @@ _LONGEST = 200  # maximum number of characters of a reason
 
 @dataclass(frozen=True)
 class VerifierParameters(Parameters):
-    """Folder of the plans and verifications, and audit log of the line."""
+    """Parameters of the verifications."""
 
     node: ClassVar[str] = 'verifier'
 
-    folder: str = parameter('', 'folder with plans and verifications in it, must be given')
-    audit_log: str = parameter('', 'audit log of the line, whose digest is in the report')
+    folder: str = parameter('', 'folder for the folders plans and verifications, must be given')
+    audit_log: str = parameter('', 'audit log of the line, for its digest in the reports')
 
 
 class RemoteOperator:
     """Operator at the page, who sees the published progress and answers by a service.
 
-    `publish` is called with each change of the progress. `progress` is its first value.
+    `publish` is called with the progress after each change. `progress` is the initial progress.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class RemoteOperator:
 
     def finish(self) -> None:
         """Publish that all steps are done."""
-        self._change(state=ProgressState.MAKING, text='the report is written')
+        self._change(state=ProgressState.MAKING, text='the report is being written')
 
     def end(self, text: str) -> None:
         """Publish the end of the procedure."""
@@ -151,17 +151,17 @@ class RemoteOperator:
         with self._lock:
             now = self._progress
             if question != now.question or now.state not in _ANSWERS:
-                raise UserError('this question is not asked any more: answer the present one')
+                raise UserError('this question is no longer open; answer the present question')
             if answer not in _ANSWERS[now.state]:
-                raise UserError('a failed step is made again, or left as it is')
+                raise UserError('this answer does not fit; repeat the failed step, or continue')
             if answer is StepAnswer.SKIP and not reason:
                 raise UserError('say why the step is skipped; the report contains the reason')
-            # Further answers to this question are refused.
+            # Leave the state of a question, so that further answers are refused.
             self._progress = replace(now, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
 
     def break_off(self) -> None:
-        """End the procedure. The report has the steps so far."""
+        """End the procedure. The report contains the steps so far."""
         self._broken_off.set()
 
 
@@ -203,14 +203,14 @@ class VerifierNode(StageNode[VerifierParameters]):
 
     def _begin(self, request: Any, response: Any) -> str:
         if self._busy:
-            raise UserError(f'busy: a verification goes on; call {ports.CANCEL_VERIFICATION}')
+            raise UserError(f'busy: a verification is running; call {ports.CANCEL_VERIFICATION}')
         try:
             plan = read_plan(request.plan)
         except ParameterError as error:
             raise UserError(f'the plan: {error}') from None
         name = f'{datetime.now(UTC):%Y%m%dT%H%M%SZ}'
         progress = VerificationProgress(
-            0, ProgressState.MAKING, folder=str(self._folder), name=name, text='it begins'
+            0, ProgressState.MAKING, folder=str(self._folder), name=name, text='begins'
         )
         self._operator = RemoteOperator(progress, self._publish)
         self._publish(progress)
@@ -221,18 +221,18 @@ class VerifierNode(StageNode[VerifierParameters]):
 
     def _answer(self, request: Any, response: Any) -> str:
         if (operator := self._busy) is None:
-            raise UserError(f'no verification goes on; call {ports.BEGIN_VERIFICATION}')
+            raise UserError(f'no verification is running; call {ports.BEGIN_VERIFICATION}')
         if request.answer not in tuple(StepAnswer):
-            raise UserError(f'{request.answer}: is not an answer')
+            raise UserError(f'{request.answer}: is not a valid answer')
         reason = one_line(request.reason.strip(), _LONGEST)
         operator.answer(request.question, StepAnswer(request.answer), reason)
         return ''
 
     def _cancel(self, request: Any, response: Any) -> str:
         if (operator := self._busy) is None:
-            return 'nothing is under way'
+            return 'nothing to cancel'
         operator.break_off()
-        return 'it ends; its report has the steps that were made'
+        return 'the verification ends; its report contains the completed steps'
 
     # The procedure
 
@@ -252,8 +252,8 @@ class VerifierNode(StageNode[VerifierParameters]):
             verdict = report_on(make, folder, audit)
             operator.end(f'{name}: {verdict}')
             self.get_logger().info(f'verification {name}: {verdict}')
-        except Exception as error:  # A failure of the line or of the disk does not end the node.
-            operator.end(f'{name}: not made: {error}')
+        except Exception as error:  # a failure of the line or of the disk must not end the node
+            operator.end(f'{name}: failed: {error}')
             self.warn(f'verification {name}: {type(error).__name__}: {error}')
 
     def shut_down(self) -> None:

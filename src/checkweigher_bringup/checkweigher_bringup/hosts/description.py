@@ -42,7 +42,7 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}')
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """The nodes of a lane that a host runs in one process."""
+    """Nodes of a lane that a host runs in one process."""
 
     lane: str  # namespace of the lane
     nodes: tuple[str, ...]
@@ -72,7 +72,7 @@ class LineDescription:
         return tuple(lane[host] for lane in self.lanes if host in lane)
 
     def environment(self) -> dict[str, str]:
-        """Return environment variables by which the nodes discover only those of these hosts."""
+        """Return the environment variables for the discovery of the nodes."""
         if self.discovery == SUBNET:
             return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
         if self.discovery == HOSTS:
@@ -91,9 +91,9 @@ class _LaneEntry(Settings):
     name: str = parameter(text='namespace')
     host: str = parameter('', 'host of all nodes')
     nodes: Mapping[str, tuple[str, ...]] = parameter(None, 'nodes by host')
-    params: tuple[str, ...] = parameter((), 'parameter files, the last one wins')
+    params: tuple[str, ...] = parameter((), 'parameter files; later files override earlier files')
     recipes: str = parameter('', 'recipe file')
-    product: str = parameter('', 'product at the start, of the recipes')
+    product: str = parameter('', 'product of the recipes at the start')
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
@@ -104,22 +104,22 @@ class _LaneEntry(Settings):
     def __post_init__(self) -> None:
         _check_name(self.name)
         if bool(self.host) == (self.nodes is not None):
-            raise SettingsError('needs host (of all nodes) or nodes (by host), one of them')
+            raise SettingsError('must have either host (of all nodes) or nodes (by host)')
         if self.product and not self.recipes:
-            raise SettingsError('needs recipes that contain it', 'product')
+            raise SettingsError('needs recipes that contain the product', 'product')
         if self.nodes is not None:
             _check_nodes(self.nodes)
 
     def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
         """Return the share of each host by the name of the host.
 
-        `hosts` has the addresses by name. Paths in the entry are relative to `folder`.
+        `hosts` contains the addresses by name. Paths in the entry are relative to `folder`.
         """
         nodes = self.nodes or {self.host: tuple(NODES)}
         for host in nodes:
             if host not in hosts:
                 place = ('nodes', host) if self.nodes else ('host',)
-                text = f'{host!r} is none of the hosts {", ".join(hosts)}'
+                text = f'{host!r} is not one of the hosts {", ".join(hosts)}'
                 raise SettingsError(text, 'lanes', self.name, *place)
         params = tuple(_file(folder / each, 'lanes', self.name, 'params') for each in self.params)
         product = {'product': self.product} if self.product else {}
@@ -132,14 +132,14 @@ class _LaneEntry(Settings):
 
 
 def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None:
-    """Raise `SettingsError` if a host has no node, an unknown node, or a node of another host."""
+    """Raise `SettingsError` if a host has no node, an unknown node, or a node that is repeated."""
     if not names:
-        raise SettingsError('names no node', 'nodes', host)
+        raise SettingsError('lists no node', 'nodes', host)
     for name in names:
         if name not in NODES:
-            raise SettingsError(f'{name!r} is none of {", ".join(NODES)}', 'nodes', host)
+            raise SettingsError(f'{name!r} is not one of {", ".join(NODES)}', 'nodes', host)
         if placed.count(name) > 1:
-            raise SettingsError(f'{name} is there twice', 'nodes', host)
+            raise SettingsError(f'{name} is listed twice', 'nodes', host)
 
 
 def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
@@ -148,9 +148,9 @@ def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
     for host, names in nodes.items():
         _check_share(host, names, placed)
     if missing := [name for name in NODES if name not in placed]:
-        raise SettingsError(f'no host has {", ".join(missing)}', 'nodes')
+        raise SettingsError(f'no host runs {", ".join(missing)}', 'nodes')
     if not any({*names}.issuperset(AT_MACHINE) for names in nodes.values()):
-        text = f'{", ".join(AT_MACHINE)} are on several hosts; put them on the one at the machine'
+        text = f'{", ".join(AT_MACHINE)} are on several hosts; put all on the host at the machine'
         raise SettingsError(text, 'nodes')
 
 
@@ -158,9 +158,9 @@ def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
 class LineFile(Settings):
     """Content of the file that describes a line."""
 
-    hosts: Mapping[str, str] = parameter(text='addresses by the names of the hosts')
-    lanes: Mapping[str, _LaneEntry] = parameter(text='lanes by their namespaces')
-    discovery: str = parameter(HOSTS, 'hosts, subnet, or the host of the discovery server')
+    hosts: Mapping[str, str] = parameter(text='addresses of the hosts by name')
+    lanes: Mapping[str, _LaneEntry] = parameter(text='lanes by namespace')
+    discovery: str = parameter(HOSTS, 'hosts, subnet, or the host with the discovery server')
 
     def __post_init__(self) -> None:
         for name, address in self.hosts.items():
@@ -168,12 +168,12 @@ class LineFile(Settings):
             try:
                 ipaddress.ip_address(address)
             except ValueError:
-                raise SettingsError(f'{address!r} is no IP address', 'hosts', name) from None
+                raise SettingsError(f'{address!r} is not an IP address', 'hosts', name) from None
         if len({ipaddress.ip_address(each) for each in self.hosts.values()}) < len(self.hosts):
-            raise SettingsError('two have the same address', 'hosts')
+            raise SettingsError('two hosts have the same address', 'hosts')
         if self.discovery not in (HOSTS, SUBNET, *self.hosts):
             known = ', '.join((HOSTS, SUBNET, *self.hosts))
-            raise SettingsError(f'{self.discovery!r} is none of {known}', 'discovery')
+            raise SettingsError(f'{self.discovery!r} is not one of {known}', 'discovery')
 
 
 def read_line(path: Path) -> LineDescription:
@@ -187,7 +187,7 @@ def read_line(path: Path) -> LineDescription:
 
 def _check_name(name: str, *place: object) -> None:
     if not _NAME.fullmatch(name):
-        raise SettingsError(f'{name!r} is no name (a letter, then letters, digits and _)', *place)
+        raise SettingsError(f'{name!r} must be a letter, then letters, digits and _', *place)
 
 
 def _file(path: Path, *place: object) -> Path:

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of a line: they are started, watched and restarted, here or by systemd."""
+"""Supervision of the processes of a line, by this program or by systemd."""

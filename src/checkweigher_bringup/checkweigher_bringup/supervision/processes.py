@@ -11,7 +11,7 @@ import time
 
 from checkweigher_bringup.spinning import Process, end_process, start_process
 
-# The delay in s before a restart doubles while the process keeps ending at once.
+# Delay in s before a restart, which doubles while the process keeps ending within `STABLE` s.
 DELAY, LONGEST_DELAY = 1.0, 10.0
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 STABLE = 5.0  # time in s after which a process is considered to work
@@ -20,12 +20,12 @@ START = 30.0  # maximum time in s from the start of a process to its first diagn
 
 
 class SupervisedProcess:
-    """A process that is kept running. Times are in s of a monotonic clock.
+    """Process that is kept running. Times are in s on a monotonic clock.
 
     The process is not restarted if it ends with the status `CANNOT_START` before it has worked. A
     process that `reports` has worked when its first diagnostics arrive. Any other process has
     worked after `STABLE` s, and is not killed if it hangs. A process that is not `kept` is started
-    once, and a hang is left to systemd.
+    only once, and systemd has to kill it if it hangs.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class SupervisedProcess:
         self.renew()
 
     def renew(self) -> None:
-        """Reset the state, so that the process starts again at once."""
+        """Reset the state, so that the next call of `look` starts the process again."""
         self._child: Process | None = None
         self._reason = ''  # reason of the latest end
         self._delay = DELAY
@@ -56,7 +56,7 @@ class SupervisedProcess:
             self._has_worked, self._awaited = True, now + SILENCE
 
     def look(self, now: float) -> bool:
-        """Start or kill the process if necessary, and return whether the line can continue."""
+        """Start or kill the process if necessary; return false if it will not run any more."""
         if self._child is not None and (status := self._child.poll()) is not None:
             self._record_end(now, status)
         if self._child is not None:
@@ -66,7 +66,7 @@ class SupervisedProcess:
         elif not self._given_up and now >= self._ended + self._delay:
             self._child = start_process(self._command())
             if self._reason:
-                say(f'{self._name}: {self._reason}; started again after {now - self._ended:.1f} s')
+                say(f'{self._name}: {self._reason}; restarted after {now - self._ended:.1f} s')
             self._started, self._awaited, self._hung = now, now + START, False
         return not self._given_up
 
@@ -88,7 +88,7 @@ class SupervisedProcess:
     def wait(self) -> None:
         """Wait until the process has ended, and kill it if it does not end in time."""
         if self._child is not None and not end_process(self._child):
-            say(f'{self._name}: did not end; killed')
+            say(f'{self._name}: did not end in time; killed')
 
 
 def say(text: str) -> None:

@@ -61,11 +61,11 @@ def run_line(
 ) -> int:
     """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
-    The parameters of the `driver` override those of the file `params`. With `apart`, each node has
-    its own process. `page` is the port of the page, or None if the page is not served. With a
-    `folder`, the line keeps the state of the machine in it, and the nodes of `BESIDE` run as well.
-    The gateways of the file `gateways` run beside the line. Raises `UserError` if a line already
-    runs in this lane, and `SettingsError` if the file is invalid.
+    The parameters `driver` override the file `params`. With `apart`, each node has its own process.
+    `page` is the port of the page, or None if the page is not served. With a `folder`, the line
+    keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways of the
+    file `gateways` run beside the line. Raises `UserError` if a line already runs in this lane, and
+    `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
@@ -83,7 +83,7 @@ def run_line(
             whole = processes.get('line')
             process_of = {f'{lane}/{name}': processes.get(name, whole) for name in names}
             watchdog = _listen(node, process_of)
-            # If two lines start at the same time, only one line gets the place.
+            # If two lines start at the same time, the second one raises an error here.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
@@ -131,8 +131,8 @@ def run_host(line: LineDescription, host: str) -> int:
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
     """Notify each process of the diagnostics of its nodes.
 
-    `process_of` has the process of each node by the full name of the node. Returns the watchdog of
-    the nodes of the line among them.
+    `process_of` maps the full name of each node to its process. Returns the watchdog of those nodes
+    that belong to the line.
     """
     watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
@@ -156,8 +156,8 @@ def _parameter_files(
 ) -> Callable[[], list[Path]]:
     """Return a function that returns the parameter files for the next start of the line.
 
-    The file `first` has defaults, which the files of the user override. The file `last` overrides
-    all others.
+    With a `folder`, the file `first` contains defaults, which the files of the user override. The
+    file `last` overrides all others.
     """
     if folder is None:
         given = [] if params is None else [params]
@@ -210,7 +210,7 @@ def _page_commands(
 
 
 def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
-    """Return a command for each section of a file of gateways."""
+    """Return a command for each section of a gateway settings file."""
     lane = ['--settings', str(file), '--namespace', namespace]
     start = [sys.executable, '-m', 'checkweigher_gateways.gateway']
     kinds = [] if file is None else read_gateways(file).kinds
@@ -225,7 +225,7 @@ def _supervise(
 ) -> int:
     """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
 
-    If systemd supervises this process, it feeds the watchdog, and ends with a process of the line.
+    Returns also if a process of the line cannot start or, under systemd, has ended.
     """
     try:
         while not asked:
@@ -244,14 +244,14 @@ def _supervise(
 def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
     """Restart the processes of the line, while the other processes continue."""
     line = {name: process for name, process in processes.items() if name not in _NOT_NEEDED}
-    say('the line starts again, as was asked')
+    say('the line is restarted on request')
     _end(line)
     for process in line.values():
         process.renew()
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End all processes: first the driver, then the stages, then `reject`, then the others."""
+    """End the driver, then the other nodes of the line, then `reject`, then all other processes."""
     line = [process for name, process in processes.items() if name not in _NOT_NEEDED]
     beside = [process for name, process in processes.items() if name in _NOT_NEEDED]
     for group in (line[:1], line[1:-1], line[-1:], beside):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Notifications to systemd, if it started this process as a service of Type=notify."""
+"""Notifications to systemd, if it has started this process as a service of Type=notify."""
 
 from collections.abc import Iterable
 import math
@@ -19,9 +19,10 @@ def supervises() -> bool:
 
 
 class Watchdog:
-    """Watchdog of systemd, fed while each node of a line reports. Times in s, monotonic clock.
+    """Watchdog of systemd, which is fed while all nodes of a line send diagnostics.
 
-    Each node reports from the thread that weighs, so a node that hangs is silent.
+    Times are in s on a monotonic clock. Each node sends its diagnostics from the thread that
+    weighs, so a node that hangs is silent.
     """
 
     def __init__(self, nodes: Iterable[str]) -> None:
@@ -29,16 +30,16 @@ class Watchdog:
         self._fed = -math.inf
 
     def heard(self, node: str, now: float) -> None:
-        """Record a report of a node; other nodes are ignored."""
+        """Record diagnostics of a node. Nodes that do not belong to the line are ignored."""
         if node in self._heard:
             self._heard[node] = now
 
     def restarted(self, now: float) -> None:
-        """Give the nodes the time of a start, because the line was started again on request."""
+        """Allow the nodes the time `START` for a restart of the line on request."""
         self._heard = dict.fromkeys(self._heard, now + START - SILENCE)
 
     def feed(self, now: float) -> None:
-        """Notify systemd that the line runs, unless a node is silent; sd_notify(3)."""
+        """Notify systemd that the line runs, unless a node is silent (see sd_notify(3))."""
         if not supervises() or now - self._fed < _PERIOD:
             return
         if now - min(self._heard.values(), default=now) > SILENCE:

@@ -104,7 +104,7 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
         assert [line.split()[0] for line in accuracy] == [estimator] * len(speeds)
         assert technician.call(Trigger, ports.ACCEPT_TUNED).success
         learned = technician.wait(lambda said: said.file != '')[-1]
-        assert 'nothing that was learned' in technician.call(Trigger, ports.ACCEPT_TUNED).message
+        assert 'no learned parameters' in technician.call(Trigger, ports.ACCEPT_TUNED).message
     assert learned.file == str(folder / 'machine.yaml')
 
     for speed in speeds:  # other passes of other masses than those it was trained on
@@ -154,11 +154,11 @@ def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path
         technician = Technician(spinner)
         technician.wait(lambda said: said.text.startswith('tuned'))
         dropped = technician.call(Trigger, ports.CANCEL_PASSES)
-        assert dropped.message == f'what was learned is dropped; {file} stays as it was'
+        assert dropped.message == f'the learned parameters were discarded; {file} is unchanged'
         assert not learned.exists()
-        assert technician.call(Trigger, ports.CANCEL_PASSES).message == 'nothing is under way'
+        assert technician.call(Trigger, ports.CANCEL_PASSES).message == 'nothing to cancel'
         for name in (ports.SHOW_TUNED, ports.ACCEPT_TUNED):
-            assert 'nothing that was learned waits' in technician.call(Trigger, name).message
+            assert 'no learned parameters to accept' in technician.call(Trigger, name).message
         assert file.read_text() == '# what the line has\n'
 
         learned.write_text(text := '# estimator A\n# hann 60.0 12 0.2 0.3\nhann: 1\n')
@@ -173,7 +173,7 @@ def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path
         technician.wait(lambda said: '0 of 3' in said.text)
         assert list(tmp_path.glob('passes_*')) == []
         taken = technician.call(Trigger, ports.ACCEPT_TUNED)
-        assert taken.message == f'{file}, version 2; the line takes it at its next start'
+        assert taken.message == f'{file}, version 2; the line uses it from its next start'
     assert file.read_text() == text
     assert (tmp_path / 'machine.v1.yaml').read_text() == '# what the line has\n'
     (entry,) = (each for each in read_log(log).entries if each.kind == 'tuned')
@@ -198,7 +198,7 @@ def test_without_an_entry_in_the_audit_log_nothing_is_taken_over(tmp_path: Path)
 
 
 def test_a_folder_has_to_be_given():
-    with spinning('without'), pytest.raises(ParameterError, match='is not a folder'):
+    with spinning('without'), pytest.raises(ParameterError, match='is not an existing folder'):
         DynamicSettingNode()
 
 
@@ -216,7 +216,7 @@ def test_the_command_guides_through_the_speeds(tmp_path: Path):
             assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
         with line(spinner, 1.5):
             dialogue.answer()
-            assert 'take these parameters over' in dialogue.asked()
+            assert 'write these parameters to' in dialogue.asked()
             assert not output.exists()
             dialogue.answer('yes')
             status, printed, errors = dialogue.end()

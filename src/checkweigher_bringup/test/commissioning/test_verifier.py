@@ -103,23 +103,23 @@ def check_same(folder: Path, scratch: Path) -> dict[str, object]:
 
 def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: Path):
     with guided(tmp_path / 'machine') as (verifier, operator):
-        assert operator.break_off() == 'nothing is under way'
+        assert operator.break_off() == 'nothing to cancel'
         assert 'the plan: ' in operator.begin('class: none')
-        assert 'no verification goes on' in operator.answer(MAKE)
+        assert 'no verification is running' in operator.answer(MAKE)
         assert not operator.begin()
         assert 'busy' in operator.begin()
         operator.asked_for('warm_up_zero_0')
-        assert 'is not asked any more' in operator.answer(MAKE, question=operator.said.question + 1)
-        assert 'made again, or left' in operator.answer(GO_ON)
+        assert 'is no longer open' in operator.answer(MAKE, question=operator.said.question + 1)
+        assert 'repeat the failed step, or' in operator.answer(GO_ON)
         assert 'say why' in operator.answer(SKIP)
         assert not operator.answer(MAKE)
-        assert 'is not asked any more' in operator.answer(MAKE)
+        assert 'is no longer open' in operator.answer(MAKE)
         operator.asked_for('warm_up_0')
         assert operator.said.results[0].startswith('passed')
         assert not operator.answer(SKIP, 'no product')
         operator.asked_for('warm_up_zero_0.02')
         assert operator.said.results[1] == 'skipped: no product'
-        assert 'it ends' in operator.break_off()
+        assert 'the verification ends' in operator.break_off()
         operator.wait(lambda said: said.state is ProgressState.IDLE)
         assert operator.said.text.endswith(': incomplete')
         made = tmp_path / 'machine' / 'verifications' / operator.said.name
@@ -151,7 +151,7 @@ def test_a_verification_without_a_line_says_so(tmp_path: Path):
         assert not operator.begin()
         operator.wait(lambda said: said.name)
         operator.wait(lambda said: said.state is ProgressState.IDLE)
-        assert 'not made: no samples within' in operator.said.text
+        assert 'failed: no samples within' in operator.said.text
         wait_for(lambda: not any((tmp_path / 'verifications').iterdir()))
         assert not operator.begin()  # the node lives on
 
@@ -194,7 +194,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
                 if '/9 ' in question:
                     dialogue.answer('no weights' if 'zero_2' in question else '')
                 else:  # passes of small that were none are made once more
-                    assert 'Type r to make it again' in question
+                    assert 'Type r to repeat the step' in question
                     dialogue.answer(next(again))
             status, printed, errors = dialogue.end()
         finally:
@@ -224,7 +224,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     changed = [each for each in report['departures'] if each.startswith(('Parameter ', 'Audit'))]
     lateness = 'parameter sample_lateness of /segmenter'
     assert changed == [
-        'Parameter reject.max_speed was inf before the first step and 2.5 after the last one.',
+        'Parameter reject.max_speed was inf before the first step and 2.5 after the last step.',
         f'Audit log, 2026-05-28T20:00:30: {lateness} from 0.5 to 0.6, by ben.',
         f'Audit log, 2026-05-28T20:01:30: {lateness} from 0.6 to 0.5, by ben.',
         "Audit log, 2026-05-28T21:00:00: parameter max_speed of /reject from 'inf' to 2.5, by "

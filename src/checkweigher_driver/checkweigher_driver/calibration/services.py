@@ -218,7 +218,7 @@ class CalibrationServices:
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration
     ) -> int:
-        """Write the audit log, then the file; return its version. Raises ValueError if refused."""
+        """Write the audit log, then the file; return its version. Raises ValueError on failure."""
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)
         change = CALIBRATION, ports.LOAD_CELL_INFO.name

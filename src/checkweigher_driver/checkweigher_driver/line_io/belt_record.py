@@ -25,7 +25,7 @@ import zlib
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file, sync_folder
 
-_SIZE = 16_384  # size of the file in bytes, allocated first, because the disk may be full later
+_SIZE = 16_384  # size of the file in bytes, allocated at once, because the disk may be full later
 _NAME = 'rejector.record'
 # Record of an empty belt from an earlier version, which wrote no checksum.
 _EMPTY_BEFORE = b'[false, [], []]'
@@ -124,7 +124,7 @@ class BeltRecord:
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        with suppress(PermissionError):  # without this permission, no user can lose the record
+        with suppress(PermissionError):  # nor could this user remove the record
             begun.touch()
         return found
 

@@ -101,7 +101,7 @@ class EdgePolling:
         return [EyesLost(since + to_stamp - self._delay, text)]
 
     def figures(self) -> dict[str, float]:
-        """Return values for the diagnostics.
+        """Return figures for the diagnostics.
 
         ``edge uncertainty ms`` is computed from the mean period and round-trip time. ``largest edge
         uncertainty ms`` is the maximum over all edges.

@@ -4,7 +4,7 @@
 
 The input of a metal detector, X-ray or vision inspection is on while the device rejects an item.
 The other inputs are on while the guards are closed, the air pressure suffices, the bins have room
-and the inspection devices are ready. A broken wire of one of them therefore stops the line.
+and the inspection devices are ready. A broken wire of such an input therefore stops the line.
 """
 
 from abc import ABC, abstractmethod
@@ -81,7 +81,7 @@ class InputParameters(Parameters):
         return {n: address for n, address in single.items() if address != _NONE} | several
 
     def is_inverted(self, name: str) -> bool:
-        """Return whether the input of a name is inverted."""
+        """Return whether the input `name` is inverted."""
         return name.partition('[')[0] in self.inverted.split()
 
 
@@ -93,7 +93,7 @@ class Reading(NamedTuple):
 
 
 class InputWatch:
-    """Detector of new rejects and conditions in the readings of the inputs.
+    """Detector of new rejects and changed conditions in the readings of the inputs.
 
     A bin is reported as full when its input has been off for `bin_time` in s.
     """
@@ -215,7 +215,7 @@ class MachineInputs:
         port.close()
 
     def finding(self) -> Finding:
-        """Return the finding Machine inputs."""
+        """Return the diagnostics finding of the inputs."""
         if not self.exist:
             return conclude('Machine inputs', 'none', [])
         wrong = {name: CONDITIONS[name.partition('[')[0]] for name in self._watch.wrong}

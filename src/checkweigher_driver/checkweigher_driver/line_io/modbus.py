@@ -74,9 +74,7 @@ class ModbusEyesParameters(_DeviceParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.infeed == self.outfeed:
-            raise ParameterError(
-                f'modbus.outfeed: {self.outfeed} is also the address of the infeed eye'
-            )
+            raise ParameterError(f'modbus.outfeed: {self.outfeed} is the address of both eyes')
         if abs(self.infeed - self.outfeed) >= _MAX_INPUTS:
             raise ParameterError(
                 f'modbus.outfeed: {self.outfeed} is {_MAX_INPUTS} or more addresses from infeed '

@@ -84,7 +84,7 @@ class MachineOutputs:
 
     @property
     def ready(self) -> bool:
-        """Whether the outputs can be switched, or the machine has none."""
+        """Whether the outputs can be switched. Also true if the machine has none."""
         return not self._port_trouble
 
     def trouble_with(self, source: str) -> str:
@@ -100,7 +100,7 @@ class MachineOutputs:
             return '; '.join(filter(None, (source, self._port_trouble, missed.text)))
 
     def finding(self) -> Finding:
-        """Return the finding Outputs."""
+        """Return the diagnostics finding of the outputs."""
         if not self.is_open:
             return conclude('Outputs', 'not open' if self.exist else 'none', [])
         port, missed = self._port_trouble, self._control.missed.text
@@ -126,7 +126,7 @@ class MachineOutputs:
             control.make_safe()
 
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
-        """Update the outputs by a record of the line, or by None after a reset stop request."""
+        """Update the outputs by a record of the line. None means a reset stop request."""
         now = time.monotonic_ns()
         with self._change() as control:
             match record:
@@ -216,14 +216,14 @@ class MachineOutputs:
                 were_due, wanted = dues, self._control.levels(now)
                 dues = self._control.next_switches(now)
                 next_event = min(dues)
-                # A refresh would delay a switching that is due within the next 5 ms.
+                # Postpone a refresh that would delay an output that is due within 5 ms.
                 if next_event - next_refresh >= _REFRESH_TIME:
                     next_event = next_refresh
                 if wanted == written and now < next_event:
                     self._changed.wait((next_event - now) / NANOSECONDS)
                     continue
                 on_belt = self._control.on_belt()
-            record.keep(on_belt)  # the record is on the disk before the belt may run
+            record.keep(on_belt)  # the belt may run only when its record is on the disk
             if wanted != written:
                 port.switch(wanted)
                 done = time.monotonic_ns()

@@ -42,10 +42,10 @@ class OutputParameters(Parameters):
     verdict_timeout: float = _duration(
         0.0,
         'longest time from a product at the outfeed eye to the next verdict, after which the '
-        'rejector ejects and the line stops; 0: the time from the outfeed eye to the rejector',
+        'rejector ejects and the line stops; 0: the time of the previous product to the rejector',
     )
     safe_state: str = parameter(
-        'eject', 'state of the rejector in the safe state', choices=('eject', 'retract')
+        'eject', 'state of the rejector while the driver is inactive', choices=('eject', 'retract')
     )
     cycle: float = _duration(
         0.05,
@@ -125,7 +125,7 @@ class RejectorControl:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Values for the diagnostics: counts, and the timing errors of the rejector in ms."""
+        """Figures for the diagnostics: counts, and the timing errors of the rejector in ms."""
         return {
             'rejects': self._rejects,
             **self._sorter.figures,
@@ -149,7 +149,7 @@ class RejectorControl:
         to_monotonic, permitted = self._arrivals.clock.look(), self.run_permission.permits(now)
         if not self.active:
             return self.safe_levels
-        self._check_silence(now)  # called first, because the message names the items on the belt
+        self._check_silence(now)  # called before `leave`, because the message names all items
         self._items.leave(self.motion.time.at(now))
         self._check_verdicts(now, to_monotonic)
         reject, *stations = self._sorter.acting(now)
@@ -177,7 +177,7 @@ class RejectorControl:
         return OnBelt(self.motion.released, self._items.names(), self.missed.texts)
 
     def alive(self, begun: int, done: int) -> None:
-        """Record a heartbeat that was sent to the machine between two times."""
+        """Record a heartbeat that was sent between times `begun` and `done`."""
         self._check_silence(done)
         self.motion.heartbeat(begun)
 

@@ -31,7 +31,7 @@ class AedParameters(SerialParameters):
 
     node: ClassVar[str] = 'aed'
 
-    address: int = _setting('bus address of the device (S); -1: only device', maximum=31)
+    address: int = _setting('bus address of the device (S); -1 for the only device', maximum=31)
     trailer: str = parameter(
         'auto', 'end of a frame: CR LF, or none; auto: detected from the data', choices=TRAILERS
     )

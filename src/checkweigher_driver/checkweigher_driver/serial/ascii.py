@@ -79,7 +79,8 @@ class LineDecoder(Decoder):
     `pattern` is a regular expression that matches a whole line without its line end. The first
     group of the pattern matches the number. The pattern should fix the number of digits, because
     without a checksum a line that has lost a digit would be read as another number. One count is
-    one unit of the last of `decimals` decimals. Raises ValueError if the pattern is invalid.
+    one unit of the last decimal, and `decimals` is the number of decimals. Raises ValueError if the
+    pattern is invalid.
 
     Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
     several if it is longer than the previous reading. Bytes before the first line end are skipped.

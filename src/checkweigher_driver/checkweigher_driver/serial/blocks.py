@@ -37,7 +37,7 @@ class BlockMaker:
     def resume(self, reads: Sequence[Read]) -> None:
         """Increase the index by the number of samples that were lost in a break.
 
-        The number is computed from the read with the smallest delay of the first `reads`.
+        The number is computed from one of the first `reads`, the one with the smallest delay.
         """
         index, least = self.index - 1, math.inf
         for read in reads:

@@ -12,7 +12,7 @@ bytes before it, and a place one byte late looks wrong only if A changes. But at
 change d of the reading becomes 256 d or more, with an error of at most 255. Of the places at which
 several frames seem valid, the true place therefore has the smallest changes from frame to frame. A
 frame without CR LF is returned only if it and the next four frames are valid, and if no other place
-has smaller changes. A wrong byte therefore also discards the frames before it. A wrong place is
+has much smaller changes. A wrong byte therefore also discards earlier frames. A wrong place is
 accepted only if the signal does not change for four frames. Frames with CR LF both inside and at
 their end are treated in the same way.
 """
@@ -193,7 +193,7 @@ class FrameDecoder(Decoder):
         self._since_frame += number
 
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
-        """Return the number of valid frames from a position, and whether an invalid one follows."""
+        """Return the number of valid frames at a position, and whether a bad frame follows."""
         k = len(places.run)
         good = places.good.copy()
         good[:k] &= ~places.doubtful[:k] | (places.run & ~places.slipped)

@@ -28,7 +28,7 @@ _STEP = 20_000_000
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
-_WARM_UP = 1.0  # time in s after which a new line is used, and after which late reads begin one
+_WARM_UP = 1.0  # time in s after which a new line is used, and late reads begin a new line
 _WARM_UP_READS = 20
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
@@ -210,7 +210,7 @@ class SampleClock:
         return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))
 
     def figures(self) -> dict[str, float]:
-        """Return values for the diagnostics.
+        """Return figures for the diagnostics.
 
         ``clock drift ppm`` is the relative error of the sample period, and ``clock offset ms`` is
         the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms`` are the

@@ -52,7 +52,7 @@ class SerialParameters(Parameters):
         0.01, 'duration of a block', unit='s', minimum=0.001, maximum=1.0
     )
     timeout: float = parameter(
-        1.0, 'time without a value until a new set-up', unit='s', minimum=0.1, maximum=60.0
+        1.0, 'silence after which the device is set up again', unit='s', minimum=0.1, maximum=60.0
     )
     delay: float = parameter(
         0.0, 'delay of the signal by the filter of the device', unit='s', minimum=0, maximum=10
@@ -135,7 +135,7 @@ class SerialSource(Source):
         """Stop the stream of the device."""
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield blocks until `close`. Raises `SerialError` if another device follows a break."""
+        """Yield blocks until `close`. Raises `SerialError` if a break ends with a new device."""
         self._reading = True
         try:
             while not self._closed.is_set():
@@ -171,7 +171,7 @@ class SerialSource(Source):
         self._let_go()
 
     def _open_again(self) -> None:
-        """Try to open the port every 0.3 s until it succeeds or the source is closed."""
+        """Try to open the port every 0.3 s until this succeeds or the source is closed."""
         while not self._closed.wait(RETRY_TIME):
             try:
                 identity = self._open()
@@ -181,7 +181,7 @@ class SerialSource(Source):
             if identity != self._identity:
                 raise SerialError(
                     f'{self._settings.port}: {" ".join(identity)} answers instead of '
-                    f'{" ".join(self._identity)}; restart the driver with its calibration'
+                    f'{" ".join(self._identity)}; restart with the calibration of this device'
                 )
             return
 

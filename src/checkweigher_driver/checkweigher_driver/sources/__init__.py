@@ -61,7 +61,7 @@ class Source(Device):
     # Settings that the operator of a simulated machine may change while it runs.
     operation: ClassVar[type[Parameters] | None] = None
     load_cell: LoadCell
-    start_stamp: int  # stamp in ns of the first event of the stream, or of the opening
+    start_stamp: int  # stamp in ns of the first event, or time in ns at which the device was opened
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
@@ -108,5 +108,5 @@ class EdgeSource(Device):
         """Yield edges, losses and returns of the eyes, with stamps on the clock of the samples."""
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
-        """Return the edges that belong to a block, if the edges are tied to samples."""
+        """Return the edges before the end of a block, if edges are tied to samples."""
         return []

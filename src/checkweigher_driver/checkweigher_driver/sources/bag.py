@@ -33,7 +33,7 @@ class BagParameters(Parameters):
 
 
 class BagSource(Source):
-    """Replayed bag, which is read completely before the first event, so that damage shows first."""
+    """Replayed bag, which is read completely before the first event, to detect damage first."""
 
     parameters = BagParameters
     paced = True

@@ -140,8 +140,8 @@ def test_bags_that_are_of_no_one_procedure_are_refused(plan: Path, tmp_path: Pat
     by_name['zero_2'].rename(strange)
     later = record_steps(tmp_path / 'other', PLAN, (*names, 'zero_after'), gain=1.01)[-1]
     for given, message in (
-        ([strange], 'is named as no step of the plan'),
-        ([swapped / 'passes_60_middle'], 'its reference_mass is 74.5 g, the plan has middle'),
+        ([strange], 'the name is not a step of the plan'),
+        ([swapped / 'passes_60_middle'], 'its reference_mass is 74.5 g, but in the plan middle'),
         ([by_name['zero_1'], by_name['zero_1']], 'begins before'),
         ([by_name['zero_1'], later], 'has another calibration than'),
     ):

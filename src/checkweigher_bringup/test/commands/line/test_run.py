@@ -40,8 +40,8 @@ def test_what_is_killed_or_hangs_comes_back_and_every_item_has_its_verdict(
     assert line.end() == 130
     line.check()
     log = line.log.read_text()
-    assert 'identifier: killed by signal 9 (SIGKILL); started again after ' in log
-    assert 'denoise: hung: no diagnostics for 5 s; started again after ' in log
+    assert 'identifier: killed by signal 9 (SIGKILL); restarted after ' in log
+    assert 'denoise: hung: no diagnostics for 5 s; restarted after ' in log
 
 
 def test_a_line_that_cannot_start_ends_with_its_reason(tmp_path: Path):

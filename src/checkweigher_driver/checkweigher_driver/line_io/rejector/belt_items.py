@@ -50,7 +50,7 @@ class BeltItems(list[BeltItem]):
     """Items between the infeed eye and the rejector, in order of entry."""
 
     def edge(self, edge: EyeEdge) -> None:
-        """Add an item, or the end of its passage, by an edge of the infeed eye."""
+        """Add an item, or the end of its passage, after an edge of the infeed eye."""
         if edge.eye != Eye.INFEED:
             return
         last = self[-1] if self else BeltItem(None)

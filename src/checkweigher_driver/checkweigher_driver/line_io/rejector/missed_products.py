@@ -19,11 +19,11 @@ class Latch(Enum):
 class LatchEvent(Enum):
     """Event that changes the latch."""
 
-    MISS = auto()
+    MISS = auto()  # the rejector may have missed a product
     SHOW = auto()  # the stop request shows all missed products
-    FORGET = auto()  # the node reject is silent or not ready: a restart loses its stop request
+    FORGET = auto()  # a restart of the node reject may have cancelled its stop request
     RUN = auto()  # the stop request was reset
-    RESET = auto()
+    RESET = auto()  # the service reset_outputs was called
 
 
 # If a stop request that showed a product is reset, a person has looked for the product. A stop

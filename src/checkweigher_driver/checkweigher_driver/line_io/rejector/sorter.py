@@ -34,7 +34,7 @@ class Sorter:
         self._motion = motion
         self._arrivals = arrivals
         self._missed = missed
-        # Index 0 is the rejector, the other indices are the numbers of the stations.
+        # Index 0 is the rejector, and index n is station n.
         self._pulses = [RejectPulses(times, motion.time) for _ in range(1 + stations)]
         self._permitting = permit_margin is not None
         self.permits = Permits(motion.time, permit_margin or 0, times.min_pause)
@@ -46,7 +46,7 @@ class Sorter:
         }
 
     def sort(self, verdict: Verdict, items: BeltItems, now: int, *, reached: bool) -> None:
-        """Route an item on the belt. `reached` is false while the outputs cannot be switched."""
+        """Schedule pulse and permit of an item. `reached` is false if no output can be switched."""
         times = self._arrivals.times(verdict, now)
         there, belt = at_station(verdict, times), self._motion.time
         arrivals = [belt.arrival(*each)[0] for each in (times, there) if each]
@@ -79,8 +79,8 @@ class Sorter:
     def _was_looked_for(self, verdict: Verdict) -> bool:
         """Return whether a person has cleared the belt while the item was on it.
 
-        The item gets its verdict only some time after it was removed. If the person has left it on
-        the belt, it leaves the belt without a verdict, which stops the line.
+        The segmenter gives up a removed item only some time later. An item that is still on the
+        belt then passes the outfeed eye without a further verdict, which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)

@@ -40,7 +40,7 @@ class SwitchTiming:
         }
 
     def add(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> list[str]:
-        """Add a change that was made between two times; return messages on late outputs."""
+        """Add a change between times `begun` and `done`; return messages on late outputs."""
         rejector = before.reject != after.reject and due.reject <= begun
         if rejector:
             self._count(1e-6 * ((begun + done) / 2 - due.reject), 1e-6 * (done - begun) / 2)
