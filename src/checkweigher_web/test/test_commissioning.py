@@ -95,7 +95,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: not ben.text('.accuracy'))
         assert 'tvlpf' in trained.read_text()
         ben.press('Start the line again')
-        ben.until(lambda: 'starts again' in ben.text('.dialog .result'))
+        ben.until(lambda: 'the line restarts' in ben.text('.dialog .result'))
         ben.close()
         # The line weighs by what was trained, and with the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))

@@ -61,7 +61,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Return a bag of passes at a speed in m/min; repeat a recording at another speed."""
+    """Record passes until the belt has run at `speed` in m/min; return the bag."""
     while True:
         ask(f'Set the belt to {speed:g} m/min and run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))

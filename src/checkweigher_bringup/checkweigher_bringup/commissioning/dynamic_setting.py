@@ -98,7 +98,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._publish_state(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
     def _bags(self) -> dict[int, Path]:
-        """Return the bags of passes by their numbers, in ascending order."""
+        """Return the bags of passes by number, in ascending order."""
         found = {
             int(number.group(1)): path
             for path in self._folder.glob('passes_*')

@@ -57,7 +57,7 @@ class Identity:
             digests, entries = _read_audit(self._audit)
             self._known |= digests
             changes += _changes_in_log(entries[self._entries :])
-        except AuditError as error:  # a log that was damaged in the meantime prevents no report
+        except AuditError as error:  # a damaged log must not prevent the report
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
         return json.dumps(self._known)

@@ -54,8 +54,8 @@ from checkweigher_validation.verification.procedure import (
 )
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
-# Maximum times in s to wait for the answer of a service. Zeroing waits for the empty belt. After
-# the last step, the line may be about to end.
+# Maximum times in s to wait for an answer: long, because zeroing needs an empty belt, and short
+# after the last step, because the line may be about to end.
 _ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
 _SILENCE = 10.0  # time in s without a product after which the operator gets a message
 _POLL_PERIOD = 0.1  # s

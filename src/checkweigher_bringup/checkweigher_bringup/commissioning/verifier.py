@@ -156,7 +156,7 @@ class RemoteOperator:
                 raise UserError('this answer does not fit; repeat the failed step, or continue')
             if answer is StepAnswer.SKIP and not reason:
                 raise UserError('say why the step is skipped; the report contains the reason')
-            # Leave the state of a question, so that further answers are refused.
+            # Change the state, so that further answers to this question are refused.
             self._progress = replace(now, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
 

@@ -57,7 +57,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class LineDescription:
-    """Addresses of the hosts by their names, and the shares of the hosts in each lane."""
+    """Addresses of the hosts by name, and the shares of the hosts in each lane."""
 
     hosts: Mapping[str, str]
     lanes: tuple[Mapping[str, Share], ...]
@@ -111,7 +111,7 @@ class _LaneEntry(Settings):
             _check_nodes(self.nodes)
 
     def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
-        """Return the share of each host by the name of the host.
+        """Return the shares of the hosts by host name.
 
         `hosts` contains the addresses by name. Paths in the entry are relative to `folder`.
         """

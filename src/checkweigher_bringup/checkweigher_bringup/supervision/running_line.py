@@ -225,7 +225,7 @@ def _supervise(
 ) -> int:
     """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
 
-    Returns also if a process of the line cannot start or, under systemd, has ended.
+    Also return if a process of the line cannot start or, under systemd, has ended.
     """
     try:
         while not asked:

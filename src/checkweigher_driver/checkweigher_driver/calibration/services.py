@@ -96,7 +96,7 @@ class CalibrationServices:
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """End the session with the stream, and discard its points."""
+        """End the session when the stream ends, and discard the points."""
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
 

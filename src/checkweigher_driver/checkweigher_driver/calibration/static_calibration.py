@@ -20,7 +20,7 @@ from checkweigher_core.records import GRAMS, LoadCell, SampleBlock
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES
-_ITERATIONS = 10  # the iteration converges fast
+_ITERATIONS = 10  # number of iterations; they converge fast
 _LOOK_PERIOD = 0.5  # duration in s of the signal between two checks of a load
 _LEAST_SPAN = 100.0  # smallest ratio of the sensitivity to its uncertainty
 _QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to the converter

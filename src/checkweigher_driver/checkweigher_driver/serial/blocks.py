@@ -46,7 +46,7 @@ class BlockMaker:
         self._jump(max(1, math.floor(least * self._rate / NANOSECONDS)))
 
     def blocks(self, read: Read) -> Iterator[SampleBlock]:
-        """Yield the blocks that can be sent now. A new block begins after each gap."""
+        """Yield the blocks whose stamps are certain. A new block begins after each gap."""
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)
         counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)

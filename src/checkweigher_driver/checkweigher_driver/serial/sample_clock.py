@@ -84,14 +84,14 @@ class SampleClock:
         self._origin = 0, 0  # index and time of the first read
         self._steps = 0
         self._shifts = 0
-        self._delays = (0.0, 0.0)  # mean and maximum delay of the reads of the last bucket in ns
+        self._delays = (0.0, 0.0)  # mean and maximum delay in ns of the reads of the last bucket
         self._out: _Line | None = None
         self._begin(())
 
     def _begin(self, points: Sequence[_Point]) -> None:
         self._buckets: deque[list[_Point]] = deque()
         self._bucket: list[_Point] = list(points)
-        self._bucket_delays: list[float] = []  # delays of the reads of this bucket in ns
+        self._bucket_delays: list[float] = []  # delays in ns of the reads of this bucket
         self._fit: _Line | None = None
         self._reads = len(points)
         self._from = points[0][0] if points else 0
@@ -204,7 +204,7 @@ class SampleClock:
         self._out = _Line(index, now, self._fit.slope + min(max(pull, -limit), limit))
 
     def stamp(self, index: int) -> int:
-        """Return the stamp of a sample in ns. `add` must have been called."""
+        """Return the stamp of a sample in ns. `add` must have been called before."""
         assert self._out is not None
         x = index - self._origin[0]
         return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))

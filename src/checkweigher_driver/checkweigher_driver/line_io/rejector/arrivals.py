@@ -39,7 +39,7 @@ class Arrivals:
     def __init__(self, motion: BeltMotion) -> None:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._motion = motion
-        self._travel: int | None = None  # travel time of the last item in ns of belt time
+        self._travel: int | None = None  # travel time in ns of the last item, in belt time
 
     def times(self, verdict: Verdict, now: int) -> Times | None:
         """Return the times of an item, or None if they are unknown or two products were merged."""

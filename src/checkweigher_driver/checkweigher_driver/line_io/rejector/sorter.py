@@ -79,8 +79,8 @@ class Sorter:
     def _was_looked_for(self, verdict: Verdict) -> bool:
         """Return whether a person has cleared the belt while the item was on it.
 
-        The segmenter gives up a removed item only some time later. An item that is still on the
-        belt then passes the outfeed eye without a further verdict, which stops the line.
+        The verdict of a removed item comes after the longest travel time of an item. If the item is
+        still on the belt, it later passes the outfeed eye without a verdict, which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
