@@ -135,12 +135,13 @@ def told(name: str, *choices: str) -> Fault:
     return Fault(name, happen)
 
 
+DAMAGED = Fault('line killed, state damaged', state_damaged, stops=True)
 OF_ALL = [
     deactivated('driver'),
     deactivated('reject'),
     Fault('supervisor killed', supervisor_killed, stops=True),
     Fault('line interrupted', interrupted, stops=True),
-    Fault('line killed, state damaged', state_damaged, stops=True),
+    DAMAGED,
 ]
 IN_ONE_PROCESS = [killed('line'), halted('line'), *OF_ALL]
 IN_PROCESSES = [
@@ -368,3 +369,11 @@ def test_kills_and_halts(tmp_path: Path, *, processes: bool, wiring: str):
 @pytest.mark.parametrize('processes', [False, True])
 def test_faults_of_plc_and_load_cell(tmp_path: Path, *, processes: bool, wiring: str):
     hold(tmp_path, share(DEVICES), processes=processes, wiring=wiring, seed=TRIALS + SHARD)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('wiring', ['reject', 'permit'])
+@pytest.mark.parametrize('processes', [False, True])
+def test_damaged_state(tmp_path: Path, *, processes: bool, wiring: str):
+    faults = [DAMAGED] * (TRIALS // 4)
+    hold(tmp_path, faults, processes=processes, wiring=wiring, seed=TRIALS + SHARD, whole=3)
