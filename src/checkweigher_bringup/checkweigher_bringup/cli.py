@@ -179,7 +179,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _line_for(error: Exception) -> str:
     """Return the message of an error that the user can correct, or '' for a program defect."""
-    # The exception classes of this project have messages of one line for the user.
+    # Exceptions of this project have a one-line message for the user, which is printed unchanged.
     if type(error).__module__.startswith('checkweigher_'):
         return str(error)
     if isinstance(error, OSError):

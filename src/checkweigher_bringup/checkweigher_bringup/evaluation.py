@@ -118,7 +118,9 @@ def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
         if cause not in CAUSES:
             raise UserError(f'--without {cause}: is none of {", ".join(CAUSES)}')
     if arguments.passes < FEWEST_PASSES:
-        raise UserError(f'--passes {arguments.passes}: tuning takes at least {FEWEST_PASSES}')
+        raise UserError(
+            f'--passes {arguments.passes}: tuning needs at least {FEWEST_PASSES} passes'
+        )
     machines = tuple(range(arguments.seed, arguments.seed + arguments.count))
     without = tuple(arguments.without)
     return MachinesProtocol(machines, arguments.passes, masses, arguments.further, without=without)

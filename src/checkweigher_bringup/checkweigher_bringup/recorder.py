@@ -55,7 +55,7 @@ class ReferencePasses:
         return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
 
     def lines(self) -> Iterator[str]:
-        """Yield a line of text for each new pass. Any thread may call this method."""
+        """Yield one line of text for each pass since the last call. Any thread may call this."""
         while not self._news.empty():
             yield one_line(self._news.get())
 

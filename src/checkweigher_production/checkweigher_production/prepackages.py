@@ -104,10 +104,10 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Check a batch against the three requirements. `masses` has the masses of the contents in kg.
+    """Check a batch against the three requirements.
 
-    Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
-    for `nominal`.
+    `masses` contains the net mass of each prepackage in kg. Raises `ValueError` if the batch
+    is empty, a mass is not finite, or the directive has no limits for `nominal`.
     """
     batch = batch_of(list(masses))
     its, slack = limits(nominal), ROUNDING * nominal

@@ -238,7 +238,9 @@ def _parameters(given: Mapping[str, Any] | None) -> Changes:
                 f'no recipe sets them; it may set {", ".join(NODES)}', 'parameters', node
             )
         if not isinstance(section, dict):
-            raise SettingsError(f'{section!r} is not "name: value"', 'parameters', node)
+            raise SettingsError(
+                f'{section!r} is no mapping; write one "name: value" per line', 'parameters', node
+            )
         known, made[node] = NODES[node].entries(), {}
         for name, each in flatten(section).items():
             place = 'parameters', node, *name.split('.')

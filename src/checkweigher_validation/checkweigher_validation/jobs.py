@@ -25,11 +25,11 @@ _LOOK = 5.0  # longest time between two checks of the workers in s
 
 
 class WorkerLostError(ValueError):
-    """Error for a job whose worker was killed twice, the second time without any other jobs."""
+    """Raised if a worker was killed during a job, and again when the job was repeated alone."""
 
 
 class ClusterLostError(ValueError):
-    """Error for a cluster that has ended, has no workers, or cannot be reached."""
+    """Raised if a cluster has ended, has no workers, or cannot be reached."""
 
 
 class Workers(AbstractContextManager['Workers']):
@@ -79,7 +79,7 @@ class _Processes(Workers):
 
 @contextmanager
 def _mute() -> Iterator[None]:
-    """Discard the error output of the processes that are started in this block.
+    """Redirect stderr to the null device, for this process and the processes it starts meanwhile.
 
     Ctrl-C interrupts all processes of a terminal. A process that is interrupted during its imports
     would print a traceback.
@@ -123,8 +123,8 @@ def run_jobs(
     it is 1, this process runs the jobs. On a terminal, a progress bar with the label `doing` is
     shown.
 
-    Raises `WorkerLostError` if the worker of a job was killed twice, and `ClusterLostError` if the
-    jobs ran on a cluster that was lost.
+    Raises `WorkerLostError` if the worker of a job was killed, and again when the job was repeated
+    alone, and `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
     with closing(jobs_as_done(jobs, n_jobs)) as results:
         found = dict(with_progress(results, doing, len(jobs), unit=unit))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Node for recipes, batches, statistics of production, alarms and the audit log."""
+"""Node that manages recipes, batches, production statistics, alarms and the audit log."""
 
 from collections.abc import Awaitable
 from contextlib import ExitStack
@@ -68,7 +68,7 @@ class ProductParameters(Parameters):
 
 
 class ProductNode(StageNode[ProductParameters]):
-    """Node for recipes, batches, statistics of production, alarms and the audit log."""
+    """Node that manages recipes, batches, production statistics, alarms and the audit log."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         self._files = ExitStack()  # created first, because `destroy_node` always closes the files

@@ -32,9 +32,9 @@ _FORMATS = {
 def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
     """Return CSV with one row for each condition, of which there must be at least one.
 
-    An unknown value is empty. The columns ``max_mean_error_g`` and ``max_std_dev_g`` have the
-    limits of the class; in category Y, the former is the limit of each error. ``within_class`` is 1
-    if there are enough weighings and both limits are met.
+    The cell of an unknown value is empty. The columns ``max_mean_error_g`` and ``max_std_dev_g``
+    contain the limits of the class; in category Y, the former is the limit of each error.
+    ``within_class`` is 1 if there are enough weighings and both limits are met.
     """
     rows = []
     for one in _ordered(evaluation):

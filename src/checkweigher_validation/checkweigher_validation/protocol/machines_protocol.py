@@ -32,7 +32,7 @@ from checkweigher_validation.tuning.tuner import Tuned, tune
 MASSES = PAPER_MASSES
 SPEEDS = (0.5, 1.0, 1.5)  # m/s
 PASSES = 120  # number of test passes at each speed
-FURTHER = 1500  # number of passes at each speed from which the attainable accuracy is computed
+FURTHER = 1500  # number of passes that give the attainable accuracy
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class MachinesProtocol:
     machines: tuple[int, ...]  # seeds of the machines
     training: int = PASSES  # number of training passes
     training_masses: tuple[float, ...] = MASSES  # masses in kg of the training passes
-    further: int = FURTHER  # number of passes for the attainable accuracy
+    further: int = FURTHER  # number of passes that give the attainable accuracy
     speeds: tuple[float, ...] = SPEEDS  # m/s
     without: tuple[str, ...] = ()  # causes of disturbance that are removed from the machines
 

@@ -141,7 +141,7 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
         if len(group.passes) < FEWEST_PASSES:
             raise TuningError(
                 f'{len(group.passes)} passes of known mass at {60 * group.speed:.1f} m/min, tuning '
-                f'takes at least {FEWEST_PASSES} at each speed'
+                f'needs at least {FEWEST_PASSES} passes at each speed'
             )
     if not groups:
         raise TuningError('no whole pass of known mass')

@@ -270,7 +270,10 @@ class TestEvaluation:
             (('--protocol', 'machines', '--count', '0'), '--count 0: must be above 0'),
             (('--protocol', 'machines', '--mass', '0'), '--mass: must be above 0'),
             (('--protocol', 'machines', '--without', 'luck'), '--without luck: is none of rocking'),
-            (('--protocol', 'machines', '--passes', '2'), '--passes 2: tuning takes at least 3'),
+            (
+                ('--protocol', 'machines', '--passes', '2'),
+                '--passes 2: tuning needs at least 3 passes',
+            ),
             (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIIII"),
             (('BAG', '--factor', '0.3'), 'class factor x: 0.3 is not 1, 2 or 5 x 10^k up to 2'),
             (('BAG', '--max', '1', '--interval', '1'), 'name one of them'),
