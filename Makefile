@@ -13,7 +13,7 @@ IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 comma := ,
 PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/) $(wildcard docs/)
 
-.PHONY: help setup demo test soak bench coverage docs deb release lint format clean
+.PHONY: help setup demo test soak bench coverage docs site deb image release lint format clean
 
 help: ## Show this list.
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -47,8 +47,14 @@ coverage: ## Measure which lines the tests of each package reach, in one process
 docs: ## Write the tables of docs/ and the file config/line.yaml from the code.
 	@$(IN_ENVIRONMENT) python3 docs/make_docs.py
 
+site: ## Build the docs as a site into dist/site, and check its links.
+	@$(IN_ENVIRONMENT) packaging/site .venv dist/site
+
 deb: ## Build the Debian package of the latest commit into dist/.
 	@$(IN_ENVIRONMENT) packaging/deb .venv dist
+
+image: deb ## Build the OCI image of the package into dist/; as root, with buildah and mmdebstrap.
+	@packaging/image dist/checkweigher_*.deb dist
 
 release: ## Build what is released of the latest commit into dist/: source archive, package, SBOM, check sums.
 	@$(IN_ENVIRONMENT) packaging/release .venv dist
