@@ -4,6 +4,7 @@
 
 import ast
 from collections.abc import Iterable
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 import re
 import shutil
@@ -154,11 +155,24 @@ def test_keys_that_rosdep_lacks_are_in_the_list_of_the_workspace():
 @each_package
 def test_a_package_has_its_changelog(folder: Path):
     text = (folder / 'CHANGELOG.rst').read_text(encoding='utf-8')
-    tree = publish_doctree(text, settings_overrides={'halt_level': 2})
-    title, version, changes = tree.children
+    tree = publish_doctree(text, settings_overrides={'halt_level': 2, 'doctitle_xform': False})
+    (package,) = tree.children
+    title, *versions = package.children
     assert title.astext() == f'Changelog for package {folder.name}'
-    assert version.astext() == 'Forthcoming'
-    assert changes.tagname == 'bullet_list'
+    heads = [version.children[0].astext() for version in versions]
+    assert {version.children[1].tagname for version in versions} == {'bullet_list'}
+    numbered = heads[1:] if heads[0] == 'Forthcoming' else heads
+    assert numbered[0] == ' '.join(_released())
+
+
+def _released() -> tuple[str, str]:
+    """Return version and date of the packages, the date as that of the Debian package."""
+    (version,) = {str(parse_package(str(folder)).version) for folder in PACKAGES}
+    changelog = (ROOT / 'debian/changelog').read_text(encoding='utf-8')
+    assert changelog.startswith(f'checkweigher ({version}) ')
+    dated = re.search(r'^ -- .*>  (.*)$', changelog, re.MULTILINE)
+    assert dated
+    return version, f'({parsedate_to_datetime(dated[1]).date()})'
 
 
 def test_a_python_that_a_user_cannot_run_is_named(tmp_path: Path):
@@ -213,12 +227,6 @@ def test_a_package_has_licence_and_quality_declaration(folder: Path):
         r'^\| (?:\d\.[iv]+(?:, )?)+ .*? \| (yes|no|none|measured)\b', text, re.MULTILINE
     )
     assert len(answers) == text.count('\n| ') - 1
-
-
-def test_the_debian_package_has_the_version_of_the_packages():
-    (version,) = {str(parse_package(str(folder)).version) for folder in PACKAGES}
-    changelog = (ROOT / 'debian/changelog').read_text(encoding='utf-8')
-    assert changelog.startswith(f'checkweigher ({version}) ')
 
 
 def _locked(name: str) -> set[str]:

@@ -8,7 +8,7 @@ package_name = 'checkweigher_bringup'
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='1.0.0',
     packages=find_packages(include=[package_name, package_name + '.*']),
     package_data={package_name: ['py.typed']},
     data_files=[
