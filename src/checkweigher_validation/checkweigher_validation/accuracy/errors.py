@@ -3,9 +3,9 @@
 """Statistics of the errors of estimators on passes of known mass.
 
 The statistics are those of Long et al.: the mean error mu, the standard deviation sigma of the
-errors with n - 1, and the overall index A = |mu| + 3 sigma. In equation 20 of the paper, the mean
-of the readings is subtracted, so that mu would always be zero. Here, as in the table of the paper,
-the true mass is subtracted.
+errors with n - 1, and the overall index ``A = |mu| + 3 sigma``. In equation 20 of the paper, the
+mean of the readings is subtracted, so that mu would always be zero. Here, as in the table of the
+paper, the true mass is subtracted.
 """
 
 from collections.abc import Iterable
@@ -51,7 +51,7 @@ class ConditionResult:
 
     @property
     def index(self) -> float:
-        """Overall index A = |mu| + 3 sigma in kg."""
+        """Overall index ``A = |mu| + 3 sigma`` in kg."""
         return overall_index(self.mean_error, self.std_dev)
 
     @property
@@ -170,7 +170,7 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
 
 
 def overall_index(mean_error: float, std_dev: float) -> float:
-    """Return the overall index A = |mu| + 3 sigma (Long et al., Table 3)."""
+    """Return the overall index ``A = |mu| + 3 sigma`` (Long et al., Table 3)."""
     return abs(mean_error) + 3 * std_dev
 
 

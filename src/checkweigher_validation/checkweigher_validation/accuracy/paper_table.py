@@ -26,7 +26,7 @@ class PaperResult:
 
     @property
     def index(self) -> float:
-        """Overall index A = |mu| + 3 sigma in kg."""
+        """Overall index ``A = |mu| + 3 sigma`` in kg."""
         return overall_index(self.mean_error, self.std_dev)
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gain, offset and uncertainty of an estimator from training passes.
 
-The objective of all tuning is A = |mean error| + 3 sigma of Long et al., averaged over the masses.
+The objective of all tuning is ``|mean error| + 3 sigma`` of Long et al., averaged over the masses.
 """
 
 from dataclasses import dataclass

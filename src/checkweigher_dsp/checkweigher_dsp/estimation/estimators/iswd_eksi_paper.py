@@ -86,8 +86,8 @@ def denoise(samples: Array, speed: float, unit: float) -> Array:
     """Return a window (n,) after improved stationary wavelet denoising (section 2).
 
     Details 1 to 4 are set to 0. Details 5 to 7 are shrunk by the gains and thresholds of Table 1 at
-    the belt speed in m/s: d' = sgn(d) gamma (|d| - lambda) if |d| >= lambda, otherwise 0. The
-    padding is the Hann-weighted mean of the window (open).
+    the belt speed in m/s: ``d' = sgn(d) gamma (|d| - lambda)`` if ``|d| >= lambda``, otherwise 0.
+    The padding is the Hann-weighted mean of the window (open).
     """
     length = 128 * math.ceil(max(_STRETCH, 2 * len(samples)) / 128)
     begin = (length - len(samples)) // 2
