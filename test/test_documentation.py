@@ -42,6 +42,12 @@ def test_the_comments_of_the_parameter_file_stay():
     assert found.count('# by hand') == 1
 
 
+def test_the_site_has_every_page():
+    site = (ROOT / 'packaging/site').read_text(encoding='utf-8')
+    listed = set(re.findall(r'docs/(\w+)', site))
+    assert listed >= {path.stem for path in ROOT.glob('docs/*.md')}
+
+
 def test_every_service_is_documented():
     text = (ROOT / 'docs/services.md').read_text()
     for path in (ROOT / 'src/checkweigher_msgs/srv').glob('*.srv'):
