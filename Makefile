@@ -53,7 +53,7 @@ site: ## Build the docs as a site into dist/site, and check its links.
 deb: ## Build the Debian package of the latest commit into dist/.
 	@$(IN_ENVIRONMENT) packaging/deb .venv dist
 
-image: deb ## Build the OCI image of the package into dist/; as root, with buildah and mmdebstrap.
+image: ## Build the OCI image of the package in dist/; as root, with buildah and mmdebstrap.
 	@packaging/image dist/checkweigher_*.deb dist
 
 release: ## Build what is released of the latest commit into dist/: source archive, package, SBOM, check sums.

@@ -81,6 +81,9 @@ def test_a_package_is_valid(folder: Path):
     assert not warnings
     assert (package.name, package.package_format) == (folder.name, 3)
     assert package.licenses == ['Apache-2.0']
+    (maintainer,) = package.maintainers
+    control = (ROOT / 'debian/control').read_text(encoding='utf-8')
+    assert f'\nMaintainer: {maintainer.name} <{maintainer.email}>\n' in control
     tags = [child.tag for child in ElementTree.parse(folder / 'package.xml').getroot()]
     ranks = [ORDER.index('depend' if tag.endswith('_depend') else tag) for tag in tags]
     assert ranks == sorted(ranks)

@@ -12,7 +12,11 @@ exclude_patterns = ['**/QUALITY_DECLARATION.md']
 
 html_theme = 'pydata_sphinx_theme'
 html_title = 'checkweigher'
-html_theme_options = {'navigation_with_keys': False, 'show_toc_level': 2}
+html_theme_options = {
+    'collapse_navigation': True,  # otherwise each page has the names of all modules
+    'navigation_with_keys': False,
+    'show_toc_level': 2,
+}
 html_show_sourcelink = False
 html_copy_source = False
 
