@@ -6,12 +6,14 @@ project = 'checkweigher'
 author = 'Checkweigher maintainers'
 copyright = '2026, Checkweigher maintainers'  # noqa: A001
 
-extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.viewcode', 'numpydoc']
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'numpydoc']
 root_doc = 'index'
 exclude_patterns = ['**/QUALITY_DECLARATION.md']
 
 html_theme = 'pydata_sphinx_theme'
 html_title = 'checkweigher'
+html_static_path = ['static']
+html_css_files = ['site.css']
 html_theme_options = {
     'collapse_navigation': True,  # otherwise each page has the names of all modules
     'navigation_with_keys': False,

@@ -28,7 +28,8 @@ class Page(HTMLParser):
 
 def broken_links(folder: Path) -> list[str]:
     """Return the local links of all pages below a folder that lead nowhere, with their pages."""
-    pages = {path.resolve(): Page(path) for path in folder.rglob('*.html')}
+    paths = (path for path in folder.rglob('*.html') if '_static' not in path.parts)
+    pages = {path.resolve(): Page(path) for path in paths}
     broken = []
     for path, page in pages.items():
         for link in page.links:
