@@ -31,7 +31,7 @@ def parameter_file(
     Parameters
     ----------
     tuned : mapping of str to Tuned
-        Tuned estimators by name.
+        Tuned estimators by name, or the default without training.
     source : sequence of str
         A line for each set of training passes.
     made : datetime or None
@@ -48,14 +48,14 @@ def parameter_file(
         *(f'# from {_printable(line)}' for line in source),
         '#',
         '# A = |mean error| + 3 sigma, averaged over the masses, after gain and offset, in g; held',
-        '# out: each half of the passes weighed by what the other half taught. Much more than',
-        '# trained would mean that the parameters fit these passes and not the machine.',
+        '# out: each pass weighed by what other passes taught. Much more than trained would mean',
+        '# that the parameters fit these passes and not the machine.',
         '#',
         f'# {"estimator":<14}{"m/min":>7}{"passes":>8}{"A trained":>11}{"A held out":>12}',
         *(
-            f'# {each.estimator:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
+            f'# {name:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
             f'{GRAMS * speed.index:11.4f}{GRAMS * speed.held_out_index:12.4f}'
-            for each in (compared or tuned).values()
+            for name, each in (compared or tuned).items()
             for speed in each.speeds
         ),
         *((f'# chosen: {reason}',) if reason else ()),
@@ -79,9 +79,11 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
         for entry in fields(first.parameters)
     }
     changed = sections['identifier'].items()
-    others = {key: value for key, value in changed if key.partition('.')[0] not in tuned}
+    names = {each.estimator for each in tuned.values()}
+    others = {key: value for key, value in changed if key.partition('.')[0] not in names}
     sections['identifier'] = {'estimator': first.estimator, **others}
-    for name, each in tuned.items():
+    for each in tuned.values():
+        name = each.estimator
         own = getattr(each.parameters.identifier, name).as_mapping()
         sections['identifier'][name] = _plain(own)
         if any(key.startswith('denoise.') for speed in each.speeds for key in speed.lists):

@@ -72,8 +72,9 @@ def test_machines_are_weighed_tuned_and_untrained(short):
     assert [each.machine for each in short] == [3]
     for each in short:
         assert each.tuned.estimators == (ATTAINABLE, 'mean', 'fir_model', CHOSEN)
-        assert each.chosen in ('mean', 'fir_model')
-        assert ratios([each.tuned], CHOSEN) == ratios([each.tuned], each.chosen)
+        # Neither of them is as good with 20 passes as the default without any.
+        assert each.chosen == 'untrained'
+        assert max(ratios([each.tuned], CHOSEN)) < min(ratios([each.tuned], 'fir_model'))
         assert each.tuned.parts == ('test', 'train')
         assert each.untrained.parts == ('test',)
         for evaluation in (each.tuned, each.untrained):

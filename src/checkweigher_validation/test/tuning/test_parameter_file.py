@@ -10,7 +10,7 @@ import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.tuning.parameter_file import parameter_file
-from checkweigher_validation.tuning.tuner import TUNABLES, tune
+from checkweigher_validation.tuning.tuner import TUNABLES, tune, untrained
 
 NEW_YEAR = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -57,6 +57,13 @@ def test_so_does_everything_that_it_was_tuned_with(groups, read):
     )
     assert found == expected
     assert found.segmenter.settle_time == 0.3
+
+
+def test_the_default_that_is_chosen_comes_back_as_it_was(groups, read):
+    base = LineParameters().with_values({'segmenter.settle_time': 0.3})
+    text = parameter_file({'untrained': untrained(groups, base)}, [])
+    assert read(text) == base
+    assert '\n# untrained ' in text
 
 
 def test_of_several_estimators_the_first_is_chosen_and_denoise_is_that_of_iswd_eksi(groups, read):
