@@ -6,14 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from itertools import dropwhile
+import math
 
+import numpy as np
 import yaml
 
 from checkweigher_core.parameters import Parameters
 from checkweigher_core.records import GRAMS
+from checkweigher_validation.accuracy.errors import ConditionResult, distinct
+from checkweigher_validation.accuracy.tables import coverage_table
 from checkweigher_validation.tuning.tuner import Tuned
 
 _WIDTH = 100
+_SAME_MASS = 1e-6  # kg
 
 
 def parameter_file(
@@ -58,6 +63,7 @@ def parameter_file(
             for name, each in (compared or tuned).items()
             for speed in each.speeds
         ),
+        *(f'# {line}' for each in tuned.values() for line in _coverage_lines(each)),
         *((f'# chosen: {reason}',) if reason else ()),
     ]
     content = {
@@ -69,6 +75,21 @@ def parameter_file(
         content, default_flow_style=None, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
     return '\n'.join(lines) + '\n' + body
+
+
+def _coverage_lines(tuned: Tuned) -> list[str]:
+    """Return how often held-out errors lie within the stated intervals, by speed and mass."""
+    conditions = []
+    for speed in tuned.speeds:
+        errors, masses = np.array(speed.held_out_errors), np.array(speed.masses)
+        for mass in distinct(speed.masses):
+            own = np.abs(masses - mass) < _SAME_MASS
+            stated = math.hypot(speed.uncertainty.std_dev, speed.uncertainty.relative * mass)
+            std_devs = np.full(np.count_nonzero(own), stated or math.nan)
+            conditions.append(
+                ConditionResult(tuned.estimator, speed.speed, mass, 'train', errors[own], std_devs)
+            )
+    return coverage_table(conditions, f'{tuned.estimator} held out')
 
 
 def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
@@ -94,9 +115,10 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 def accuracy_lines(text: str) -> list[str]:
     """Return the lines of the table of accuracies in a parameter file.
 
-    The first line has the headings. After that, there is a line for each estimator at each speed
-    and, if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if
-    the file has no table.
+    The first line has the headings. After that, there is a line for each estimator at each speed,
+    the coverage of the stated intervals by speed and mass if there are several masses, and the line
+    ``chosen: REASON`` if the file has a reason for its choice. The list is empty if the file has no
+    table.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 import re
 
 from known_groups import groups_of
+import numpy as np
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
@@ -97,6 +98,20 @@ def test_the_head_says_what_it_was_made_from_and_how_good_it_was(groups):
         (speed, '8', f'{1000 * each.index:.4f}', f'{1000 * each.held_out_index:.4f}')
         for speed, each in (('45.0', slow), ('90.0', fast))
     ]
+
+
+def test_the_head_says_how_often_the_intervals_hold_at_each_mass():
+    groups = groups_of(1.0, count=20, masses=(0.1, 0.2), seed=2)
+    tuned = tune(groups, ['mean'], LineParameters(), n_jobs=1)
+    (speed,) = tuned['mean'].speeds
+    shares = []
+    for mass in (0.1, 0.2):
+        errors = np.array(speed.held_out_errors)[np.isclose(speed.masses, mass)]
+        stated = np.hypot(speed.uncertainty.std_dev, speed.uncertainty.relative * mass)
+        shares.append(f'{100 * np.mean(abs(errors) < 1.96 * stated):.0f}')
+    text = parameter_file(tuned, [])
+    assert re.search(r'^# mean held out, in 95 % by mass: +100 +200$', text, re.M)
+    assert re.search(rf'^# +60 m/min +{shares[0]} +{shares[1]}$', text, re.M)
 
 
 def test_names_that_a_bag_gives_its_load_cell_stay_in_the_comment(groups, read):
