@@ -3,7 +3,7 @@
 """Training of the estimators on passes of known mass in bags."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -12,16 +12,15 @@ from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import LoadCell, Reference
 from checkweigher_core.whole_file import write_whole
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_recording.block_cutting import join_stretches
-from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
+from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, passes_by_cut
 from checkweigher_validation.jobs import run_jobs
-from checkweigher_validation.tuning.choice import choose
+from checkweigher_validation.tuning.choice import candidates, choose, with_untrained
 from checkweigher_validation.tuning.parameter_file import accuracy_lines, parameter_file
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import tune
@@ -29,9 +28,13 @@ from checkweigher_validation.tuning.tuner import tune
 
 @dataclass(frozen=True, slots=True)
 class BagPasses:
-    """The passes of known mass in a bag, the load cell, and notes for the user."""
+    """The passes of known mass in a bag, the load cell, and notes for the user.
+
+    The windows of `passes` and of `untrained` are cut by different parameters, if both are given.
+    """
 
     passes: tuple[KnownPass, ...]
+    untrained: tuple[KnownPass, ...]
     cell: LoadCell
     notes: tuple[str, ...]
 
@@ -49,6 +52,7 @@ class ReadPasses:
     passes: list[KnownPass]
     lines: list[str]
     broken: int
+    untrained: list[KnownPass] = field(default_factory=list)  # the same passes, cut differently
 
 
 def read_passes(
@@ -56,14 +60,17 @@ def read_passes(
     lane: str | None,
     segmenter: SegmenterParameters,
     n_jobs: int | None = None,
+    untrained: SegmenterParameters | None = None,
 ) -> ReadPasses:
     """Return the passes of known mass in bags. `n_jobs` is described at `run_jobs`.
 
-    Bags that cannot be read are reported on stderr and skipped. Raises `UserError` if a bag has no
-    pass of known mass or another sample rate than the first bag, and `BagError` if no bag can be
-    read.
+    `segmenter` cuts the windows of `ReadPasses.passes`, and `untrained` those of
+    `ReadPasses.untrained`, if it is given. Bags that cannot be read are reported on stderr and
+    skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate than the
+    first bag, and `BagError` if no bag can be read.
     """
-    calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
+    cuts = [segmenter] if untrained is None else [segmenter, untrained]
+    calls = [partial(passes_of_bag, str(bag), lane, cuts, len(bags) == 1) for bag in bags]
     found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
     broken = [each for _, each in found if isinstance(each, BagError)]
     if len(broken) == len(bags):
@@ -74,7 +81,9 @@ def read_passes(
     for bag, each in read:
         _check(f'{bag}', each, rate=read[0][1].cell.sample_rate)
     passes = [one for _, each in read for one in each.passes]
-    return ReadPasses(passes, [f'{bag}: {each}' for bag, each in read], len(broken))
+    as_untrained = [one for _, each in read for one in each.untrained]
+    lines = [f'{bag}: {each}' for bag, each in read]
+    return ReadPasses(passes, lines, len(broken), as_untrained)
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
@@ -93,10 +102,11 @@ def _check(bag: str, found: BagPasses, rate: float) -> None:
 
 
 def passes_of_bag(
-    bag: str, lane: str | None, segmenter: SegmenterParameters, progress: bool
+    bag: str, lane: str | None, cuts: Sequence[SegmenterParameters], progress: bool
 ) -> BagPasses | BagError:
     """Return the passes of known mass in a bag, or the error if the bag cannot be read.
 
+    `cuts` has the parameters of `BagPasses.passes` and, optionally, of `BagPasses.untrained`.
     Samples outside the passes are dropped, because a bag may be larger than the memory.
     """
 
@@ -115,8 +125,8 @@ def passes_of_bag(
 
         # `chain` reads the references last, when all segments of the bag have added theirs.
         events = chain(join_stretches(taken()), references)
-        found = known_passes(first.load_cell, events, segmenter)
-        return BagPasses(tuple(found), first.load_cell, tuple(notes))
+        found, *others = passes_by_cut(first.load_cell, events, cuts)
+        return BagPasses(tuple(found), tuple(chain(*others)), first.load_cell, tuple(notes))
 
     try:
         with local_bag(bag) as path:
@@ -138,18 +148,21 @@ def train(
     """Tune estimators on the passes of known mass in bags, and write a parameter file.
 
     The file has the tuned parameters, all other parameters of `base`, and selects the first
-    estimator. If `estimators` is None, all estimators are tuned and compared on held-out passes,
-    and the file has only the best one. `budget` is the maximum number of evaluations of each
-    estimator at each speed. `n_jobs` is described at `run_jobs`. Returns the number of bags that
-    were skipped.
+    estimator. If `estimators` is None, the estimators that so few or many passes can determine are
+    tuned, and compared with each other and with `base` on held-out passes. The file then has only
+    the best one, or the estimator of `base` as it is. `budget` is the maximum number of evaluations
+    of each estimator at each speed. `n_jobs` is described at `run_jobs`. Returns the number of bags
+    that were skipped.
     """
-    read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
+    before = base
+    as_untrained = base.segmenter if estimators is None else None
+    read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs, as_untrained)
     groups = group_by_speed(read.passes)
     base = replace(base, segmenter=stated_lag(read.passes, base.segmenter))
     if estimators is None:
-        compared = tune(
-            groups, [*ESTIMATORS], base, budget=budget, n_jobs=n_jobs, skip_failing=True
-        )
+        names = candidates(groups)
+        compared = tune(groups, names, base, budget=budget, n_jobs=n_jobs, skip_failing=True)
+        compared = with_untrained(compared, group_by_speed(read.untrained), before)
         chosen, reason = choose(compared)
         best = {chosen: compared[chosen]}
         text = parameter_file(best, read.lines, compared=compared, reason=reason)

@@ -4,12 +4,13 @@
 
 from collections import defaultdict
 import json
+import math
 import os
 from pathlib import Path
 import statistics
 
 import pytest
-from running import ROOT, Rows, Run
+from running import ROOT, Rows, Run, run_command
 
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
@@ -67,35 +68,61 @@ def test_passes_of_a_real_belt_scale(checkweigher: Run, rows: Rows, tmp_path: Pa
         assert float(row['mass_g']) == pytest.approx(reference, rel=LARGEST_ERROR)
 
 
-@pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
-def test_passes_of_a_real_belt_scale_behind_its_empty_belt(
-    checkweigher: Run, rows: Rows, tmp_path: Path
-):
-    """Weigh untrained what the recordings hold up to t3, each behind its own empty belt.
+@pytest.fixture(name='real_bags', scope='module')
+def _real_bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Bags with what the recordings hold up to t3, each behind its own empty belt, by mass.
 
-    They begin just before t1, and have their empty belt after t4, from when it is at rest.
+    The recordings begin just before t1, and have their empty belt after t4, from when it is at
+    rest.
     """
-    errors = []
+    folder = tmp_path_factory.mktemp('real')
+    bags = {}
     for log in sorted(REAL_PASSES.glob('*.csv')):
         head, *samples = log.read_text().split()
         edges = json.loads(log.with_suffix('.edges.json').read_text())
         first = next(index for index, blocked in edges['ftc1'] if blocked)
         last = max(index for index, _ in edges['ftc2'])
         empty = samples[last + 80 :]
-        moved = tmp_path / log.name
+        moved = folder / log.name
         moved.write_text('\n'.join((head, *empty, *samples[first : last + 1])))
         for eye in ('ftc1', 'ftc2'):
             edges[eye] = [[max(at - first + len(empty), 0), blocked] for at, blocked in edges[eye]]
             edges[eye] = [[0, 0]] + [edge for edge in edges[eye] if edge[0] >= len(empty)]
         moved.with_suffix('.edges.json').write_text(json.dumps(edges))
-        checkweigher(
+        done = run_command(
             *('import', moved, '--edges', moved.with_suffix('.edges.json')),
-            *('--output', tmp_path / log.stem, '--slope', '5.19142051e-4'),
+            *('--output', folder / log.stem, '--slope', '5.19142051e-4'),
             *('--offset', '-4874.38', '--weigh-length', '0.73'),
         )
-        (row,) = rows('weigh', tmp_path / log.stem)
-        errors.append(float(row['mass_g']) - float(row['reference_g']))
-    assert statistics.fmean(error**2 for error in errors) < REAL_ERROR**2
+        assert done.returncode == 0, done.stderr
+        bags[edges['mass_g']] = folder / log.stem
+    return [bags[mass] for mass in sorted(bags)]
+
+
+def real_error(rows: Rows, bags: list[Path], *options: object) -> float:
+    """Root mean square of the errors of some real passes, g."""
+    found = [row for bag in bags for row in rows('weigh', bag, *options)]
+    assert len(found) == len(bags)
+    errors = [float(row['mass_g']) - float(row['reference_g']) for row in found]
+    return math.sqrt(statistics.fmean(error**2 for error in errors))
+
+
+@pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
+def test_passes_of_a_real_belt_scale_behind_its_empty_belt(rows: Rows, real_bags: list[Path]):
+    assert real_error(rows, real_bags) < REAL_ERROR
+
+
+@pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
+def test_tuning_on_few_real_passes_makes_nothing_worse(
+    checkweigher: Run, rows: Rows, real_bags: list[Path], tmp_path: Path
+):
+    for part in (0, 1):
+        path = tmp_path / f'{part}.yaml'
+        train, test = real_bags[part::2], real_bags[1 - part :: 2]
+        done = checkweigher('tune', *train, '--output', path, '--jobs', 1)
+        assert 'chosen: untrained: ' in done.stdout
+        tuned, before = (real_error(rows, test, *each) for each in (('--params', path), ()))
+        assert tuned <= before
 
 
 def begins_blocked(log: Path) -> bool:

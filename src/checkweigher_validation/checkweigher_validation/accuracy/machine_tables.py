@@ -19,6 +19,7 @@ from checkweigher_validation.accuracy.tables import (
     LEVELS,
     METRES_PER_MINUTE,
     cell,
+    coverage_table,
     csv_text,
     json_conditions,
 )
@@ -118,6 +119,8 @@ def family_text(machines: Sequence[MachineResult], title: str) -> str:
     lines = [f'{title}: A over the attainable A, mean over the machines and worst; test passes']
     for table in family_tables(machines):
         lines += _table_text(table)
+    chosen = _conditions([each.tuned for each in machines], estimator=CHOSEN, part='test')
+    lines += coverage_table(chosen, CHOSEN)
     return '\n'.join((*lines, choices(machines)))
 
 

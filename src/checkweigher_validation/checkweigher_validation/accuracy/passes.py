@@ -82,20 +82,29 @@ def known_passes(
 
     `events` are the sample blocks, edges and references of a recording or simulation.
     """
-    segmenter = Segmenter(load_cell, parameters)
-    windows: list[WeighWindow] = []
+    (passes,) = passes_by_cut(load_cell, events, [parameters])
+    return passes
+
+
+def passes_by_cut(
+    load_cell: LoadCell, events: Iterable[Event], cuts: Sequence[SegmenterParameters]
+) -> list[list[KnownPass]]:
+    """Return the passes that `known_passes` returns for each of the parameters `cuts`."""
+    segmenters = [Segmenter(load_cell, parameters) for parameters in cuts]
+    windows: list[list[WeighWindow]] = [[] for _ in cuts]
     references: list[Reference] = []
     for event in events:
         if isinstance(event, Reference):
             references.append(event)
-        else:
-            windows += segmenter.take(event)
-    windows += segmenter.finish()
+            continue
+        for segmenter, own in zip(segmenters, windows, strict=True):
+            own += segmenter.take(event)
     masses = ReferenceMasses(references)
-    known = [KnownPass(window, masses.at(window.t1)) for window in windows]
-    return sorted(
-        (each for each in known if 0 < each.mass < math.inf), key=lambda each: each.window.item_id
-    )
+    found = []
+    for segmenter, own in zip(segmenters, windows, strict=True):
+        known = [KnownPass(each, masses.at(each.t1)) for each in (*own, *segmenter.finish())]
+        found.append([each for each in known if 0 < each.mass < math.inf])
+    return [sorted(each, key=lambda one: one.window.item_id) for each in found]
 
 
 def whole_passes(passes: Iterable[KnownPass]) -> tuple[KnownPass, ...]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluation of estimators as text table, CSV and JSON."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import json
 import math
 from typing import Any
@@ -12,12 +12,21 @@ import numpy as np
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.columns import rows_as_csv
-from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
+from checkweigher_validation.accuracy.errors import (
+    ConditionResult,
+    Evaluation,
+    average,
+    coverage,
+    distinct,
+    same,
+)
 from checkweigher_validation.accuracy.paper_table import comparable_index, has_paper_masses
 
 METRES_PER_MINUTE = 60.0  # m/min per m/s
 
 LEVELS = (0.68, 0.95)  # confidence levels of the intervals whose coverage is reported.
+
+_MOST_MASSES = 10  # largest number of masses in a table of coverages
 
 # Formats of the CSV columns that do not have six decimal places.
 _FORMATS = {
@@ -68,7 +77,7 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
     The table is on the test passes or, if there are none, on the training passes. The columns
     include the coverage of the stated 68 % and 95 % intervals, the number of conditions within the
     limits of the class, and A in the paper (Long et al.) if the speed and the masses are those of
-    the paper.
+    the paper. After the table, there is the coverage by speed and mass for the smallest A.
     """
     part = evaluation.parts[0]
     lines = [
@@ -80,7 +89,30 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
     overall = (None,) if len(evaluation.speeds) > 1 else ()
     for speed in (*evaluation.speeds, *overall):
         lines += _text_block(evaluation, accuracy_class, part, speed)
+    best, *_ = evaluation.ranked(part)
+    lines += coverage_table(evaluation.select(estimator=best, part=part), best)
     return '\n'.join(lines)
+
+
+def coverage_table(conditions: Iterable[ConditionResult], title: str) -> list[str]:
+    """Return the lines of a table: the coverage of the 95 % intervals by speed and mass in %.
+
+    Conditions of the same speed and mass are combined. There are no lines for a single mass, or for
+    so many masses that each has few passes.
+    """
+    there = tuple(conditions)
+    masses = distinct(one.mass for one in there)
+    if not 1 < len(masses) <= _MOST_MASSES:
+        return []
+    lines = [f'{title}, in 95 % by mass: ' + ''.join(f'{GRAMS * mass:>8.4g}' for mass in masses)]
+    for speed in distinct(one.speed for one in there):
+        cells = []
+        for mass in masses:
+            own = [one for one in there if same(one.speed, speed) and same(one.mass, mass)]
+            cells.append(f'{cell(100 * coverage(own, LEVELS[-1]), 0):>8}')
+        label = f'{METRES_PER_MINUTE * speed:.4g} m/min'
+        lines.append(f'{label:>{len(lines[0]) - 8 * len(masses)}}' + ''.join(cells))
+    return lines
 
 
 def cell(value: float, digits: int, unknown: str = '-') -> str:

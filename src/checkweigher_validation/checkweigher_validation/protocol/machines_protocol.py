@@ -19,15 +19,15 @@ from checkweigher_validation.accuracy.paper_table import PAPER_MASSES
 from checkweigher_validation.accuracy.passes import (
     KnownPass,
     SpeedGroup,
-    known_passes,
+    passes_by_cut,
     whole_passes,
 )
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.attainable import attainable_errors
-from checkweigher_validation.tuning.choice import choose
+from checkweigher_validation.tuning.choice import candidates, choose, with_untrained
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import unchecked
-from checkweigher_validation.tuning.tuner import Tuned, tune
+from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, tune
 
 MASSES = PAPER_MASSES
 SPEEDS = (0.5, 1.0, 1.5)  # m/s
@@ -51,13 +51,14 @@ class MachinesProtocol:
 class MachineRun:
     """Passes of a machine at one speed in m/s, and the attainable accuracy on the test passes.
 
-    The weighing windows of `train` and `test` are cut by the photo-eyes alone. Those of `untrained`
-    are cut from the test passes as on a line without training, where the edges are also compared
-    with the rise of the load.
+    The weighing windows of `train` and `test` are cut by the photo-eyes alone. Those of
+    `train_untrained` and `untrained` are cut from the same passes as on a line without training,
+    where the edges are also compared with the rise of the load.
     """
 
     speed: float
     train: tuple[KnownPass, ...]
+    train_untrained: tuple[KnownPass, ...]
     test: tuple[KnownPass, ...]
     untrained: tuple[KnownPass, ...]
     attainable: tuple[ConditionResult, ...]
@@ -72,10 +73,27 @@ def passes_of(
     segmenter: SegmenterParameters,
     without: tuple[str, ...] = (),
 ) -> tuple[KnownPass, ...]:
+    """Return simulated passes, whose windows are cut by one set of parameters.
+
+    The other parameters are as in `passes_cut_by`.
+    """
+    return passes_cut_by(machine, speed, masses, count, seed, (segmenter,), without)[0]
+
+
+def passes_cut_by(
+    machine: int,
+    speed: float,
+    masses: Sequence[float],
+    count: int,
+    seed: int,
+    cuts: Sequence[SegmenterParameters],
+    without: tuple[str, ...] = (),
+) -> list[tuple[KnownPass, ...]]:
     """Simulate `count` passes of a machine at a speed in m/s, with `masses` in kg in random order.
 
-    `machine` is the seed of the machine, and `seed` that of the passes. `without` has the causes of
-    disturbance that are removed from the machine.
+    Returns the passes for each of the parameters `cuts` of the segmenter. `machine` is the seed of
+    the machine, and `seed` that of the passes. `without` has the causes of disturbance that are
+    removed from the machine.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
     profile = '-'.join((f'{PREFIX}{machine}', *without))
@@ -87,7 +105,7 @@ def passes_of(
         'masses': tuple(order.permutation(np.resize(masses, count)).tolist()),
     }
     simulation = Simulation(SimulationParameters.from_mapping(own_values(profile) | chosen))
-    return tuple(known_passes(simulation.load_cell, simulation, segmenter))
+    return [tuple(each) for each in passes_by_cut(simulation.load_cell, simulation, cuts)]
 
 
 def run_machine(
@@ -95,9 +113,9 @@ def run_machine(
 ) -> MachineRun:
     """Simulate a machine at one speed in m/s, and compute the attainable accuracy."""
     eyes, without = unchecked(segmenter), protocol.without
-    train = passes_of(machine, speed, protocol.training_masses, protocol.training, 0, eyes, without)
-    test = passes_of(machine, speed, MASSES, PASSES, 1, eyes, without)
-    untrained = passes_of(machine, speed, MASSES, PASSES, 1, segmenter, without)
+    taught, count, cuts = protocol.training_masses, protocol.training, (eyes, segmenter)
+    train, as_untrained = passes_cut_by(machine, speed, taught, count, 0, cuts, without)
+    test, untrained = passes_cut_by(machine, speed, MASSES, PASSES, 1, cuts, without)
     further = passes_of(machine, speed, MASSES, protocol.further, 2, eyes, without)
     whole = whole_passes(test)
     errors = attainable_errors(whole_passes(further), whole)
@@ -107,7 +125,7 @@ def run_machine(
         own = errors[weighed == mass]
         unstated = np.full(len(own), np.nan)
         attainable.append(ConditionResult(ATTAINABLE, speed, mass, 'test', own, unstated))
-    return MachineRun(speed, train, test, untrained, tuple(attainable))
+    return MachineRun(speed, train, as_untrained, test, untrained, tuple(attainable))
 
 
 def evaluate_machines(
@@ -133,7 +151,10 @@ def evaluate_machines(
         runs = [next(found) for _ in protocol.speeds]
         groups = [SpeedGroup(run.speed, whole_passes(run.train)) for run in runs]
         tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
-        results.append(_weigh(machine, runs, tuned, base, n_jobs))
+        compared = {name: tuned[name] for name in candidates(groups) if name in tuned}
+        default = [SpeedGroup(run.speed, whole_passes(run.train_untrained)) for run in runs]
+        chosen, _ = choose(with_untrained(compared, default, base))
+        results.append(_weigh(machine, runs, tuned, chosen, base, n_jobs))
     return tuple(results)
 
 
@@ -141,6 +162,7 @@ def _weigh(
     machine: int,
     runs: Sequence[MachineRun],
     tuned: Mapping[str, Tuned],
+    chosen: str,
     base: LineParameters,
     n_jobs: int | None,
 ) -> MachineResult:
@@ -151,8 +173,11 @@ def _weigh(
     attainable = [one for run in runs for one in run.attainable]
     found = evaluate_sets(parts, [each.parameters for each in tuned.values()], n_jobs)
     untrained = evaluate_sets(unknown, [base.with_estimator(name) for name in tuned], n_jobs)
-    chosen, _ = choose(tuned)
-    best = [replace(one, estimator=CHOSEN) for one in found if one.estimator == chosen]
+    best = [one for one in found if one.estimator == chosen]
+    if chosen == UNTRAINED:
+        cut = [PassSet(run.speed, 'train', run.train_untrained) for run in runs]
+        best = list(evaluate_sets([*cut, *unknown], [base], n_jobs))
+    best = [replace(one, estimator=CHOSEN) for one in best]
     title = f'machine {machine}'
     return MachineResult(
         machine,

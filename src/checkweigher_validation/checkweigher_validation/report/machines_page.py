@@ -39,7 +39,7 @@ def render_machines(
     """Return the report on one or more machines as one HTML page that needs no other file."""
     tables = family_tables(machines)
     estimators = tuple(row.estimator for row in tables[0].rows)
-    looks = looks_of(estimators)
+    looks = looks_of((*estimators, *(each.chosen for each in machines)))
     shown = ([each.tuned for each in machines], [each.untrained for each in machines])
     return fill(
         'machines.html.j2',

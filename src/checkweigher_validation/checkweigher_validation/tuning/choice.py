@@ -1,36 +1,68 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Choice among tuned estimators by their errors on passes that were not used for tuning."""
+"""Choice among tuned estimators by their errors on passes that were not used for tuning.
 
-from collections.abc import Mapping
+The default parameters without training are a candidate, so that tuning never makes a line worse.
+"""
+
+from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds, index
-from checkweigher_validation.tuning.tuner import Tuned
+from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, untrained
 
+# Estimators with few free numbers: a gain and an offset, or a closed form with at most one
+# coefficient that is searched. A search of more numbers fits few passes better than later ones.
+_FEW_NUMBERS = ('mean', 'hann', 'fir_model', 'learned')
+_FEW_PASSES = 60  # number of passes of a speed below which only these estimators are candidates
 # Largest increase of ln A that is negligible. Between sets of 100 passes, A varies by more.
 _NEGLIGIBLE = math.log(1.05)
 _BLOCKS = 20  # number of blocks of passes for the jackknife
 _LEAST = 1e-12  # smallest A in kg, to avoid the logarithm of 0
 
 
+def candidates(groups: Sequence[SpeedGroup]) -> tuple[str, ...]:
+    """Return the names of the estimators that can be chosen with so many passes at each speed."""
+    few = min((len(group.passes) for group in groups), default=0) < _FEW_PASSES
+    return _FEW_NUMBERS if few else tuple(ESTIMATORS)
+
+
+def with_untrained(
+    tuned: Mapping[str, Tuned], groups: Sequence[SpeedGroup], base: LineParameters
+) -> dict[str, Tuned]:
+    """Return `tuned` after the line `base` without training, if that weighs all passes.
+
+    `groups` has the passes from which the others have learned, cut as on the line `base`.
+    """
+    default = untrained(groups, base)
+    weighed = all(np.all(np.isfinite(speed.held_out_errors)) for speed in default.speeds)
+    counts = {
+        tuple(len(speed.masses) for speed in each.speeds) for each in (default, *tuned.values())
+    }
+    return {**({UNTRAINED: default} if weighed and len(counts) == 1 else {}), **tuned}
+
+
 def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
     """Return the name of the chosen estimator, and the reason of the choice in one line.
 
     The best estimator is that with the smallest A on held-out passes, as the geometric mean over
-    the belt speeds. A simpler estimator is chosen instead if it is not inferior: the sum of the
-    difference of ln A from that of the best estimator and of the standard error of the difference
-    must be negligible. The standard error is computed by a jackknife over blocks of passes. The
-    standard error is large with few passes, so that the best estimator is chosen. Disturbances
-    cancel in the difference, because both estimators weigh the same passes. [own derivation]
+    the belt speeds. A simpler estimator is chosen instead if its ln A, plus one standard error of
+    the difference, exceeds that of the best by a negligible amount. This is not a test at a
+    significance level: by one standard error, about one such choice in six costs more. The standard
+    error is computed by a jackknife over blocks of passes. It is large with few passes, so that the
+    best estimator is chosen. Disturbances cancel in the difference, because both estimators weigh
+    the same passes. If `tuned` has the default without training, it is chosen unless the A of
+    another estimator is smaller by more than one standard error. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """
-    names = sorted(tuned, key=lambda name: (*ESTIMATORS, name).index(name))
+    names = sorted(tuned, key=lambda name: (UNTRAINED, *ESTIMATORS, name).index(name))
     logs = {name: _log_index(tuned[name], None) for name in names}
     best, *others = sorted(names, key=lambda name: logs[name])
     if not others:
@@ -43,6 +75,9 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
         for name in others
     }
     losses = {name: f'{_percent(more[name])} +- {_percent(errors[name])}' for name in others}
+    if UNTRAINED in others and more[UNTRAINED] <= errors[UNTRAINED]:
+        why = f'no tuned estimator is clearly better; its A is larger than that of {best} by'
+        return UNTRAINED, f'{UNTRAINED}: {why} {losses[UNTRAINED]}'
     for name in names[: names.index(best)]:
         if more[name] + errors[name] <= _NEGLIGIBLE:
             why = f'simpler than {best}, whose A is smaller by next to nothing'

@@ -50,6 +50,11 @@ _HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
 class TunedGaussMarkov(Tunable):
     """Tuning of the Gauss-Markov estimator on the passes of one belt speed."""
 
+    @property
+    def is_closed_form(self) -> bool:
+        """Whether nothing is searched, here False because of the order of the noise model."""
+        return False
+
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
         """Return `base` with a platform fitted to the passes of all speeds if this lowers A."""

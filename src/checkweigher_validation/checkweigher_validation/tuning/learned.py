@@ -2,17 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Tuning of the learned estimator: the covariance of the signal of a pass about its load.
 
-.. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o
-   + n (d d' + z^2 1 1')
+.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (d d' + z^2 1 1')
 
 R has the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is the
-mean of the variances of R. The other terms dominate if there are few passes: the covariance N of
-the noise of the empty belt; white noise; the residuals :math:`R_o` of each other speed at the same
-positions on the belt, with the mean variance :math:`\sigma_o^2`; the change d of the curve for a
-heavier product, whose oscillation is slower; and the standard deviation z of the zero, whose error
-is nearly equal in successive passes and thus not visible in R. The weights are averaged over a grid
-of the coefficients a, b and c. Each point of the grid is weighted by the likelihood of held-out
-passes. [own derivation]
+mean of the variances of R. The other terms dominate if there are few passes. Each coefficient is
+the number of passes that a term is worth. N is the covariance of the noise of the empty belt, I is
+white noise, and E has the residuals of the other speeds at the same positions on the belt. The
+terms K are what physics lets expect: damped swings that begin during the entry, jitter of the edges
+(the curve moved or stretched), and an uneven rise (a Brownian bridge from t1 to t2). d is the
+change of the curve for a heavier product, whose oscillation is slower, and z the standard deviation
+of the zero, whose error is nearly equal in successive passes and thus not visible in R. The weights
+are averaged over a grid and random points of the coefficients. Each point is weighted by the
+likelihood of the passes, each weighed by the weights of the others. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
+from scipy.stats import qmc
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import rise_time, transit
@@ -34,22 +36,39 @@ from checkweigher_dsp.estimation.estimators.learned import (
     rise_parts,
     seconds_alone,
 )
+from checkweigher_dsp.estimation.learning.regression import held_out
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_validation.accuracy.passes import SpeedGroup
-from checkweigher_validation.tuning.calibration import are_distinct, calibrate, folds
+from checkweigher_validation.tuning.calibration import are_distinct, calibrate
 from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1
 _ALONE = 0.02  # fraction of the training passes that may have a shorter gap before the product
 _LESS = 0.95  # ratio of the gap that is required in production to that of the training passes
 _FEWEST = 3  # smallest number of passes from which weights are learned
-_FOLDS = 8
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products
 _ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
 _LEAST_VARIANCE = 1e-18  # smallest variance in kg^2.
-# Grid of the coefficients a, b and c.
-_SHARES = tuple(product((0.0, 0.03, 0.3, 3.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0)))
+# Grid of the coefficients a, b and c, with d, e and f of 0 for machines without such disturbances.
+_GRID = tuple(
+    product((0.0, 1.0, 10.0, 100.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0), *[(0.0,)] * 3)
+)
+# Ranges of a to f for the random points, and their number.
+_RANGES = ((2.0, 100.0), (3e-3, 10.0), (3e-3, 1.0), (3e-3, 3.0), (3e-3, 10.0), (1e-2, 10.0))
+_RANDOM = 64
+_SEED = 1
+# Damped swings: frequencies in Hz, decay times in s, and beginnings as multiples of t2 - t1.
+_SWINGS = np.geomspace(8.0, 60.0, 12)
+_DECAYS = np.geomspace(0.012, 0.08, 4)
+_BEGINNINGS = (0.3, 0.5, 1.0)
+
+
+def _points() -> NDArray[np.float64]:
+    """Return the points of the coefficients, (points, 6): a grid, and random ones in a box."""
+    low, high = np.array(_RANGES).T
+    cube = qmc.LatinHypercube(len(_RANGES), rng=np.random.default_rng(_SEED))
+    return np.vstack((_GRID, low * (high / low) ** cube.random(_RANDOM)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +88,18 @@ class Evidence:
         return np.asarray(self.masses @ self.features / (self.masses @ self.masses))
 
     @property
+    def residuals(self) -> NDArray[np.float64]:
+        """Differences R of the features from the mean curve, (n, k), in kg."""
+        return np.asarray(self.features - np.outer(self.masses, self.curve))
+
+    @property
     def scatter(self) -> NDArray[np.float64]:
         """Product R'R of the residuals, (k, k), in kg^2."""
-        residuals = self.features - np.outer(self.masses, self.curve)
+        residuals = self.residuals
         return np.asarray(residuals.T @ residuals)
+
+
+_MATRICES = ('noise', 'elsewhere', 'swings', 'rise')  # terms of the class below, (k, k) each
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,29 +108,36 @@ class Prior:
 
     noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2
     elsewhere: NDArray[np.float64]  # normalized sum of R_o'R_o over the other speeds, (k, k)
+    swings: NDArray[np.float64]  # covariance of damped swings, (k, k), with a mean variance of 1
+    rise: NDArray[np.float64]  # covariance of an uneven rise, (k, k), with a mean variance of 1
     time: NDArray[np.float64]  # time of each feature since t1, (k,), in features
     zero: float = 0.0  # variance z^2 of the zero in kg^2
 
     def last(self, count: int) -> 'Prior':
         """Return the terms of the last `count` features."""
         end = slice(-count, None)
-        return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end], self.zero)
+        cut = {name: getattr(self, name)[end, end] for name in _MATRICES}
+        return replace(self, **cut, time=self.time[end])
 
 
-def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
-    """Return the weights for each point of the grid, (points, k). Their gain is 1."""
+def covariances(known: Evidence, prior: Prior) -> NDArray[np.float64]:
+    """Return the covariance C for each point of the coefficients, (points, k, k), in kg^2."""
     count, curve, scatter = len(known.masses), known.curve, known.scatter
     parts = len(curve)
     variance = max(float(np.trace(scatter)) / parts / count, _LEAST_VARIANCE)
+    slope = np.gradient(curve)
     if not are_distinct(known.masses):
-        drawl = _SLOWER * float(known.masses.mean()) * prior.time * np.gradient(curve)
+        drawl = _SLOWER * float(known.masses.mean()) * prior.time * slope
         scatter = scatter + count * np.outer(drawl, drawl)
-    scatter = scatter + count * prior.zero
-    a, b, c = np.array(_SHARES).T[..., np.newaxis, np.newaxis]
-    covariances = scatter + a * count * prior.noise
-    covariances += variance * (b * np.eye(parts) + c * prior.elsewhere)
-    weights = np.linalg.solve(covariances, curve[:, np.newaxis])[..., 0]
-    return np.asarray(weights / (weights @ curve)[:, np.newaxis])
+    jitter = (_scaled(np.outer(each, each)) for each in (slope, prior.time * slope))
+    shapes = (np.eye(parts), prior.elsewhere, prior.swings, sum(jitter) / 2, prior.rise)
+    terms = np.stack([prior.noise, *(variance * each for each in shapes)])
+    return np.asarray(scatter + count * prior.zero + np.tensordot(_points(), terms, axes=1))
+
+
+def _scaled(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance, (k, k), with a mean variance of 1, or 0 if it is 0."""
+    return np.asarray(covariance * (len(covariance) / max(np.trace(covariance), 1e-12)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +149,18 @@ class CrossValidatedFit:
 
 
 def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
-    """Return weights that are averaged over the grid by the likelihood of held-out passes."""
-    fold = folds(known.masses, _FOLDS)
-    found = np.empty((len(_SHARES), len(known.masses)))
-    for number in np.unique(fold):
-        out = fold == number
-        taught = known.select(~out) if not out.all() else known
-        found[:, out] = weights_by_share(taught, prior) @ known.features[out].T
-    errors = [calibrate(row, known.masses).apply(row) - known.masses for row in found]
-    deviations = np.sqrt(np.mean(np.square(errors), axis=1) + _LEAST_VARIANCE)
-    likelihoods = (deviations.min() / deviations) ** len(known.masses)
+    """Return weights that are averaged over the points by the likelihood of held-out passes."""
+    masses, curve, residuals = known.masses, known.curve, known.residuals
+    # Ratio of the residual from the curve of the other passes to that from the curve of all.
+    others = 1 / (1 - masses**2 / (masses @ masses))
+    pairs = [held_out(each, curve, residuals, others) for each in covariances(known, prior)]
+    weights, errors = (np.array(each) for each in zip(*pairs, strict=True))
+    found = masses + errors
+    left = [calibrate(row, masses).apply(row) - masses for row in found]
+    deviations = np.sqrt(np.mean(np.square(left), axis=1) + _LEAST_VARIANCE)
+    likelihoods = (deviations.min() / deviations) ** len(masses)
     shares = likelihoods / likelihoods.sum()
-    return CrossValidatedFit(shares @ weights_by_share(known, prior), shares @ found)
+    return CrossValidatedFit(shares @ weights, shares @ found)
 
 
 class TunedLearned(Tunable):
@@ -196,7 +230,31 @@ class TunedLearned(Tunable):
         time = np.maximum(np.arange(layout.count) - layout.lead + 0.5, 0.0)
         deviations = [each.zero_std_dev / each.counts_per_kg for each in windows]
         zero = float(np.mean(np.square(deviations)))
-        return Prior(noise, elsewhere, time, _ZERO * _ZERO * zero)
+        duration = float(np.median([transit(window) for window in windows])) / PARTS
+        swings, rise = swing_covariance(layout, duration), rise_covariance(layout)
+        return Prior(noise, elsewhere, swings, rise, time, _ZERO * _ZERO * zero)
+
+
+def swing_covariance(layout: Layout, duration: float) -> NDArray[np.float64]:
+    """Return the covariance of damped swings that begin during the entry, (k, k).
+
+    The mean variance is 1. `duration` is that of a part in s. The phase of a swing is random.
+    """
+    place = np.arange(layout.count) - layout.lead + 0.5
+    result = np.zeros((layout.count, layout.count))
+    for beginning in _BEGINNINGS:
+        time = (place - beginning * layout.rise) * duration
+        begun = np.maximum(time, 0.0)
+        fading = np.where(time >= 0, np.exp(-begun / _DECAYS[:, np.newaxis]), 0.0)
+        turns = 2 * np.pi * _SWINGS * np.subtract.outer(begun, begun)[..., np.newaxis]
+        result += (fading.T @ fading) * np.cos(turns).mean(axis=-1)
+    return _scaled(result)
+
+
+def rise_covariance(layout: Layout) -> NDArray[np.float64]:
+    """Return the covariance of a Brownian bridge from t1 to t2, (k, k), with mean variance 1."""
+    share = np.clip((np.arange(layout.count) - layout.lead + 0.5) / max(layout.rise, 1), 0.0, 1.0)
+    return _scaled(np.minimum.outer(share, share) - np.outer(share, share))
 
 
 def empty_belt_covariances(

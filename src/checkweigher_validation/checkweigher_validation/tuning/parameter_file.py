@@ -6,14 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from itertools import dropwhile
+import math
 
+import numpy as np
 import yaml
 
 from checkweigher_core.parameters import Parameters
 from checkweigher_core.records import GRAMS
+from checkweigher_validation.accuracy.errors import ConditionResult, distinct
+from checkweigher_validation.accuracy.tables import coverage_table
 from checkweigher_validation.tuning.tuner import Tuned
 
 _WIDTH = 100
+_SAME_MASS = 1e-6  # kg
 
 
 def parameter_file(
@@ -31,7 +36,7 @@ def parameter_file(
     Parameters
     ----------
     tuned : mapping of str to Tuned
-        Tuned estimators by name.
+        Tuned estimators by name, or the default without training.
     source : sequence of str
         A line for each set of training passes.
     made : datetime or None
@@ -48,16 +53,17 @@ def parameter_file(
         *(f'# from {_printable(line)}' for line in source),
         '#',
         '# A = |mean error| + 3 sigma, averaged over the masses, after gain and offset, in g; held',
-        '# out: each half of the passes weighed by what the other half taught. Much more than',
-        '# trained would mean that the parameters fit these passes and not the machine.',
+        '# out: each pass weighed by what other passes taught. Much more than trained would mean',
+        '# that the parameters fit these passes and not the machine.',
         '#',
         f'# {"estimator":<14}{"m/min":>7}{"passes":>8}{"A trained":>11}{"A held out":>12}',
         *(
-            f'# {each.estimator:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
+            f'# {name:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
             f'{GRAMS * speed.index:11.4f}{GRAMS * speed.held_out_index:12.4f}'
-            for each in (compared or tuned).values()
+            for name, each in (compared or tuned).items()
             for speed in each.speeds
         ),
+        *(f'# {line}' for each in tuned.values() for line in _coverage_lines(each)),
         *((f'# chosen: {reason}',) if reason else ()),
     ]
     content = {
@@ -71,6 +77,21 @@ def parameter_file(
     return '\n'.join(lines) + '\n' + body
 
 
+def _coverage_lines(tuned: Tuned) -> list[str]:
+    """Return how often held-out errors lie within the stated intervals, by speed and mass."""
+    conditions = []
+    for speed in tuned.speeds:
+        errors, masses = np.array(speed.held_out_errors), np.array(speed.masses)
+        for mass in distinct(speed.masses):
+            own = np.abs(masses - mass) < _SAME_MASS
+            stated = math.hypot(speed.uncertainty.std_dev, speed.uncertainty.relative * mass)
+            std_devs = np.full(np.count_nonzero(own), stated or math.nan)
+            conditions.append(
+                ConditionResult(tuned.estimator, speed.speed, mass, 'train', errors[own], std_devs)
+            )
+    return coverage_table(conditions, f'{tuned.estimator} held out')
+
+
 def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
     """Return the parameters in the file by node."""
     first, *_ = tuned.values()
@@ -79,9 +100,11 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
         for entry in fields(first.parameters)
     }
     changed = sections['identifier'].items()
-    others = {key: value for key, value in changed if key.partition('.')[0] not in tuned}
+    names = {each.estimator for each in tuned.values()}
+    others = {key: value for key, value in changed if key.partition('.')[0] not in names}
     sections['identifier'] = {'estimator': first.estimator, **others}
-    for name, each in tuned.items():
+    for each in tuned.values():
+        name = each.estimator
         own = getattr(each.parameters.identifier, name).as_mapping()
         sections['identifier'][name] = _plain(own)
         if any(key.startswith('denoise.') for speed in each.speeds for key in speed.lists):
@@ -92,9 +115,10 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 def accuracy_lines(text: str) -> list[str]:
     """Return the lines of the table of accuracies in a parameter file.
 
-    The first line has the headings. After that, there is a line for each estimator at each speed
-    and, if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if
-    the file has no table.
+    The first line has the headings. After that, there is a line for each estimator at each speed,
+    the coverage of the stated intervals by speed and mass if there are several masses, and the line
+    ``chosen: REASON`` if the file has a reason for its choice. The list is empty if the file has no
+    table.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))

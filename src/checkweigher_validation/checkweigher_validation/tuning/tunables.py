@@ -56,6 +56,11 @@ class Tunable:
         return base
 
     @property
+    def is_closed_form(self) -> bool:
+        """Whether nothing is searched, so that learning again on a fold takes little time."""
+        return not self.estimator.axes
+
+    @property
     def known(self) -> Any:
         """Parameters of the estimator in `base`."""
         return getattr(self.base.identifier, self.name)

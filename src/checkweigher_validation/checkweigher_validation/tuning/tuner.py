@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.tuning.calibration import (
@@ -40,9 +41,11 @@ _OWN: dict[str, type[Tunable]] = {
 }
 TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in ESTIMATORS}
 
+UNTRAINED = 'untrained'  # name of the default parameters in comparisons
 FEWEST_PASSES = 3  # smallest number of passes of one speed
 _FEWEST_FOR_HALVES = 60  # smallest number of passes with which one half is enough for tuning
 _FEWEST_FOR_FIFTHS = 20
+_CLOSED_FORM_FOLDS = 8  # number of folds for an estimator that is learned without a search
 _DIGITS = 7  # significant digits of numbers in a parameter file
 
 
@@ -51,10 +54,10 @@ class TunedSpeed:
     """Result of the tuning of an estimator on the passes of one belt speed.
 
     Held-out errors are computed by cross-validation: each half of the passes is weighed with the
-    parameters that are tuned on the other half. Fifths are used instead of halves if there are
-    fewer than 60 passes, and single passes if there are fewer than 20. If `held_out_index` is much
-    larger than `index`, the parameters are overfitted. `uncertainty` is computed from these errors
-    if there are fewer than 60 passes, otherwise from errors with a calibration on other passes.
+    parameters that are tuned on the other half. Eighths are used instead of halves if nothing is
+    searched, fifths if there are fewer than 60 passes, and single passes if there are fewer than
+    20. If `held_out_index` is much larger than `index`, the parameters are overfitted.
+    `uncertainty` is computed from the held-out errors.
     """
 
     speed: float  # m/s
@@ -65,7 +68,7 @@ class TunedSpeed:
     zero_std_dev: float  # median standard deviation of the zero in kg
     index: float  # A on the training passes in kg
     held_out_index: float = math.nan  # A of the held-out errors in kg.
-    # Error and true mass of each held-out pass in kg, in the same order for every estimator.
+    # Error and true mass of each held-out pass in kg, in order of entry.
     held_out_errors: tuple[float, ...] = ()
     masses: tuple[float, ...] = ()
 
@@ -136,6 +139,34 @@ def tune(
     }
 
 
+def untrained(groups: Sequence[SpeedGroup], base: LineParameters) -> Tuned:
+    """Return the selected estimator of `base` as it is, with its errors on passes by belt speed.
+
+    The error of a pass without a mass is NaN.
+    """
+    speeds = []
+    for group in groups:
+        masses = group.masses
+        weighed = weigh_passes(group.passes, base)
+        errors = np.array([each.mass for each in weighed]) - masses
+        found = index(errors, masses)
+        speeds.append(
+            TunedSpeed(
+                speed=group.speed,
+                passes=len(masses),
+                lists={},
+                calibration=Calibration(1.0, 0.0),
+                uncertainty=Uncertainty(0.0, 0.0),
+                zero_std_dev=_zero_std_dev(group),
+                index=found,
+                held_out_index=found,
+                held_out_errors=tuple(errors.tolist()),
+                masses=tuple(masses.tolist()),
+            )
+        )
+    return Tuned(base.identifier.estimator, tuple(speeds), base)
+
+
 def _check_passes(groups: Sequence[SpeedGroup]) -> None:
     for group in groups:
         if len(group.passes) < FEWEST_PASSES:
@@ -156,7 +187,7 @@ def _jobs(
         **{
             (task, fold): partial(_check_fold, task, budget, fold)
             for task in tasks
-            for fold in _folds(task.group)
+            for fold in _folds(task)
         },
     }
 
@@ -181,31 +212,33 @@ def _attempt(job: Callable[[], Any]) -> Any:
 
 def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any]) -> TunedSpeed:
     """Return the result of a task with the errors of the held-out passes."""
-    errors, masses = np.concatenate([found[task, fold] for fold in _folds(task.group)], axis=1)
-    learned: TunedSpeed = replace(
+    masses = task.group.masses
+    numbers = _folds(task)
+    fold = folds(masses, len(numbers))
+    errors = np.empty(len(masses))
+    for number in numbers:
+        errors[fold == number] = found[task, number]
+    return replace(
         found[task, None],
+        uncertainty=uncertainty(errors, masses),
         held_out_index=index(errors, masses),
         held_out_errors=tuple(errors.tolist()),
         masses=tuple(masses.tolist()),
     )
-    if len(masses) < _FEWEST_FOR_HALVES:
-        # The errors of few training passes are much smaller than those of other passes.
-        learned = replace(learned, uncertainty=uncertainty(errors, masses))
-    return learned
 
 
-def _folds(group: SpeedGroup) -> range:
-    """Return the numbers of the folds of a group: halves, fifths, or single passes."""
-    count = len(group.passes)
+def _folds(task: Tunable) -> range:
+    """Return the numbers of the folds: halves, eighths, fifths, or single passes."""
+    count = len(task.group.passes)
     if count >= _FEWEST_FOR_HALVES:
-        return range(2)
+        return range(_CLOSED_FORM_FOLDS if task.is_closed_form else 2)
     return range(5 if count >= _FEWEST_FOR_FIFTHS else count)
 
 
 def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
-    """Tune on all passes except a fold; return errors and true masses of the fold, (2, n) in kg."""
+    """Tune on all passes except a fold, and return the errors of the fold, (n,) in kg."""
     group = task.group
-    count = len(_folds(group))
+    count = len(_folds(task))
     # Each fold has passes of each mass from the whole recording, and thus includes drifts.
     held_out = folds(group.masses, count) == fold
     learn, check = (
@@ -216,7 +249,7 @@ def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
     budget = max(budget // 2, 1) if count < len(group.passes) else budget
     learned = _tune_speed(type(task)(task.name, learn, task.base, task.others), budget)
     estimates = estimates_of(check, _assemble(task.name, [learned], task.base).parameters)
-    return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
+    return learned.calibration.apply(estimates) - check.masses
 
 
 def _tune_speed(tunable: Tunable, budget: int) -> TunedSpeed:
@@ -230,16 +263,20 @@ def _tune_speed(tunable: Tunable, budget: int) -> TunedSpeed:
             f'{60 * group.speed:.1f} m/min, with all parameters that were tried'
         )
     estimates = tunable.estimates(values)
-    zero = [abs(each.window.zero_std_dev / each.window.counts_per_kg) for each in group.passes]
     return TunedSpeed(
         speed=group.speed,
         passes=len(masses),
         lists=tunable.lists(values),
         calibration=calibrate(estimates, masses),
         uncertainty=uncertainty(held_out_errors(estimates, masses), masses),
-        zero_std_dev=float(np.median(zero)),
+        zero_std_dev=_zero_std_dev(group),
         index=badness,
     )
+
+
+def _zero_std_dev(group: SpeedGroup) -> float:
+    zero = [abs(each.window.zero_std_dev / each.window.counts_per_kg) for each in group.passes]
+    return float(np.median(zero))
 
 
 def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:

@@ -79,6 +79,12 @@ def test_the_json_is_in_si_units_with_all_digits():
 def test_the_text_table_says_means_and_the_papers_index():
     lines = text_table(make_evaluation()).splitlines()
     assert not any('train' in line for line in lines)
+    assert lines[20].startswith('hann, in 95 % by mass: ')
+    assert lines[20].split()[-5:] == ['74.5', '134.5', '164.5', '194.5', '254.5']
+    assert [line.split() for line in lines[21:]] == [
+        [speed, 'm/min', *['100'] * 5] for speed in ('30', '45', '60', '75', '90')
+    ]
+    lines = lines[:20]
     cells = [line.split() for line in lines]
 
     # A title and a header; bound and two estimators at each of five speeds and over all.

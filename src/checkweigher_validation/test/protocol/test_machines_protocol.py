@@ -65,15 +65,15 @@ def test_untrained_passes_are_the_tested_ones_cut_by_the_rise_as_well():
 
 @pytest.fixture(scope='module')
 def short():
-    return evaluate_machines(SHORT, ('mean', 'fir_model'), LineParameters(), budget=20, n_jobs=1)
+    return evaluate_machines(SHORT, ('mean', 'learned'), LineParameters(), budget=20, n_jobs=1)
 
 
 def test_machines_are_weighed_tuned_and_untrained(short):
     assert [each.machine for each in short] == [3]
     for each in short:
-        assert each.tuned.estimators == (ATTAINABLE, 'mean', 'fir_model', CHOSEN)
-        assert each.chosen in ('mean', 'fir_model')
-        assert ratios([each.tuned], CHOSEN) == ratios([each.tuned], each.chosen)
+        assert each.tuned.estimators == (ATTAINABLE, 'mean', 'learned', CHOSEN)
+        assert each.chosen == 'learned'
+        assert ratios([each.tuned], CHOSEN) == ratios([each.tuned], 'learned')
         assert each.tuned.parts == ('test', 'train')
         assert each.untrained.parts == ('test',)
         for evaluation in (each.tuned, each.untrained):
@@ -83,7 +83,7 @@ def test_machines_are_weighed_tuned_and_untrained(short):
                 assert (average(there).count, average(there).faults) == (120, 0)
         # What many passes teach is better than a plain mean, and tuning helps.
         assert min(ratios([each.tuned], 'mean')) > 1
-        assert ratios([each.tuned], 'fir_model') < ratios([each.untrained], 'fir_model')
+        assert ratios([each.tuned], 'learned') < ratios([each.untrained], 'learned')
 
 
 @pytest.mark.soak

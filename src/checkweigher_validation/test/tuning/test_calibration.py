@@ -138,6 +138,19 @@ class TestUncertainty:
         expected = math.sqrt((9 + 16) / 2) * 12.7062 / 1.95996
         assert std_dev == pytest.approx(expected, rel=1e-5)
 
+    def test_one_mass_leaves_the_growth_to_the_prior_and_many_passes_do_not(self):
+        draw = np.random.default_rng(4).standard_normal(1000)
+        one = uncertainty(1e-4 * draw[:20], np.full(20, 0.2))
+        assert (one.relative * 0.2 / one.std_dev) ** 2 == pytest.approx(0.4 / 0.6, rel=0.03)
+        masses = np.tile(MASSES, 200)
+        flat, steep = uncertainty(1e-4 * draw, masses), uncertainty(1e-3 * masses * draw, masses)
+        ratios = [
+            math.hypot(each.std_dev, 0.25 * each.relative)
+            / math.hypot(each.std_dev, 0.1 * each.relative)
+            for each in (flat, one, steep)
+        ]
+        assert 1.0 < ratios[0] < 1.1 < ratios[1] < 1.4 < 2.0 < ratios[2] < 2.5
+
     def test_after_five_passes_its_95_percent_interval_covers_another_one(self):
         draw = np.random.default_rng(5)
         covered = []

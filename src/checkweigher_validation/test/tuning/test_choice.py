@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup
 from checkweigher_validation.tuning.calibration import Calibration, Uncertainty
-from checkweigher_validation.tuning.choice import choose
+from checkweigher_validation.tuning.choice import candidates, choose
 from checkweigher_validation.tuning.tuner import Tuned, TunedSpeed
 
 PASSES = 100
@@ -81,6 +82,23 @@ def test_the_standard_error_is_that_of_the_errors_of_many_machines():
     assert 9 < np.mean(stated) < 11
     # By the mean error, a part of A, it is a little more.
     assert 0.5 < np.mean([float(reason.split()[-5]) for reason in reasons]) / np.mean(stated) < 1.2
+
+
+@pytest.mark.parametrize(
+    ('factor', 'chosen'),
+    [(0.5, 'learned'), pytest.param(0.97, 'untrained', id='within the standard error')],
+)
+def test_the_default_stays_unless_another_is_clearly_better(noise, factor, chosen):
+    # 20 passes tell standard deviations apart by some 20 %.
+    found = [tuned('untrained', noise[0][:20]), tuned('learned', factor * noise[1][:20])]
+    assert choose(dict(found))[0] == chosen
+
+
+@pytest.mark.parametrize(('count', 'few'), [(59, True), (60, False)])
+def test_few_passes_determine_few_numbers_only(count, few):
+    passes = (KnownPass(None, 0.1),) * 60
+    groups = [SpeedGroup(1.0, passes), SpeedGroup(2.0, passes[:count])]
+    assert ('learned' in candidates(groups), 'iswd_eksi' in candidates(groups)) == (True, not few)
 
 
 def test_one_alone_is_chosen(noise):

@@ -6,11 +6,12 @@ from datetime import UTC, datetime
 import re
 
 from known_groups import groups_of
+import numpy as np
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.tuning.parameter_file import parameter_file
-from checkweigher_validation.tuning.tuner import TUNABLES, tune
+from checkweigher_validation.tuning.tuner import TUNABLES, tune, untrained
 
 NEW_YEAR = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -59,6 +60,13 @@ def test_so_does_everything_that_it_was_tuned_with(groups, read):
     assert found.segmenter.settle_time == 0.3
 
 
+def test_the_default_that_is_chosen_comes_back_as_it_was(groups, read):
+    base = LineParameters().with_values({'segmenter.settle_time': 0.3})
+    text = parameter_file({'untrained': untrained(groups, base)}, [])
+    assert read(text) == base
+    assert '\n# untrained ' in text
+
+
 def test_of_several_estimators_the_first_is_chosen_and_denoise_is_that_of_iswd_eksi(groups, read):
     tuned = tune(groups, ['hann', 'iswd_eksi'], LineParameters(), budget=2, n_jobs=1)
     found = read(parameter_file(tuned, []))
@@ -90,6 +98,20 @@ def test_the_head_says_what_it_was_made_from_and_how_good_it_was(groups):
         (speed, '8', f'{1000 * each.index:.4f}', f'{1000 * each.held_out_index:.4f}')
         for speed, each in (('45.0', slow), ('90.0', fast))
     ]
+
+
+def test_the_head_says_how_often_the_intervals_hold_at_each_mass():
+    groups = groups_of(1.0, count=20, masses=(0.1, 0.2), seed=2)
+    tuned = tune(groups, ['mean'], LineParameters(), n_jobs=1)
+    (speed,) = tuned['mean'].speeds
+    shares = []
+    for mass in (0.1, 0.2):
+        errors = np.array(speed.held_out_errors)[np.isclose(speed.masses, mass)]
+        stated = np.hypot(speed.uncertainty.std_dev, speed.uncertainty.relative * mass)
+        shares.append(f'{100 * np.mean(abs(errors) < 1.96 * stated):.0f}')
+    text = parameter_file(tuned, [])
+    assert re.search(r'^# mean held out, in 95 % by mass: +100 +200$', text, re.M)
+    assert re.search(rf'^# +60 m/min +{shares[0]} +{shares[1]}$', text, re.M)
 
 
 def test_names_that_a_bag_gives_its_load_cell_stay_in_the_comment(groups, read):

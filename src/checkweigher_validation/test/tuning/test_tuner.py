@@ -12,8 +12,8 @@ import pytest
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup
-from checkweigher_validation.tuning.calibration import index, uncertainty
-from checkweigher_validation.tuning.tuner import FEWEST_PASSES, TuningError, tune
+from checkweigher_validation.tuning.calibration import folds, index, uncertainty
+from checkweigher_validation.tuning.tuner import FEWEST_PASSES, TuningError, tune, untrained
 
 BASE = LineParameters()
 
@@ -113,11 +113,28 @@ class TestWhatIsLearned:
         assert speed.uncertainty.std_dev == pytest.approx(expected.std_dev, rel=1e-6)
         assert speed.uncertainty.relative == pytest.approx(expected.relative, rel=1e-6)
 
-    @pytest.mark.parametrize(('count', 'held_out'), [(20, True), (59, True), (60, False)])
-    def test_few_passes_state_how_those_scatter_that_taught_nothing(self, count, held_out):
+    @pytest.mark.parametrize('count', [20, 60])
+    def test_what_is_stated_is_how_passes_scatter_that_taught_nothing(self, count):
         (speed,) = tune([simulated(count=count)], ['mean'], BASE, n_jobs=1)['mean'].speeds
         expected = uncertainty(np.array(speed.held_out_errors), np.array(speed.masses))
-        assert (speed.uncertainty == expected) == held_out
+        assert speed.uncertainty == expected
+
+    @pytest.mark.parametrize(('name', 'taught_by'), [('mean', 53), ('fir_model', 30)])
+    def test_eighths_or_halves_are_held_out_in_order_of_entry(self, name, taught_by):
+        group = simulated(count=60)
+        (speed,) = tune([group], [name], BASE, budget=1, n_jobs=1)[name].speeds
+        assert np.array(speed.masses) == pytest.approx(group.masses)
+        fold = folds(group.masses, 60 // (60 - taught_by))
+        taught = [one for one, out in zip(group.passes, fold == fold[7], strict=True) if not out]
+        assert abs(len(taught) - taught_by) <= 1
+        learned = tune([SpeedGroup(group.speed, tuple(taught))], [name], BASE, budget=1, n_jobs=1)
+        (weighed,) = weigh_passes(group.passes[7:8], learned[name].parameters)
+        assert speed.held_out_errors[7] == pytest.approx(weighed.mass - group.masses[7], abs=1e-7)
+
+    def test_the_default_is_judged_as_it_is(self, fast):
+        (speed,) = untrained([fast], BASE).speeds
+        masses = np.array([each.mass for each in weigh_passes(fast.passes, BASE)])
+        assert speed.held_out_index == index(masses - fast.masses, fast.masses)
 
     @pytest.mark.parametrize('name', ['tvlpf', 'iswd_eksi', 'aid'])
     def test_a_larger_budget_is_no_worse_and_a_fair_one_is_better(self, name):
