@@ -61,6 +61,7 @@ ASKED_FOR = {
     'checkweigher_driver': {'checkweigher_recording', 'gpiod', 'pymodbus'},
     'checkweigher_dsp': {'python3-filterpy-pip'},
 }
+LINTERS = {'ament_flake8', 'ament_pep257', 'ament_xmllint'}
 # Needed, but not imported.
 BESIDE = {
     'checkweigher_bringup': {'gpiod', 'pymodbus', 'python3-filterpy-pip', 'ros2launch'},
@@ -111,6 +112,8 @@ def test_a_package_names_what_its_tests_import(folder: Path):
     tests = list(folder.glob('test/**/*.py'))
     imported = _keys([*tests, ROOT / 'conftest.py']) if tests else set()
     needed = _names(package, 'test_depends') - BESIDE.get(folder.name, set())
+    if tests:
+        imported |= LINTERS
     imported -= ASKED_FOR.get(folder.name, set()) | {folder.name}
     assert needed == imported - _names(package, 'exec_depends')
 
