@@ -52,9 +52,21 @@ KEYS = {
 }
 # Imported where it is installed, and asked for: a cluster is not for everybody.
 OPTIONAL = {'python3-distributed'}
+# What bloom can release: apt has all that these packages name.
+RELEASED = [
+    'checkweigher_msgs', 'checkweigher_core', 'checkweigher_dsp', 'checkweigher_production',
+    'checkweigher_driver',
+]  # fmt: skip
+# What a released package imports only for a source or an estimator that asks for it.
+ASKED_FOR = {
+    'checkweigher_driver': {'checkweigher_recording', 'gpiod', 'pymodbus'},
+    'checkweigher_dsp': {'python3-filterpy-pip'},
+}
+LINTERS = {'ament_flake8', 'ament_pep257', 'ament_xmllint'}
 # Needed, but not imported.
 BESIDE = {
-    'checkweigher_bringup': {'ros2launch'},
+    'checkweigher_bringup': {'gpiod', 'pymodbus', 'python3-filterpy-pip', 'ros2launch'},
+    'checkweigher_driver': {'checkweigher_production', 'ros2launch'},
     'checkweigher_msgs': {
         'builtin_interfaces', 'rosidl_default_runtime', 'std_msgs',
         'ament_lint_auto', 'ament_lint_common',
@@ -94,7 +106,7 @@ def test_a_package_names_what_its_sources_import(folder: Path):
     package = parse_package(str(folder))
     imported = _keys([*folder.glob(f'{folder.name}/**/*.py'), *folder.glob('launch/*.py')])
     needed = _names(package, 'exec_depends')
-    imported -= {folder.name, *OPTIONAL}
+    imported -= {folder.name, *OPTIONAL, *ASKED_FOR.get(folder.name, ())}
     assert needed - BESIDE.get(folder.name, set()) == imported
 
 
@@ -104,7 +116,10 @@ def test_a_package_names_what_its_tests_import(folder: Path):
     tests = list(folder.glob('test/**/*.py'))
     imported = _keys([*tests, ROOT / 'conftest.py']) if tests else set()
     needed = _names(package, 'test_depends') - BESIDE.get(folder.name, set())
-    assert needed == imported - _names(package, 'exec_depends') - {folder.name}
+    if tests:
+        imported |= LINTERS
+    imported -= ASKED_FOR.get(folder.name, set()) | {folder.name}
+    assert needed == imported - _names(package, 'exec_depends')
 
 
 def _names(package: Package, kind: str) -> set[str]:
@@ -153,6 +168,16 @@ def test_keys_that_rosdep_lacks_are_in_the_list_of_the_workspace():
     of_ros = needed - listed - set(own)
     assert not {name for name in of_ros if name.startswith('python3-')}
     assert of_ros.isdisjoint({'gpiod', 'mcap', 'pymodbus', 'rosbags'})
+
+
+def test_a_released_package_needs_nothing_of_pip():
+    own = yaml.safe_load((ROOT / 'rosdep.yaml').read_text(encoding='utf-8'))
+    by_pip = {name for name, rules in own.items() if 'pip' in rules['ubuntu']}
+    for name in RELEASED:
+        package = parse_package(str(ROOT / 'src' / name))
+        needed = _names(package, 'exec_depends') | _names(package, 'test_depends')
+        assert not {key for key in needed if key in by_pip or key.endswith('-pip')}
+        assert {key for key in needed if key.startswith('checkweigher_')} < {*RELEASED}
 
 
 @each_package

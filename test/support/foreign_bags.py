@@ -76,8 +76,10 @@ def write_foreign(
 
 
 def write_split(path: Path, messages: list[Message], mode: CompressionMode, parts: int = 3) -> Path:
-    """Write messages as `ros2 bag record` does that splits a bag: files with numbers, one after
-    the other, and one ``metadata.yaml``."""
+    """Write messages as `ros2 bag record` does that splits a bag.
+
+    The files are numbered and follow each other, with one ``metadata.yaml``.
+    """
     size = -(-len(messages) // parts)
     path.mkdir()
     names, whole = [], write_foreign(path / 'whole', messages, mode=mode)

@@ -23,7 +23,7 @@ _SWITCH, _SEED = Path(__file__).with_name('switch.py'), '1'
 
 
 class NoNetworkError(Exception):
-    """This machine cannot give hosts; the message says why."""
+    """Error of a machine that cannot give hosts; the message says why."""
 
 
 class Network:

@@ -28,7 +28,7 @@ def edges(number: int) -> list[EyeEdge]:
 
 
 def estimate(number: int, mass: float, **more: float) -> MassEstimate:
-    """The estimate of an item, numbered from 1."""
+    """Return the estimate of an item, numbered from 1."""
     t1, t2, t3 = (edge.stamp for edge in edges(number))
     return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5, **more)
 

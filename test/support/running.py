@@ -7,6 +7,7 @@ import csv
 import hashlib
 import os
 from pathlib import Path
+import re
 import socket
 import subprocess
 import sys
@@ -69,6 +70,15 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     """Return the rows of a CSV file that a command has written."""
     with path.open(encoding='utf-8', newline='') as file:
         return list(csv.DictReader(file))
+
+
+def printed(page: str, folder: Path) -> str:
+    """Write the program that a page of the docs prints, and return its path."""
+    code = re.search(r'```python\n(.*?)```', (ROOT / f'docs/{page}.md').read_text(), re.DOTALL)
+    assert code
+    path = folder / f'{page}.py'
+    path.write_text(code[1])
+    return str(path)
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -103,7 +103,8 @@ def _add_file(tar: tarfile.TarFile, path: Path, name: str) -> Iterator[tuple[str
         return
     with file:
         hashed = _Hashed(file)
-        tar.addfile(_entry(name, os.fstat(file.fileno()).st_size, path), hashed)  # type: ignore[arg-type]
+        entry = _entry(name, os.fstat(file.fileno()).st_size, path)
+        tar.addfile(entry, hashed)  # type: ignore[arg-type]
     yield name, hashed.digest
 
 

@@ -9,6 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from checkweigher_bringup.errors import UserError, warn
+from checkweigher_core.block_cutting import join_stretches
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import LoadCell, Reference
 from checkweigher_core.whole_file import write_whole
@@ -17,7 +18,6 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
-from checkweigher_recording.block_cutting import join_stretches
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, passes_by_cut
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.tuning.choice import candidates, choose, with_untrained

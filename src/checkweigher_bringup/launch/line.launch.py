@@ -25,8 +25,7 @@ from checkweigher_bringup.commissioning.machine_folder import DEFAULTS as OF_FOL
 from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.hosts.description import read_line
 from checkweigher_bringup.spinning import write_parameter_file
-from checkweigher_bringup.supervision.processes import CANNOT_START
-from checkweigher_core.parent_process import child_variable
+from checkweigher_core.parent_process import CANNOT_START, child_variable
 from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE

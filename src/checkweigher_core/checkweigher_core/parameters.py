@@ -24,6 +24,15 @@ class ParameterError(ValueError):
     """Error of an invalid parameter. The message has its name, its value and the valid values."""
 
 
+def package_missing(name: str, value: str, module: str) -> ParameterError:
+    """Return the error of a parameter whose value needs a module that cannot be imported."""
+    package = module.partition('.')[0]
+    return ParameterError(
+        f'{name}: {value!r} needs the Python package {package}, which is missing or too old; '
+        'see docs/own_line.md'
+    )
+
+
 class SettingsError(ParameterError):
     """Error of an invalid file. The message is one line with file, line, field, fault, advice."""
 

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
-from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.parameters import (
+    ParameterError,
+    Parameters,
+    package_missing,
+    parameter,
+)
 from checkweigher_driver.line_io.machine_inputs import MachineInputs
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters
@@ -15,7 +20,7 @@ from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import MachineSource
 
 # Classes of the sources by name. A class is imported on request, so that a machine needs only the
-# libraries of its own devices.
+# packages of its own devices. package.xml omits those that apt does not have.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -99,12 +104,18 @@ class DriverParameters(Parameters):
 
 
 def source_class(name: str) -> type[Source]:
-    """Return a class of `SOURCES` by its name. Raises `ParameterError` for an unknown name."""
+    """Return a class of `SOURCES` by its name.
+
+    Raises `ParameterError` for an unknown name, or if its package is not installed.
+    """
     return cast(type[Source], _find('source', name, SOURCES))
 
 
 def eyes_class(name: str) -> type[EdgeSource]:
-    """Return a class of `EYES` by its name. Raises `ParameterError` for an unknown name."""
+    """Return a class of `EYES` by its name.
+
+    Raises `ParameterError` for an unknown name, or if its package is not installed.
+    """
     return cast(type[EdgeSource], _find('eyes', name, EYES))
 
 
@@ -113,7 +124,10 @@ def _find(parameter_name: str, name: str, registry: dict[str, str]) -> Any:
         known = ', '.join(each for each in registry if each != NONE)
         raise ParameterError(f'{parameter_name}: {name!r} is not one of {known}')
     module, found = registry[name].split(':')
-    return getattr(import_module(module), found)
+    try:
+        return getattr(import_module(module), found)
+    except ModuleNotFoundError as error:
+        raise package_missing(parameter_name, name, str(error.name)) from None
 
 
 def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Source]:

@@ -12,6 +12,7 @@ from typing import Any
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
+from checkweigher_core.block_cutting import cut_for_pace
 from checkweigher_core.pacing import FlowControl, Pacer
 from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, SampleBlock, StreamState, StreamStatus
@@ -22,7 +23,6 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
-from checkweigher_recording.block_cutting import cut_for_pace
 
 # Times in s after the beginning of a stream at which its status is repeated. A subscriber that is
 # visible in the ROS graph may not be connected yet, and would get the first status only with the

@@ -12,7 +12,7 @@ from checkweigher_recording.simulation.simulator import SimulationParameters, si
 
 @pytest.fixture
 def running():
-    """A driver that has sent a line of 3 products in real time, and when it was done."""
+    """Return a driver that has sent a line of 3 products in real time, and the time of its end."""
     line = simulate(SimulationParameters(count=3))
     watch = DriverWatch('simulator')
     watch.begin(line.load_cell, 100.0)

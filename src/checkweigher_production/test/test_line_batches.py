@@ -47,7 +47,7 @@ def verdict(number: int, batch: str) -> Verdict:
 
 @pytest.fixture(name='folder', scope='module')
 def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A line that was killed in the batch L2, after L1."""
+    """Return a line that was killed in the batch L2, after L1."""
     folder = tmp_path_factory.mktemp('machine') / 'batches'
     with batches(folder) as line:
         line.use(TINS)

@@ -118,7 +118,7 @@ def test_two_cannot_make_it_at_once_and_without_a_plan_there_is_none():
 
 @pytest.fixture
 def zone(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The local time zone of the computer."""
+    """Set the local time zone of the computer."""
     monkeypatch.setenv('TZ', request.param)
     time.tzset()
     yield

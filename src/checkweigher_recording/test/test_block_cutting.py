@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from checkweigher_core.block_cutting import cut_for_pace, is_exit, join, join_recording
 from checkweigher_core.pacing import Pacer
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_recording.block_cutting import cut_for_pace, is_exit, join, join_recording
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 RATE = 1000.0  # Hz

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.block_cutting import join_recording
 from checkweigher_core.recording import BlockColumns, Recording
 from checkweigher_core.records import (
     NANOSECONDS,
@@ -28,7 +29,6 @@ from checkweigher_core.records import (
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_production.statistics import ProductionStatistics
-from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.lane import MAX_ITEMS, ShownItem, joined, with_window
 from checkweigher_web.mass_series import MassSeries

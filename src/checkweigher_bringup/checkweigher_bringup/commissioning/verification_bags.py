@@ -10,6 +10,7 @@ from typing import Any
 
 from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.errors import UserError
+from checkweigher_core.block_cutting import join_recording
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import (
     GRAMS,
@@ -27,7 +28,6 @@ from checkweigher_driver.calibration.static_calibration import RestReading, Stea
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter
-from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.verification.plan import Plan
 from checkweigher_validation.verification.steps import Step, steps_of
 

@@ -10,10 +10,10 @@ import sys
 import time
 
 from checkweigher_bringup.spinning import Process, end_process, start_process
+from checkweigher_core.parent_process import CANNOT_START
 
 # Delay in s before a restart, which doubles while the process keeps ending within `STABLE` s.
 DELAY, LONGEST_DELAY = 1.0, 10.0
-CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 STABLE = 5.0  # time in s after which a process is considered to work
 SILENCE = 5.0  # time in s without diagnostics after which a process is killed
 START = 30.0  # maximum time in s from the start of a process to its first diagnostics

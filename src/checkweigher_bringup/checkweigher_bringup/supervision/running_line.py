@@ -24,8 +24,9 @@ from checkweigher_bringup.spinning import (
     spinning,
     write_parameter_file,
 )
-from checkweigher_bringup.supervision.processes import CANNOT_START, SupervisedProcess, say
+from checkweigher_bringup.supervision.processes import SupervisedProcess, say
 from checkweigher_bringup.supervision.service_manager import Watchdog, supervises
+from checkweigher_core.parent_process import CANNOT_START
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import Place
 from checkweigher_core.ros.port_node import PortNode

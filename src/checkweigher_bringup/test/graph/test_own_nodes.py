@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-import re
 import signal
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from graph import heard
 from modbus_machine import REJECTOR, RELEASE, Plc
 import pytest
 from rclpy.node import Node
-from running import PATIENCE, ROOT, wait_for
+from running import PATIENCE, printed, wait_for
 
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.ros import ports
@@ -45,15 +44,6 @@ def start() -> Iterator[Start]:
         for process in alive:
             process.terminate()
         time.sleep(1)
-
-
-def printed(page: str, folder: Path) -> str:
-    """Write the program that a page of the docs prints, and return its path."""
-    code = re.search(r'```python\n(.*?)```', (ROOT / f'docs/{page}.md').read_text(), re.DOTALL)
-    assert code
-    path = folder / f'{page}.py'
-    path.write_text(code[1])
-    return str(path)
 
 
 def start_stages(start: Start, *arguments: str) -> list[Process]:

@@ -80,12 +80,12 @@ class Port:
 
     @cached_property
     def qos(self) -> 'QoSProfile':
-        """QoS profile of the publisher."""
+        """Quality of service of the publisher."""
         return self._profile(latched=self.history.latched, share=_PROMISED)
 
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
-        """QoS profile of the subscriptions of the nodes of the line."""
+        """Quality of service of the subscriptions of the nodes of the line."""
         from rclpy.qos import ReliabilityPolicy
 
         profile = self._profile(latched=self.history.stage_latched, share=1.0)

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.parent_process import end_with_parent
+from checkweigher_core.parent_process import CANNOT_START, end_with_parent
 from checkweigher_core.printable import one_line
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.stage_node import StageNode
@@ -68,7 +68,7 @@ def run_all(
         stopping.wait()
     except ParameterError as error:
         print(f'checkweigher: {one_line(error)}', file=sys.stderr)
-        raise SystemExit(2) from None
+        raise SystemExit(CANNOT_START) from None
     except (Exception, KeyboardInterrupt):
         # C++ code may have turned the KeyboardInterrupt into another exception.
         if not stopping.is_set():

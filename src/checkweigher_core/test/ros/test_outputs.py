@@ -30,7 +30,7 @@ def verdict(number: int) -> Verdict:
 
 @pytest.fixture
 def pair(process):
-    """An output and what an input of another node of the process takes."""
+    """Return an output, and the records of an input of another node of the process."""
     maker, taker = process.node(), process.node()
     output = maker.output(ports.PHOTO_EYES)
     taken = []

@@ -71,7 +71,7 @@ def test_lines_that_are_used_twice_are_refused(kind, values, message):
 
 @pytest.fixture
 def simulated_chip():
-    """A chip of gpio-sim: its device, and the folder by which its lines are pulled and read."""
+    """Make a chip of gpio-sim; return its device and the folder that sets and reads its lines."""
     with suppress(OSError):
         subprocess.run(['modprobe', 'gpio-sim'], check=False, capture_output=True)
     if not CONFIG.is_dir():

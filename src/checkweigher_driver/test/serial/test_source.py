@@ -53,7 +53,8 @@ def travel(name, values, options, link):
             lost = reader.source.figures()['samples lost']
             device.tell(command)
             if command == 'lose 3' or journey.checked:
-                reader.wait_for(lambda: reader.source.figures()['samples lost'] > lost)  # noqa: B023
+                figures = reader.source.figures
+                reader.wait_for(lambda: figures()['samples lost'] > lost)  # noqa: B023
             reader.wait_for_samples(50)
         note('disturbed')
         device.tell('silence 1.3')

@@ -5,11 +5,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
 import hashlib
+from importlib.util import find_spec
 import json
 import math
 from typing import Any, ClassVar, Self, cast
 
-from checkweigher_core.parameters import Parameters, parameter
+from checkweigher_core.parameters import Parameters, package_missing, parameter
 from checkweigher_core.records import MassEstimate, WeighWindow
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.denoising.window_batch import is_consistent
@@ -65,6 +66,12 @@ _AllParameters: Any = make_dataclass('_AllParameters', _SETS, bases=(_OwnParamet
 @dataclass(frozen=True)
 class IdentifierParameters(_AllParameters, _OwnParameters):
     """Parameters of the identifier, with a set of parameters for each of `ESTIMATORS`."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        package = ESTIMATORS[self.estimator].package
+        if package and find_spec(package) is None:
+            raise package_missing('identifier.estimator', self.estimator, package)
 
     @property
     def chosen(self) -> EstimatorParameters:

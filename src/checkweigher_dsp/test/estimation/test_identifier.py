@@ -190,7 +190,7 @@ TRAINED = {
 
 
 def _constant(speed, zero_std_dev=0.0):
-    """A window of 0.2 kg on which nothing moves; the zero in kg."""
+    """Return a window of constant 0.2 kg; the zero in kg."""
     return _denoised(make_window([0.2] * 64, belt_speed=speed, zero_std_dev=1e6 * zero_std_dev))
 
 

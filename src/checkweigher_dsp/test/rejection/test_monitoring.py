@@ -29,7 +29,7 @@ FAR = 1000 * SECOND
 
 
 def _verdict(number, decision=Decision.UNDER):
-    """The item is at the rejector `number` seconds after 0."""
+    """Return a verdict on an item that is at the rejector `number` seconds after 0."""
     return Verdict(number, number * SECOND - 1, decision, reject_at=number * SECOND)
 
 

@@ -15,7 +15,7 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 @pytest.fixture(scope='module')
 def line():
-    """A sample each millisecond; t1 = 1.0 s, t2 = 1.1 s, t3 = 1.2 s, t4 = 1.3 s."""
+    """Return a sample each millisecond; t1 = 1.0 s, t2 = 1.1 s, t3 = 1.2 s, t4 = 1.3 s."""
     return make_line((0.2,), load_cell=MILLI)
 
 

@@ -43,7 +43,8 @@ class _Draw:
 
     def all_of(self, kind: Callable[..., _Cause]) -> _Cause:
         """Return an object of a class whose fields were declared by `_range`."""
-        return kind(*(each.metadata['draw'](self) for each in fields(kind)))  # type: ignore[arg-type]
+        of_class = fields(kind)  # type: ignore[arg-type]
+        return kind(*(each.metadata['draw'](self) for each in of_class))
 
 
 def generator(seed: np.random.SeedSequence) -> np.random.Generator:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import chain
 import math
 
+from checkweigher_core.block_cutting import join_recording, join_stretches
 from checkweigher_core.printable import counted, one_line
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import (
@@ -22,7 +23,6 @@ from checkweigher_core.records import (
 )
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.signal.running_moments import RunningMoments
-from checkweigher_recording.block_cutting import join_recording, join_stretches
 from checkweigher_recording.progress import with_progress
 from checkweigher_validation.accuracy.passes import SAME_ITEM, ReferenceMasses
 

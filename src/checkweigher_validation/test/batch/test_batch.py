@@ -40,7 +40,7 @@ def verdict(number: int, decision: Decision, contents: float, *reasons: str) -> 
 
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
-    """A batch of 120: 118 accepted, of 100 g and 102 g in turn but one of 95 g."""
+    """Write a batch of 120: 118 accepted, of 100 g and 102 g in turn but one of 95 g."""
     writer = RecordWriter(tmp_path)
     writer.begin('L1', '2026-01-01T10:00:00')
     writer.write('product', asdict(TINS))

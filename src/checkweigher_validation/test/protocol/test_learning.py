@@ -21,7 +21,7 @@ MACHINES = (9021, 9022, 9023, 9024)
 
 
 def scatter(estimates, masses):
-    """Standard deviation within a mass of the items from the 31st on, g."""
+    """Return the standard deviation within a mass of the items from the 31st on, in g."""
     errors = (np.array([each.mass for each in estimates]) - masses)[30:]
     own = [errors[masses[30:] == mass] for mass in np.unique(masses)]
     return 1e3 * float(np.sqrt(np.mean([np.var(each, ddof=1) for each in own])))

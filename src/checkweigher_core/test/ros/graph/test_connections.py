@@ -25,13 +25,13 @@ _NUMBERS = itertools.count(1)
 
 @pytest.fixture
 def here(process) -> PortNode:
-    """A node of a lane of its own."""
+    """Return a node of a lane of its own."""
     return process.node(partial(PortNode, namespace=f'lane_{next(_NUMBERS)}'))
 
 
 @pytest.fixture
 def elsewhere(here) -> Iterator[Node]:
-    """A node of that lane with a participant of its own, as one in another process."""
+    """Return a node of that lane with its own participant, as one in another process."""
     context = Context()
     context.init(domain_id=here.context.get_domain_id())
     node = Node('elsewhere', context=context, namespace=here.get_namespace())

@@ -137,6 +137,8 @@ class Estimator(ABC):
         Parameters. The attribute of the class contains the defaults.
     needs_denoised : bool
         Whether the estimator uses ``window.denoised`` instead of the raw signal.
+    package : str
+        Name of a Python package that package.xml omits because apt does not have it.
     look : PlotStyle, optional
         Style in reports. By default a style is chosen automatically.
     axes : tuple of Axis
@@ -151,6 +153,7 @@ class Estimator(ABC):
 
     parameters: EstimatorParameters
     needs_denoised: ClassVar[bool] = False
+    package: ClassVar[str] = ''
     look: ClassVar[PlotStyle | None] = None
     axes: ClassVar[tuple[Axis, ...]] = ()
     folds: ClassVar[int] = 0

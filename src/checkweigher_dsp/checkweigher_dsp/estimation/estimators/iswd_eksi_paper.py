@@ -58,6 +58,7 @@ class IswdEksiPaper(Estimator):
     """
 
     parameters = IswdEksiPaperParameters()
+    package = 'filterpy'
     look = PlotStyle('ISWD-EKSI, literal', 'd', '#e7a27c', '#b5653a')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:

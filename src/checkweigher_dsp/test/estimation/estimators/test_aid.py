@@ -36,7 +36,7 @@ SETTINGS = [PLAIN, ADAPTIVE, AdaptiveSettings(3, 6, 100.0)]
 
 
 def _ringing(frequency, damping, count, mass=0.2, amplitude=0.05):
-    """A load on a platform that still rings, seen from the middle of its oscillation."""
+    """Return a load on a platform that still rings, from the middle of its oscillation."""
     k = np.arange(count)
     step = 2 * math.pi * frequency / RATE
     damped = step * math.sqrt(1 - damping**2)

@@ -57,7 +57,7 @@ def _textbook(window, mass, lead_time=0.4):
 
 
 def _noise(random):
-    """A disturbance as it is modelled: coloured noise and an error of the zero."""
+    """Return a disturbance as it is modelled: coloured noise and an error of the zero."""
 
     def disturb(time):
         steps = NOISE * random.standard_normal(len(time) + 2000)
@@ -202,7 +202,7 @@ def test_a_regression_with_a_prior_by_hand():
 
 
 def _level_in_noise(**values):
-    """A window in which a load stands still, all of it in the coloured noise."""
+    """Return a window of a constant load, all of it in the coloured noise."""
     window = make_pass(disturbance=_noise(np.random.default_rng(5)), **values)
     still = window.force - make_pass(**values).force
     still[window.window_begin :] += 0.2

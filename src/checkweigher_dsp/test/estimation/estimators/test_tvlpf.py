@@ -20,7 +20,7 @@ SCHEDULES = st.tuples(
 
 
 def _recursion(samples, sections, initial, final, decay, rate):
-    """The cascade as the field writes it, sample by sample."""
+    """Return the output of the cascade as the field writes it, sample by sample."""
     state = [samples[0]] * sections
     for n, sample in enumerate(samples):
         cutoff = final + (initial - final) * decay**n

@@ -64,7 +64,7 @@ def masses(estimates):
 
 
 def scatter(estimates):
-    """Standard deviation within a mass."""
+    """Return the standard deviation within a mass."""
     found = np.array([each.mass for each in estimates])
     kind = np.array([each.item_id % len(MASSES) for each in estimates])
     return float(np.sqrt(np.mean([np.var(found[kind == each], ddof=1) for each in set(kind)])))
