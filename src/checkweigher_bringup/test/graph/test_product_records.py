@@ -219,7 +219,10 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     path = Path(results[0].record)
     assert (results[0].batch, path.name) == ('L1', 'L1.jsonl')
     assert results[0].sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert [(e.subject, e.new) for e in line.entries('record')] == [('L1', results[0].sha256)]
+    states = [e.new for e in line.entries('record') if e.subject == 'L1']
+    went_on = ['stopped', 'continued']
+    assert [each['event'] for each in states] == ['begun', *2 * went_on, 'ended']
+    assert (states[-1]['sha256'], states[-1]['size']) == (results[0].sha256, path.stat().st_size)
     kinds = [each['kind'] for each in read_lines(path)]
     assert (kinds[0], kinds[-1], kinds.count('verdict')) == ('begin', 'end', 44)
     assert kinds.count('filler') == len(feedback)
@@ -236,7 +239,7 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     assert made['products'][0]['decisions'] == {'FAULT': 0, 'ACCEPT': 41, 'UNDER': 3, 'OVER': 0}
     assert made['products'][0]['reasons'] == {'TU1Quota': 3}
     assert {each['kind'] for each in made['changes']} >= {'selection', 'batch'}
-    assert made['sha256_in_audit_log'] == 'agrees'
+    assert (made['sha256_in_audit_log'], made['faults']) == ('agrees', [])
     assert results[0].sha256 in html.read_text()
 
 

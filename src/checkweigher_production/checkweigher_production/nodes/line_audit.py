@@ -20,6 +20,7 @@ from checkweigher_core.ros.line_parameters import LineParametersClient, RefusedE
 from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_production.audit_trail import AuditTrail, Author, Authors
+from checkweigher_production.batch_record import RecordState, has_ended
 
 _LONGEST_NAME = 64  # characters of the name of a person
 _CALL_PATIENCE = 150.0  # longest time from the announcement of a service call to its end in s
@@ -158,6 +159,12 @@ class LineAudit:
         """Write a zero that an operator has set."""
         by = self.author_of(ports.ZERO, 'segmenter')
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
+
+    def write_state(self, state: RecordState) -> None:
+        """Write the state of the record of a batch. The hash of an ended record never changes."""
+        last = self.trail.last(changes.RECORD, state.batch)
+        if state.broken or not has_ended(last):
+            self.trail.saw_state(changes.RECORD, state.batch, state.value)
 
     def finding(self) -> Finding:
         """Return the finding "Audit log" of the diagnostics."""

@@ -32,6 +32,7 @@ from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClien
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_production.alarms import AlarmList
+from checkweigher_production.audit_chain import name_predecessor
 from checkweigher_production.audit_log import AuditError, AuditLog
 from checkweigher_production.audit_trail import Author
 from checkweigher_production.batch_record import RecordError
@@ -82,17 +83,19 @@ class ProductNode(StageNode[ProductParameters]):
                 find(known.recipes, known.product)
             log = self._files.enter_context(AuditLog(Path(known.audit_log))) if known.audit_log \
                 else None  # fmt: skip
+            if log is not None:
+                name_predecessor(log, self._time(), name)
             self._batches = LineBatches(known.batch, known.batch_folder, self._time, log)
         except (AuditError, SettingsError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
-        self._files.callback(self._batches.close)
         if known.recipes and log is None:
             self.get_logger().warning('product.audit_log is empty: no change is written down')
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
         self._audit = LineAudit(log, name, self._time, line, self._batches.has_record, self.warn)
         self._trail = self._audit.trail
+        self._files.callback(self._close_records)
         self._alarms = AlarmList(self._trail, self._stamp, self.output(ports.ALARMS).send)
         self._alarms.begin_run()
         self._files.callback(self._alarms.end_run)
@@ -214,6 +217,12 @@ class ProductNode(StageNode[ProductParameters]):
         self._alarms.add_verdict(verdict)
         if feedback := self._batches.feedback(verdict):
             self._feedback.send(feedback)
+
+    def _close_records(self) -> None:
+        """Close the record of the batch, and write its hash to the audit log."""
+        self._batches.close()
+        for state in self._batches.states():
+            self._audit.write_state(state)
 
     def _advance_records(self) -> None:
         """Publish the results of ended batches, and save product and batch if that has failed."""

@@ -105,6 +105,8 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'source': batch.source,
         'sha256': batch.sha256 or None,
         'sha256_in_audit_log': batch.in_log,
+        'audit_log': batch.log or None,
+        'faults': batch.faults,
         'begin': batch.begin or None,
         'end': batch.end or None,
         'strays': batch.strays,
