@@ -14,6 +14,7 @@ TUNED = 'tuned'
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
 TEST, TEST_BEGUN = 'test', 'test_begun'  # performance test
 LOG = 'log'  # the log before this one
+CLOCK = 'clock'  # the clock of the computer was set, or its reference has changed
 BACKUP = 'backup'  # the folder of the machine was restored from a backup
 
 

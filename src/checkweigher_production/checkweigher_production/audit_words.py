@@ -5,6 +5,10 @@
 The values in a log may be of any type and are not trusted.
 """
 
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from datetime import datetime
+from itertools import pairwise
 import json
 from typing import Any
 
@@ -25,6 +29,17 @@ def conclusion(found: Verification) -> str:
     if found.torn:
         torn = '; a last one was cut off by power loss'
     return f'the chain is whole: {len(found.entries)} entries{last}{torn}'
+
+
+def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield a sentence for each entry whose time is before that of the entry before it."""
+    for before, entry in pairwise(entries):
+        with suppress(ValueError, TypeError):
+            back = datetime.fromisoformat(before.time) - datetime.fromisoformat(entry.time)
+            if back.total_seconds() > 0:
+                yield (
+                    f'the time goes back by {back.total_seconds():.3f} s at entry {entry.sequence}'
+                )
 
 
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:

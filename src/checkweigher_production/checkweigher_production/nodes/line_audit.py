@@ -12,6 +12,7 @@ from typing import Any
 
 from checkweigher_core import changes
 from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
+from checkweigher_core.health.host_clock import ClockSteps
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import LoadCell, ZeroChange
 from checkweigher_core.ros import ports
@@ -19,7 +20,7 @@ from checkweigher_core.ros.change_record import TIME_TO_CHANGE
 from checkweigher_core.ros.line_parameters import LineParametersClient, RefusedError, Values
 from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
-from checkweigher_production.audit_trail import AuditTrail, Author, Authors
+from checkweigher_production.audit_trail import CLAIMED, AuditTrail, Author, Authors
 from checkweigher_production.batch_record import RecordState, has_ended
 
 _LONGEST_NAME = 64  # characters of the name of a person
@@ -53,9 +54,13 @@ class LineAudit:
         self._has_record = has_record
         self._warn = warn
         self._authors = Authors(_CALL_PATIENCE)
+        self._steps = ClockSteps()
         self._unread = set(ports.NODES)  # nodes whose parameters have not been read yet
         self._announced: dict[str, float] = {}  # time of the last announced change in s, by node
         self.trail = AuditTrail(log, node, clock)
+        last = log.entries[-1].time if log is not None and log.entries else ''
+        if last > (now := clock()):
+            self.trail.saw(changes.CLOCK, 'start', last, now)  # the clock was set back since then
         # For each kind of change: its subject, the node that makes it, and the service to request
         # it.
         self._asked = {
@@ -159,6 +164,24 @@ class LineAudit:
         """Write a zero that an operator has set."""
         by = self.author_of(ports.ZERO, 'segmenter')
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
+
+    def watch_clock(self, reference: str) -> None:
+        """Write steps and changes of the reference of the clock. `reference` may be empty."""
+        if step := self._steps.step():
+            self.trail.saw(changes.CLOCK, 'step', None, {'seconds': round(step, 3)})
+        if reference:
+            self.trail.saw_state(changes.CLOCK, 'reference', reference)
+
+    def claimed_by(self, service: str, who: str, why: str) -> Author:
+        """Return the person who calls a service.
+
+        A person whom the page or a gateway has announced has given a password. The name in a
+        request, `who`, is only a claim.
+        """
+        announced = self._authors.of(service, '', time.monotonic())
+        if not announced.who.startswith('graph:'):
+            return announced
+        return Author(f'{CLAIMED}{name}' if (name := one_line(who)) else '', one_line(why))
 
     def write_state(self, state: RecordState) -> None:
         """Write the state of the record of a batch. The hash of an ended record never changes."""

@@ -157,7 +157,9 @@ class LineSelection:
 
         If an exception is raised, the previous batch continues.
         """
-        if not name or not self.batches.may_begin(name):
+        continues = bool(self.batches.doubt) and self.batches.has_record(name)
+        is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
+        if not name or is_known or not self.batches.may_begin(name):
             raise RecordError(f'batch {name!r}: a name that was not used before is needed')
         production = self.batches.production
         # Items that are judged until the new batch begins belong to this one.

@@ -17,7 +17,6 @@ from checkweigher_core.health.disk import DiskWatch, free_bytes
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.health.host_clock import HostClock
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
-from checkweigher_core.printable import one_line
 from checkweigher_core.records import (
     LoadCell,
     MassEstimate,
@@ -34,7 +33,6 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_production.alarms import AlarmList
 from checkweigher_production.audit_chain import name_predecessor
 from checkweigher_production.audit_log import AuditError, AuditLog
-from checkweigher_production.audit_trail import Author
 from checkweigher_production.batch_record import RecordError
 from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.nodes.line_audit import LineAudit
@@ -193,7 +191,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _on_begin_test(self, request: Any, response: Any) -> Any:
         begin_or_cancel = self._test.cancel if request.cancel else self._test.begin
-        author = Author(one_line(request.who), one_line(request.reason))
+        author = self._audit.claimed_by(ports.BEGIN_TEST, request.who, request.reason)
         return await self._answer(response, begin_or_cancel(author), 'performance test')
 
     async def _advance_recipe(self) -> None:
@@ -260,6 +258,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _read_started(self) -> None:
         self._add_started()
+        self._audit.watch_clock(self._host_clock.reference)
         await self._audit.read_started()
 
     def diagnose(self, now: float) -> list[Finding]:
