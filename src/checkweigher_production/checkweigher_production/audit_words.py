@@ -12,6 +12,7 @@ from itertools import pairwise
 import json
 from typing import Any
 
+from checkweigher_core.changes import SOFTWARE
 from checkweigher_production.audit_log import Entry, Verification
 
 _WIDEST = 40  # default of the largest number of characters
@@ -26,9 +27,17 @@ def conclusion(found: Verification) -> str:
     if found.entries:
         entry = found.entries[-1]
         last = f', the last one of {shortened(entry.time)} has the hash {entry.hash}'
+    if software := software_in(found.entries):
+        torn = f'; the line runs the legally relevant software {software}'
     if found.torn:
-        torn = '; a last one was cut off by power loss'
+        torn += '; a last one was cut off by power loss'
     return f'the chain is whole: {len(found.entries)} entries{last}{torn}'
+
+
+def software_in(entries: Sequence[Entry]) -> str:
+    """Return the SHA-256 of the legally relevant software in the latest entry on it, or ''."""
+    values = (e.new for e in reversed(entries) if e.kind == SOFTWARE and isinstance(e.new, dict))
+    return shortened(next(values, {}).get('sha256', ''), 64)
 
 
 def steps_back(entries: Sequence[Entry]) -> Iterator[str]:

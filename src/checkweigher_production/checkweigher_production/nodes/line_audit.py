@@ -19,6 +19,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.change_record import TIME_TO_CHANGE
 from checkweigher_core.ros.line_parameters import LineParametersClient, RefusedError, Values
 from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
+from checkweigher_dsp.legal import legal_software
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_production.audit_trail import CLAIMED, AuditTrail, Author, Authors
 from checkweigher_production.batch_record import RecordState, has_ended
@@ -58,6 +59,8 @@ class LineAudit:
         self._unread = set(ports.NODES)  # nodes whose parameters have not been read yet
         self._announced: dict[str, float] = {}  # time of the last announced change in s, by node
         self.trail = AuditTrail(log, node, clock)
+        known = self.trail.last(changes.SOFTWARE, 'line')
+        self.trail.saw(changes.SOFTWARE, 'line', known, legal_software().value)
         last = log.entries[-1].time if log is not None and log.entries else ''
         if last > (now := clock()):
             self.trail.saw(changes.CLOCK, 'start', last, now)  # the clock was set back since then
@@ -197,6 +200,7 @@ class LineAudit:
             'path': str(self._log.path),
             'last_hash': self._log.last_hash,
             'nodes_to_be_read': len(self._unread),
+            'legal_software_sha256': legal_software().sha256,
         }
         altered, trouble = self._log.trouble(), self.trail.trouble
         restore = 'changes are refused: restore log and LOG.head, and start product again'

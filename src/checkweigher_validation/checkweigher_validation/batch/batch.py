@@ -20,6 +20,7 @@ from checkweigher_core.records import GRAMS, Alarm, Decision, FillerFeedback, Ve
 from checkweigher_production.alarms import alarm_of
 from checkweigher_production.audit_chain import LogChain
 from checkweigher_production.audit_log import FIRST_PREVIOUS, Entry
+from checkweigher_production.audit_words import software_in
 from checkweigher_production.batch_record import (
     ENDED,
     RecordError,
@@ -88,6 +89,7 @@ class Batch:
     log: str = ''  # name of the audit log, with number and hash of its last entry
     faults: tuple[str, ...] = ()  # reasons why the record cannot be trusted
     strays: int = 0  # number of items in the record that belong to another batch
+    software: str = ''  # SHA-256 of the legally relevant software, of the last start
     after: str = ''  # hash of the last entry of the audit log before the batch
 
     def with_log(self, logs: LogChain, data: bytes) -> 'Batch':
@@ -104,7 +106,8 @@ class Batch:
             fault = fault or 'it has an end of which the audit log does not know'
         if fault:
             faults.append(fault)
-        during = self._entries_of(logs.entries)
+        first, last_one = self._span_of(logs.entries)
+        during = logs.entries[first:last_one]
         alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
         last = {(alarm.source, alarm.reason, alarm.first): alarm for alarm in alarms}
         in_log = InLog.DIFFERS if fault else InLog.AGREES if states else InLog.ABSENT
@@ -114,11 +117,12 @@ class Batch:
             alarms=tuple(last.values()),
             in_log=in_log,
             log=logs.identity,
+            software=software_in(logs.entries[:last_one]),
             faults=(*self.faults, *faults),
         )
 
-    def _entries_of(self, entries: Sequence[Entry]) -> Sequence[Entry]:
-        """Return the entries from the begin to the end of the batch, by their sequence.
+    def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
+        """Return the span of the entries from the begin to the end of the batch in the sequence.
 
         Times would leave out entries if the clock was set back.
         """
@@ -126,7 +130,7 @@ class Batch:
         begin = [n for n, e in enumerate(entries) if e.hash == self.after]
         ends = [n for n in own if has_ended(entries[n].new)]
         first = begin[0] + 1 if begin else 0 if self.after == FIRST_PREVIOUS else (own or [0])[0]
-        return entries[first : ends[0] + 1 if ends else None]
+        return first, ends[0] + 1 if ends else None
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:

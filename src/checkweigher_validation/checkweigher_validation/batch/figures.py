@@ -107,6 +107,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'sha256_in_audit_log': batch.in_log,
         'audit_log': batch.log or None,
         'faults': batch.faults,
+        'legal_software_sha256': batch.software or None,
         'begin': batch.begin or None,
         'end': batch.end or None,
         'strays': batch.strays,
