@@ -11,7 +11,7 @@ from checkweigher_validation.verification.procedure import AtRest, Attempt, Item
 from checkweigher_validation.verification.steps import steps_of
 
 START = 1_780_000_000_000_000_000  # ns
-CELL = LoadCell(960.0, 1e6, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2, 'made', 'M-1')
+CELL = LoadCell(960.0, 1e6, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2, 'made', 'LC-1')
 IDENTITY = {
     'program': 'checkweigher 0', 'program_sha256': 64 * '1', 'parameters_sha256': 64 * '2',
     'audit_log': 'audit.log', 'audit_log_sha256': 64 * '4', 'audit_log_last_hash': 64 * '5',

@@ -3,45 +3,40 @@
 """Reports on batches, as text, HTML and JSON. The line writes a record of each batch."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
 
-from checkweigher_bringup.errors import warn
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import GRAMS
 from checkweigher_core.whole_file import write_whole
-from checkweigher_production.audit_log import read_log
-from checkweigher_production.batch_record import read_lines
+from checkweigher_production.audit_chain import LOG_FILE, read_chain
 from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
-# Texts for the results of comparing the SHA-256 of a record with the audit log.
-_IN_LOG = {
-    InLog.AGREES: 'agrees with the audit log',
-    InLog.DIFFERS: 'DIFFERS from that in the audit log: it is not as it was when the batch ended',
-    InLog.ABSENT: 'is not in the audit log',
-}
+_NO_LOG = 'there is no audit log to compare it with; name it by --log'
 
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
-    """Read the record of a batch, and compare its SHA-256 with the audit log.
+    """Read the record of a batch, and compare it with the audit log.
 
-    If `log` is None, the audit log is the file that the record names. If the log is damaged, a
-    warning is printed on stderr. Raises `RecordError` if the record cannot be read, and
-    `AuditError` if the log cannot be read.
+    If `log` is None, the audit log is that of the machine whose folder has the record. The name of
+    a log in the record is not used, because a forger of the record would name a forged log. Raises
+    `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
-    named = next(read_lines(path)).get('audit_log')
-    if log is None and isinstance(named, str) and Path(named).is_file():
-        log = Path(named)
-    if log is None:
-        return batch
-    found = read_log(log)
-    if not found.whole:
-        reason = f'{found.problem}: {found.reason}'
-        warn(f'the audit log is not whole: {log}: line {found.bad_line}: {reason}')
-    return batch.with_log(found.entries)
+    own = path.resolve().parents[1] / LOG_FILE
+    if log is None and not own.is_file():
+        return replace(batch, faults=(*batch.faults, _NO_LOG))
+    return batch.with_log(read_chain(log or own), path.read_bytes())
+
+
+def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:
+    """Return whether a record cannot be trusted, or a batch does not meet a rule."""
+    judged = [part for part in parts if part.judgement and part.reference]
+    rules = [each for part in judged for each in (part.judgement, part.reference)]
+    return bool(batch.faults) or not all(each.passed for each in rules if each)
 
 
 def write_report(
@@ -63,10 +58,14 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
     The items of a batch may belong to several products. `parts` has the figures of each product.
     """
     title = f'batch {one_line(batch.name)}'
-    if batch.in_log in _IN_LOG:
-        open_yet = batch.in_log is InLog.ABSENT and not batch.end
-        why = ': the batch has not ended yet' if open_yet else ''
-        yield f'{title}: the SHA-256 of its record {_IN_LOG[batch.in_log]}{why}'
+    if batch.log:
+        state = '' if batch.end else '; the batch has not ended yet'
+        agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'
+        yield f'{title}: the record {agrees} the audit log {one_line(batch.log)}{state}'
+    for fault in batch.faults:
+        yield f'{title}: NOT trusted: {one_line(fault)}'
+    if batch.strays:
+        yield f'{title}: {batch.strays} items of another batch in the record are not counted'
     for part in parts:
         counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
         product = one_line(part.product.name or 'no product')

@@ -17,6 +17,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.change_record import ChangeRecord
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.running import run
+from checkweigher_production.batch_record import read_lines
 from checkweigher_validation.batch.figures import figures_of
 
 _POLL_PERIOD = 0.5  # s
@@ -48,7 +49,9 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
 
     Raises ValueError if `sha256` is not the hash of the record.
     """
-    batch = read_recorded(record)
+    # The node product has just written the record, so the log that it names is the right one.
+    log = next(read_lines(record)).get('audit_log')
+    batch = read_recorded(record, Path(log) if log else None)
     if batch.sha256 != sha256:
         raise ValueError(f'{record}: the record was changed after the end of the batch')
     files = record.with_suffix('.html'), record.with_suffix('.json')

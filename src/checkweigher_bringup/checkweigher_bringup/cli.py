@@ -17,7 +17,7 @@ import os
 from re import sub
 import sys
 from types import FrameType, ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from checkweigher_bringup.commands import add_options
 from checkweigher_core.parent_process import end_with_parent
@@ -61,6 +61,19 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: {one_line(message)}; see {self.prog} --help\n')
 
 
+class _Version(argparse.Action):
+    """Option that prints the version of the program and its legally relevant software."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(nargs=0, **options)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print the version, and exit."""
+        from checkweigher_dsp.legal import version_text
+
+        parser.exit(0, version_text() + '\n')
+
+
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with the options of all commands."""
     parser = _Parser(
@@ -68,6 +81,7 @@ def build_parser() -> argparse.ArgumentParser:
         description='An in-motion checkweigher: masses and verdicts of products on a belt scale.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument('--version', action=_Version, help='show version and digests, and exit')
     commands = parser.add_subparsers(
         dest='command', metavar='COMMAND', required=True, parser_class=_Parser
     )

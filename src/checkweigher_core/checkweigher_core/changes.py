@@ -13,6 +13,10 @@ RECORD, REPORT = 'record', 'report'  # of a batch
 TUNED = 'tuned'
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
 TEST, TEST_BEGUN = 'test', 'test_begun'  # performance test
+VERIFICATION = 'verification'  # the report of a verification was written
+SOFTWARE = 'software'  # legally relevant software of the line, at each start
+LOG = 'log'  # the log before this one
+CLOCK = 'clock'  # the clock of the computer was set, or its reference has changed
 BACKUP = 'backup'  # the folder of the machine was restored from a backup
 
 

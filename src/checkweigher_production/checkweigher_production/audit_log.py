@@ -206,10 +206,9 @@ class _Chain:
 def _may_be_torn(end: bytes, expected: int) -> bool:
     """Return whether `end` may be the entry with the number `expected`, torn by a power loss."""
     beginning = b'{"sequence":%d,' % expected
-    first = end.split(b'\n')[0]
-    begun = first.startswith(beginning) or (first != b'' and beginning.startswith(first))
-    # After a power loss, some file systems leave zeros or old data, but not in the first entry.
-    return begun or not end.strip(b'\0') or (expected > 1 and not end.endswith(b'\n'))
+    written = end.replace(b'\0', b'')  # after a power loss, some file systems leave zeros
+    begun = written.startswith(beginning) or beginning.startswith(written)
+    return begun and written.isascii() and written.decode().isprintable()
 
 
 def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:

@@ -16,11 +16,14 @@ from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_production.audit_log import AuditError, AuditLog
 
+CLAIMED = 'claimed:'  # before the name of a person who has given no password
+
 
 class Author(NamedTuple):
     """Author of a change, and the reason that the author has given."""
 
-    who: str = ''  # person, or ``graph:`` and a node; empty for the node that writes the log
+    # Person, CLAIMED and a name, or ``graph:`` and a node; empty for the node that writes the log.
+    who: str = ''
     why: str = ''
 
 

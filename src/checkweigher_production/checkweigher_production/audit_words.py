@@ -5,9 +5,14 @@
 The values in a log may be of any type and are not trusted.
 """
 
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from datetime import datetime
+from itertools import pairwise
 import json
 from typing import Any
 
+from checkweigher_core.changes import SOFTWARE
 from checkweigher_production.audit_log import Entry, Verification
 
 _WIDEST = 40  # default of the largest number of characters
@@ -22,9 +27,28 @@ def conclusion(found: Verification) -> str:
     if found.entries:
         entry = found.entries[-1]
         last = f', the last one of {shortened(entry.time)} has the hash {entry.hash}'
+    if software := software_in(found.entries):
+        torn = f'; the line runs the legally relevant software {software}'
     if found.torn:
-        torn = '; a last one was cut off by power loss'
+        torn += '; a last one was cut off by power loss'
     return f'the chain is whole: {len(found.entries)} entries{last}{torn}'
+
+
+def software_in(entries: Sequence[Entry]) -> str:
+    """Return the SHA-256 of the legally relevant software in the latest entry on it, or ''."""
+    values = (e.new for e in reversed(entries) if e.kind == SOFTWARE and isinstance(e.new, dict))
+    return shortened(next(values, {}).get('sha256', ''), 64)
+
+
+def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield a sentence for each entry whose time is before that of the entry before it."""
+    for before, entry in pairwise(entries):
+        with suppress(ValueError, TypeError):
+            back = datetime.fromisoformat(before.time) - datetime.fromisoformat(entry.time)
+            if back.total_seconds() > 0:
+                yield (
+                    f'the time goes back by {back.total_seconds():.3f} s at entry {entry.sequence}'
+                )
 
 
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:

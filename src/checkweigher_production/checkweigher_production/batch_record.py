@@ -2,23 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record of a batch: a file with one line of JSON for each event of the batch.
 
-The kinds of lines are begin, product (with its recipe), verdict, stop, filler, reset and end. Each
-line has its kind and, except in old files, a checksum. NaN and infinities are written as NaN,
-Infinity and -Infinity. A separate thread writes and syncs the lines, so that production does not
-wait for the disk. If the disk is full, the thread retries until the lines are written. A record
-without an end is continued after a restart.
+The kinds of lines are begin, product (with its recipe), verdict, stop, filler, reset, broken and
+end. Each line ends with the SHA-256 of the file up to there, without the hash itself. Lines of
+older versions have a checksum or nothing instead. NaN and infinities are written as NaN, Infinity
+and -Infinity. A separate thread writes and syncs the lines, so that production does not wait for
+the disk. If the disk is full, the thread retries until the lines are written. A record without an
+end is continued after a restart.
+
+The audit log has the length and the hash of a record whenever it was opened or closed. A record
+that is not as it was written then, or whose lines do not follow each other, is broken.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 import errno
 from functools import partial
 import hashlib
+import io
 import json
 import os
 from pathlib import Path
 import queue
+import re
 import threading
 from typing import Any, TypeVar, get_type_hints
 from urllib.parse import quote
@@ -26,9 +32,11 @@ import zlib
 
 import numpy as np
 
+from checkweigher_core.changes import RECORD
 from checkweigher_core.printable import one_line
-from checkweigher_core.records import BatchResult, Decision, FillerFeedback, Verdict
+from checkweigher_core.records import Decision, FillerFeedback, Verdict
 from checkweigher_core.state_files import replace_file
+from checkweigher_production.audit_log import Entry
 from checkweigher_production.recipes import product_of
 
 SUFFIX = '.jsonl'
@@ -36,6 +44,10 @@ _LONGEST = 200  # largest number of characters of a batch name in a file name
 _RETRY = 1.0  # time between two attempts to write in s
 _LONGEST_LINE = 2**16  # bytes
 _NEWER = ('station', 'station_at')  # fields of a verdict that are missing in old files
+_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # end of a line
+_HASH_SIZE = 76  # bytes of the end of a line
+# Events of the life of a record, which are in the audit log.
+BEGUN, CONTINUED, STOPPED, ENDED = 'begun', 'continued', 'stopped', 'ended'
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 
@@ -81,19 +93,88 @@ def _ends(path: Path) -> bool:
     return bool(lines) and lines[-1].startswith(b'{"kind":"end",')
 
 
-def ended_record(path: Path) -> BatchResult | None:
-    """Return the result in a record that has an end, with the stamp 0, or None without an end."""
-    begin = next(read_lines(path), None)
-    if begin is None or not _ends(path):
-        return None
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return BatchResult(0, _begin(begin)['batch'], str(path.resolve()), digest)
+@dataclass(frozen=True, slots=True)
+class RecordState:
+    """State of a record, for the audit log."""
+
+    batch: str
+    event: str  # BEGUN, CONTINUED, STOPPED or ENDED
+    sha256: str  # SHA-256 of the file, hexadecimal
+    size: int = -1  # length of the file in bytes, -1 if unknown
+    broken: str = ''  # reason why the record is broken, or empty
+    time: str = ''  # time of the entry in the audit log, ISO 8601
+
+    @property
+    def value(self) -> dict[str, str | int]:
+        """Value of the entry in the audit log."""
+        names = 'event', 'size', 'sha256', 'broken'
+        return {name: getattr(self, name) for name in names if getattr(self, name)}
+
+
+def has_ended(value: Any) -> bool:
+    """Return whether a value of the audit log, which may be None, is that of an ended record."""
+    return isinstance(value, str) or (isinstance(value, dict) and value.get('event') == ENDED)
+
+
+def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
+    """Return the states of the record of a batch in the entries of an audit log."""
+    own = [each for each in entries if (each.kind, each.subject) == (RECORD, batch)]
+    found = []
+    for entry in own:
+        # In a log of an older version, the value is the hash of the ended record.
+        new = entry.new if isinstance(entry.new, dict) else {'event': ENDED, 'sha256': entry.new}
+        event, sha256, broken = (str(new.get(name, '')) for name in ('event', 'sha256', 'broken'))
+        size = new.get('size')
+        size = size if isinstance(size, int) else -1
+        found.append(RecordState(batch, event, sha256, size, broken, entry.time))
+    return found
+
+
+def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
+    """Return why a record is broken, or an empty text.
+
+    `data` is the content of the file, and `states` are its states in the audit log.
+    """
+    return _broken_line(data) or _contradicted(data, states)
+
+
+def _broken_line(data: bytes) -> str:
+    """Return the first line that is not as it was written, as text, which may be empty."""
+    digest, is_chained = hashlib.sha256(), False
+    for number, line in enumerate(io.BytesIO(data[: data.rfind(b'\n') + 1]), 1):
+        digest.update(line[:-_HASH_SIZE])
+        own = _HASH.fullmatch(line[-_HASH_SIZE:])
+        is_chained = is_chained or own is not None
+        if is_chained and (own is None or own[1].decode() != digest.hexdigest()):
+            return f'line {number}: it or a line before it is not as it was written'
+        if line.startswith(b'{"kind":"broken",'):
+            return f'line {number}: the line found it broken'
+        digest.update(line[-_HASH_SIZE:])
+    return ''
+
+
+def _contradicted(data: bytes, states: Sequence[RecordState]) -> str:
+    """Return the first state in the audit log that a record contradicts, as text."""
+    for state in states:
+        size = len(data) if state.size < 0 else state.size
+        when = f'{state.event} {state.time}'.strip()
+        if state.broken:
+            return f'{when}: {state.broken}'
+        if len(data) < size:
+            return f'it has {len(data)} bytes, and had {size} ({when}): its end was removed'
+        if hashlib.sha256(data[:size]).hexdigest() != state.sha256:
+            return f'its first {size} bytes are not as they were ({when})'
+    last = states[-1] if states else None
+    if last is not None and last.event in (STOPPED, ENDED) and len(data) > last.size >= 0:
+        return f'{len(data) - last.size} bytes were added after it was {last.event} {last.time}'
+    return ''
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the lines of a record. An incomplete last line, as after a power loss, is ignored.
 
-    Raises `RecordError` if the file cannot be read or a line is not valid.
+    Raises `RecordError` if the file cannot be read or a line is not valid. The hashes are not
+    checked, so that a broken record is still readable.
     """
     try:
         with path.open('rb') as file:
@@ -104,7 +185,8 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                     # Integers in ROS messages have at most 64 bits.
                     values = json.loads(line, parse_int=lambda text: int(np.int64(text)))
                     begins = values['kind'] == 'begin'
-                    checksum = values.pop('crc32', None)
+                    checksum = values.pop('crc32', None)  # of older versions
+                    values.pop('hash', None)
                 except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
                     begins = number > 1
                 if begins != (number == 1):
@@ -172,12 +254,12 @@ _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 class RecordWriter:
     """Writer of the records of successive batches.
 
-    `ended` is a queue of the results of complete records. `trouble` is the reason why lines cannot
-    be written at present, or empty.
+    `states` is a queue of states for the audit log. `trouble` is the reason why lines cannot be
+    written at present, or empty.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.ended: queue.SimpleQueue[BatchResult] = queue.SimpleQueue()
+        self.states: queue.SimpleQueue[RecordState] = queue.SimpleQueue()
         self.trouble = ''
         self._folder = folder
         self._closing, self._lost = threading.Event(), False
@@ -197,11 +279,15 @@ class RecordWriter:
         # The new record is created before the old one ends, so that a batch is always in progress.
         self._submit(self._create, record_path(self._folder, batch), line)
         self.end(time)
-        self.resume(batch)
+        self._submit(self._open, batch, BEGUN, time)
 
-    def resume(self, batch: str) -> None:
-        """Continue the record of a batch."""
-        self._submit(self._open, batch)
+    def resume(self, batch: str, time: str = '', states: Sequence[RecordState] = ()) -> None:
+        """Continue the record of a batch, unless it has ended.
+
+        `states` are its states in the audit log. If the record is broken, a line with the time
+        `time` says so.
+        """
+        self._submit(self._open, batch, CONTINUED, time, states)
 
     def write(self, kind: str, values: object) -> None:
         """Append a line with a verdict, a stop request, feedback to the filler, or a mapping."""
@@ -210,12 +296,12 @@ class RecordWriter:
     def end(self, time: str) -> None:
         """End the record."""
         self.write('end', {'time': time})
-        self._submit(self._finish)
+        self._submit(self._release, ENDED)
 
     def close(self) -> None:
         """Write the remaining lines, and stop the thread. Lines that cannot be written are lost."""
         self._closing.set()
-        self._executor.submit(self._release)
+        self._executor.submit(self._release, STOPPED)
         self._executor.shutdown()
 
     def _submit(self, step: Callable[..., object], *arguments: object) -> None:
@@ -234,21 +320,29 @@ class RecordWriter:
 
     def _create(self, path: Path, line: bytes) -> None:
         if not path.exists():
-            replace_file(path, [line])
+            replace_file(path, [_with_hash(line, hashlib.sha256())])
 
-    def _open(self, batch: str) -> None:
+    def _open(self, batch: str, event: str, time: str, states: Sequence[RecordState] = ()) -> None:
         """Open the record of a batch, and remove an incomplete last line."""
         self._batch, self._path = batch, record_path(self._folder, batch)
-        self._file = os.open(self._path, os.O_RDWR | os.O_APPEND)
-        there = self._path.read_bytes()
-        there = there[: there.rfind(b'\n') + 1]
-        os.ftruncate(self._file, len(there))
+        data = self._path.read_bytes()
+        broken = fault_of(data, states)
+        there = data[: data.rfind(b'\n') + 1]
         self._size, self._hash = len(there), hashlib.sha256(there)
+        if _ends(self._path):
+            self._tell(ENDED, broken)
+            return
+        self._file = os.open(self._path, os.O_RDWR | os.O_APPEND)
+        os.ftruncate(self._file, self._size)
+        if broken and b'\n{"kind":"broken",' not in there:
+            self._append(line_of('broken', {'time': time, 'reason': broken}))
+        self._tell(event, broken)
 
     def _append(self, line: bytes) -> None:
-        """Append a line. If that fails, the file is unchanged."""
+        """Append a line with its hash. If that fails, the file is unchanged."""
         if self._file is None:
             return
+        line = _with_hash(line, self._hash)
         try:
             if os.write(self._file, line) < len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
@@ -259,24 +353,29 @@ class RecordWriter:
         self._hash.update(line)
         self._size += len(line)
 
-    def _finish(self) -> None:
-        if self._file is not None:
-            self.ended.put(
-                BatchResult(0, self._batch, str(self._path.resolve()), self._hash.hexdigest())
-            )
-            self._release()
+    def _tell(self, event: str, broken: str = '') -> None:
+        digest = self._hash.hexdigest()
+        self.states.put(RecordState(self._batch, event, digest, self._size, broken))
 
-    def _release(self) -> None:
+    def _release(self, event: str) -> None:
         if self._file is not None:
+            self._tell(event)
             os.close(self._file)
             self._file = None
 
 
 def line_of(kind: str, values: object) -> bytes:
-    """Return the line for a record or a mapping of values."""
+    """Return the line for a record or a mapping of values, without its hash and its end."""
     given: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
     line = {'kind': kind} | {n: v.name if isinstance(v, Decision) else v for n, v in given.items()}
-    return _compact({**line, 'crc32': _checksum(line)}) + b'\n'
+    return _compact(line)[:-1]
+
+
+def _with_hash(line: bytes, before: 'hashlib._Hash') -> bytes:
+    """Return a line with the hash of the file up to there. `before` is that of the lines before."""
+    digest = before.copy()
+    digest.update(line)
+    return line + b',"hash":"%s"}\n' % digest.hexdigest().encode()
 
 
 def _checksum(values: Mapping[str, Any]) -> int:

@@ -192,6 +192,11 @@ def test_what_the_head_knows_was_not_torn_by_power_loss(log: tuple[bytes, bytes]
     found = verify(log[0][:kept], log[1])
     assert (found.problem, found.bad_line) == ('cut', 5)
     assert verify(log[0] + bytes(100), log[1]).whole  # zeros, as some file systems leave them
+    for garbage in (b'{', b'{"sequence":6,"time":"2026'):
+        assert verify(log[0] + garbage, log[1]).torn == garbage
+    for garbage in (b'xyz', b'{"sequence":7,', b'{"sequence":6,\n', b'{"sequence":6,\xff'):
+        found = verify(log[0] + garbage, log[1])
+        assert (found.problem, found.bad_line) == ('changed', 6)
 
 
 def test_power_lost_between_an_entry_and_its_head_does_no_harm(path: Path):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from checkweigher_production.audit_log import FIRST_PREVIOUS, AuditLog, Entry, read_log, verify
-from checkweigher_production.audit_words import changes, conclusion, shortened
+from checkweigher_production.audit_words import changes, conclusion, shortened, steps_back
 
 
 def entry(old: object, new: object, subject: str = 'reject') -> Entry:
@@ -59,3 +59,9 @@ def test_what_an_entry_changed(old: object, new: object, found: list[tuple[str, 
 )  # fmt: skip
 def test_a_value_is_one_printable_line(value: object, text: str):
     assert shortened(value) == text
+
+
+def test_a_time_that_goes_back_is_told_with_its_entry():
+    times = '2026-10-25T03:00:00+02:00', '2026-10-25T02:00:00+01:00', '', '2026-01-01', '2025-01-01'
+    entries = [Entry(n, time, '/product', 'zero', 'zero', 0, 1, '') for n, time in enumerate(times)]
+    assert [*steps_back(entries)] == ['the time goes back by 31536000.000 s at entry 4']

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of batches: what is written is what is read, over restarts, torn lines and full disks."""
 
+from dataclasses import replace
 import hashlib
 import math
 from pathlib import Path
 import queue
+import re
 
 from full_disk import file_size_limit
 import pytest
@@ -13,8 +15,9 @@ import pytest
 from checkweigher_core.records import Decision, Verdict
 from checkweigher_production.batch_record import (
     RecordError,
+    RecordState,
     RecordWriter,
-    ended_record,
+    fault_of,
     read_events,
     record_path,
     records_in,
@@ -33,7 +36,8 @@ def test_a_batch_that_is_gone_on_with_has_the_hash_of_its_whole_file(tmp_path: P
     writer.close()
     path = record_path(tmp_path, 'L 1/a')
     assert records_in(tmp_path) == ({'L 1/a': path}, [])
-    assert ended_record(path) is None
+    stopped = writer.states.get(), writer.states.get()
+    assert [each.event for each in stopped] == ['begun', 'stopped']
     with path.open('ab') as file:
         file.write(b'{"kind":"verdict","item_i')  # the power went
 
@@ -41,8 +45,11 @@ def test_a_batch_that_is_gone_on_with_has_the_hash_of_its_whole_file(tmp_path: P
     writer.resume('L 1/a')
     writer.write('verdict', ACCEPT)
     writer.end('two')
-    ended = writer.ended.get(timeout=60)
+    writer.resume('L 1/a')  # has ended
+    writer.write('verdict', ACCEPT)
     writer.close()
+    went_on, ended, again = (writer.states.get() for _ in range(3))
+    assert writer.states.empty()
 
     (_, begin), *verdicts, (_, end) = read_events(path)
     assert begin == {'time': 'noon', 'batch': 'L 1/a', 'audit_hash': 'abc'}
@@ -55,9 +62,61 @@ def test_a_batch_that_is_gone_on_with_has_the_hash_of_its_whole_file(tmp_path: P
         FAULT.decision,
         1,
     )
-    assert ended == ended_record(path)
-    assert ended.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert ended.batch == 'L 1/a'
+    data = path.read_bytes()
+    whole = RecordState('L 1/a', 'ended', hashlib.sha256(data).hexdigest(), len(data))
+    assert (ended, again) == (whole, whole)
+    # What was left of a line by the power cut was no stop, so it is not held against the record.
+    assert went_on == replace(stopped[1], event='continued')
+    assert fault_of(data, [stopped[0], went_on, ended]) == ''
+
+
+def chained(*lines: bytes) -> bytes:
+    """Return lines with the hashes that the writer would give them."""
+    data = b''
+    for line in lines:
+        data += line.partition(b',"hash"')[0]
+        data += b',"hash":"%s"}\n' % hashlib.sha256(data).hexdigest().encode()
+    return data
+
+
+def test_a_record_that_was_changed_while_nobody_wrote_it_is_broken_for_good(tmp_path: Path):
+    writer = RecordWriter(tmp_path)
+    writer.begin('L1', 'noon')
+    for number in range(1, 4):
+        writer.write('verdict', Verdict(number, number, Decision.UNDER))
+    writer.close()
+    states = [writer.states.get(), writer.states.get()]
+    path = record_path(tmp_path, 'L1')
+    honest = path.read_bytes()
+    begin, first, second, third = honest.splitlines(keepends=True)
+    edited = first.replace(b'UNDER', b'ACCEPT')
+    added = chained(begin, first, second, third, third)
+    forgeries = {
+        begin + edited + second + third: 'line 2: it or a line before',
+        begin + first + third: 'line 3: it or a line before',
+        begin + first + third + second: 'line 3: it or a line before',
+        begin + re.sub(rb',"hash":"\w+"', b'', first) + second + third: 'line 2: it or a line',
+        chained(begin, edited, second, third): 'its first',  # by somebody who has our code
+        chained(begin, first, third): 'its end was removed',
+        begin + first: 'its end was removed',
+        added: 'bytes were added after it was stopped',
+        honest + b'{"kind"': '7 bytes were added after it was stopped',
+    }
+    for forged, reason in forgeries.items():
+        assert reason in fault_of(forged, states), reason
+    assert fault_of(honest, states) == ''
+
+    path.write_bytes(added)
+    writer = RecordWriter(tmp_path)
+    writer.resume('L1', 'one', states)
+    writer.end('two')
+    writer.close()
+    broken, ended = writer.states.get(), writer.states.get()
+    assert 'bytes were added' in broken.broken
+    kinds = [kind for kind, _ in read_events(path)]
+    assert kinds == ['begin', *4 * ['verdict'], 'broken', 'end']
+    for known in ([], [ended], [*states, broken, ended]):  # and so it is without the log
+        assert fault_of(path.read_bytes(), known) != ''
 
 
 def test_lines_wait_for_a_disk_that_is_full(tmp_path: Path):
@@ -70,12 +129,14 @@ def test_lines_wait_for_a_disk_that_is_full(tmp_path: Path):
         writer.resume('L1')
         writer.write('verdict', ACCEPT)
         writer.end('two')
+        assert writer.states.get(timeout=60).event == 'continued'
         with pytest.raises(queue.Empty):
-            writer.ended.get(timeout=0.5)
-    ended = writer.ended.get(timeout=60)
+            writer.states.get(timeout=0.5)
+    ended = writer.states.get(timeout=60)
     writer.close()
     assert [kind for kind, _ in read_events(path)] == ['begin', 'verdict', 'end']
-    assert (writer.trouble, ended) == ('', ended_record(path))
+    assert (writer.trouble, ended.event) == ('', 'ended')
+    assert fault_of(path.read_bytes(), [ended]) == ''
 
 
 def test_a_writer_that_is_closed_says_what_the_disk_did_not_take(tmp_path: Path):

@@ -69,9 +69,10 @@ def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None
 def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *more: Any) -> None:
     """Add an option or a positional argument.
 
-    `usage` is the name of the option and, after a space, the name of its value. `kind` is the type
-    of the value, a list with the type for one or more values, a tuple of the allowed values, or
-    bool for a flag. `more` may have a default, or a dict of further keywords of `add_argument`.
+    `usage` is the name of the option (or several, with commas) and, after a space, the name of its
+    value. `kind` is the type of the value, a list with the type for one or more values, a tuple of
+    the allowed values, or bool for a flag. `more` may have a default, or a dict of further keywords
+    of `add_argument`.
     """
     name, _, metavar = usage.partition(' ')
     values: dict[str, Any] = {'type': kind, 'metavar': metavar}
@@ -83,4 +84,4 @@ def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *m
         values |= {'type': kind[0], 'nargs': '+', 'action': 'extend'}
     for each in more:
         values |= each if isinstance(each, dict) else {'default': each}
-    group.add_argument(name, help=text, **values)
+    group.add_argument(*name.split(','), help=text, **values)

@@ -46,6 +46,7 @@ class Identity:
             'program_sha256': program_digest(_PACKAGES),
             'parameters_sha256': hashlib.sha256(self._file.read_bytes()).hexdigest(),
             'how': how,
+            'parameters': self._file.read_text(encoding='utf-8'),
             'changes': None,
         }
         return json.dumps(self._known)

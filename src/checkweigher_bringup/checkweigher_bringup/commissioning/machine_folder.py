@@ -12,6 +12,7 @@ from checkweigher_core.parameters import ParameterError
 from checkweigher_core.whole_file import OutputError, write_whole
 from checkweigher_driver.calibration.file import check_not_installed
 from checkweigher_driver.calibration.static_calibration import CalibrationError
+from checkweigher_production.audit_chain import LOG_FILE
 from checkweigher_validation.verification.plan import PLANS
 
 _RECIPES = """\
@@ -101,7 +102,7 @@ class MachineFolder:
         the line, and the caller must restart it when `take_restart` returns true.
         """
         setting: dict[str, object] = {'folder': str(self.path)}
-        log = str(self.path / 'audit.log')
+        log = str(self.path / LOG_FILE)
         if given is not None:
             setting['parameters'] = str(given.absolute())
         if restarts:

@@ -4,20 +4,34 @@
 
 import argparse
 from collections.abc import Callable
+import hashlib
+import json
 from pathlib import Path
 import shutil
 
+from checkweigher_msgs.srv import RecordChange
+import rclpy
+from rclpy.node import Node
+
 from checkweigher_bringup.commissioning.identity import Identity
+from checkweigher_bringup.commissioning.service_call import call
 from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
 from checkweigher_bringup.commissioning.verification_guide import Terminal, procedure_on_line
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.settings import check_namespace, line_parameters, refuse
+from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning
+from checkweigher_core.changes import VERIFICATION
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.services import VERIFY
 from checkweigher_core.whole_file import check_new, make_output_folder, write_whole
+from checkweigher_production.audit_chain import read_chain
 from checkweigher_recording.archive.copying import local_bag
+from checkweigher_recording.bags.results import mcap_digest
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
+
+_PATIENCE = 5.0  # longest wait in s for the service that writes to the audit log
 
 
 def verify(arguments: argparse.Namespace) -> str:
@@ -27,9 +41,9 @@ def verify(arguments: argparse.Namespace) -> str:
         raise UserError('--params: only with --bags; a running line has its own parameters')
     check_new(folder)
     if arguments.plan is None:
-        refuse(arguments, 'not with --from; the bag contains the digest of its log', 'audit')
         with local_bag(arguments.procedure) as recorded:
-            return write_report(recorded, folder)
+            verdict = write_report(recorded, folder)
+            return verdict + _unlike_log(arguments.audit, mcap_digest(recorded), verdict)
     plan, text = plan_of(arguments.plan)
     namespace = check_namespace(arguments.namespace)
     parameters = line_parameters(arguments.params, None)
@@ -41,7 +55,48 @@ def verify(arguments: argparse.Namespace) -> str:
         with spinning(namespace) as spinner:
             procedure_on_line(spinner, plan, text, identity, bag, Terminal())
 
-    return report_on(make, folder, arguments.audit)
+    verdict = report_on(make, folder, arguments.audit)
+    if not arguments.bags and arguments.audit is not None:
+        with spinning(namespace) as spinner:
+            node = rclpy.create_node(VERIFY)
+            spinner.add(node)
+            return verdict + note_result(node, folder, plan, verdict)
+    return verdict
+
+
+def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
+    """Write the result of a verification to the audit log of the line.
+
+    Returns why it could not be written, which is empty if it was.
+    """
+    files = [folder / f'report.{ending}' for ending in ('html', 'json')]
+    value = {
+        'verdict': verdict,
+        'bag': mcap_digest(folder / 'bag'),
+        **{each.name: hashlib.sha256(each.read_bytes()).hexdigest() for each in files},
+    }
+    request = RecordChange.Request(
+        kind=VERIFICATION, subject=folder.name, new_value=json.dumps(value), who=plan.operator
+    )
+    try:
+        call(node, RecordChange, ports.RECORD_CHANGE, _PATIENCE, request)
+    except UserError as error:
+        return f', but it is not in the audit log: {error}'
+    return ''
+
+
+def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
+    """Return how a bag and its verdict differ from an audit log as text, which may be empty."""
+    if log is None:
+        return ''
+    chain = read_chain(log)
+    if chain.fault:
+        return f', but {chain.fault}'
+    made = [e.new for e in chain.entries if e.kind == VERIFICATION and isinstance(e.new, dict)]
+    known = [each.get('verdict') for each in made if each.get('bag') == bag]
+    if not known:
+        return f', but the audit log {chain.identity} has no verification with this bag'
+    return '' if verdict in known else f', but it was {known[-1]} when it was made'
 
 
 def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:

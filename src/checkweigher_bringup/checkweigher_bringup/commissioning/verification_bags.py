@@ -29,6 +29,7 @@ from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLin
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.verification.plan import Plan
+from checkweigher_validation.verification.procedure import OF_BAGS
 from checkweigher_validation.verification.steps import Step, steps_of
 
 _Record = tuple[int, Port, Any]  # stamp in ns, port, record
@@ -63,7 +64,7 @@ def procedure_of_bags(
     _check_together(found)
     values = {name: getattr(parameters, name).as_mapping() for name in ports.STAGES}
     cell, begin = found[0][2].load_cell, found[0][2].blocks[0].stamp
-    identity.at_begin(values, 'of recorded bags')
+    identity.at_begin(values, OF_BAGS)
     what = identity.at_end(values)
     with BagWriter(output, ports.RECORDED) as writer:
         for port, record in (

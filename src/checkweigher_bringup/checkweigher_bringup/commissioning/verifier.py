@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.commissioning.machine_folder import own_folder
 from checkweigher_bringup.commissioning.service_call import answering
-from checkweigher_bringup.commissioning.verification import report_on
+from checkweigher_bringup.commissioning.verification import note_result, report_on
 from checkweigher_bringup.commissioning.verification_guide import BrokenOffError, procedure_on_line
 from checkweigher_bringup.errors import UserError
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
@@ -250,6 +250,8 @@ class VerifierNode(StageNode[VerifierParameters]):
         try:
             folder.parent.mkdir(exist_ok=True)
             verdict = report_on(make, folder, audit)
+            if audit is not None:
+                verdict += note_result(self, folder, plan, verdict)
             operator.end(f'{name}: {verdict}')
             self.get_logger().info(f'verification {name}: {verdict}')
         except Exception as error:  # a failure of the line or of the disk must not end the node

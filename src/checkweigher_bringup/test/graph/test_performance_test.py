@@ -65,12 +65,15 @@ def test_an_overdue_test_stops_the_line_until_one_has_passed(watched: Watched):
 
     state = watched.wait_for_state('IN_TIME')
     assert list(state.errors) == pytest.approx([2e-4, -2e-4], abs=1e-9)
-    assert (state.who, state.due.sec - state.last.sec) == ('ann', 8 * 3600)
+    assert (state.who, state.due.sec - state.last.sec) == ('claimed:ann', 8 * 3600)
     watched.wait_until_accepting()
     good = watched.line.judge(0.1)
     assert (good.decision, good.batch_items, good.batch_accepted) == (good.ACCEPT, 3, 1)
     begun, ended = watched.line.entries('test_begun')[0], watched.line.entries('test')[0]
-    assert (begun.who, begun.why, ended.who, ended.why) == ('ann', 'shift', 'ann', 'shift')
+    assert (begun.who, begun.why, ended.who, ended.why) == (
+        *('claimed:ann', 'shift'),
+        *('claimed:ann', 'shift'),
+    )
     assert (ended.subject, ended.new['passed'], ended.new['mass']) == ('tested', True, 0.1)
 
 
@@ -79,13 +82,13 @@ def test_a_failed_test_stops_the_line_and_counts_after_a_restart(watched: Watche
     watched.wait_for_state('RUNNING')
     for mass in (0.1002, 0.1006):
         watched.line.judge(mass)
-    assert '1 of 2 passes of ann beyond 0.5 g' in watched.wait_for_state('FAILED').text
+    assert '1 of 2 passes of claimed:ann beyond 0.5 g' in watched.wait_for_state('FAILED').text
     watched.wait_for_stop('PerformanceTest')
 
     watched.wait_until_accepting()
     watched.tests.clear()
     watched.line.restart_product()
-    assert watched.wait_for_state('FAILED').who == 'ann'
+    assert watched.wait_for_state('FAILED').who == 'claimed:ann'
 
 
 def test_the_command_guides_and_ends_with_the_result(watched: Watched):

@@ -28,7 +28,8 @@ from checkweigher_core.records import NANOSECONDS, ZeroChange
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_production.audit_log import read_log
+from checkweigher_production.audit_chain import read_chain
+from checkweigher_production.audit_log import AuditLog, head_path, read_log
 from checkweigher_production.batch_record import read_lines
 from checkweigher_production.nodes.product import ProductNode
 
@@ -69,6 +70,28 @@ def test_the_audit_log_believes_no_parameter_event(line: Line):
     assert [(e.subject, e.old, e.new) for e in line.entries('parameter')] == [
         ('/lane1/reject.upper_limit', 'inf', 0.5)
     ]
+
+
+def test_a_clock_that_was_set_back_and_the_log_before_are_in_a_new_log(
+    spinner: Spinner, tmp_path: Path
+):
+    with AuditLog(tmp_path / 'audit.log') as log:
+        log.append('2999-01-01T00:00:00+00:00', '/lane1/product', 'zero', 'zero', 0.0, 1.0)
+    line = Line(spinner, tmp_path)
+    wait_for(lambda: bool(line.entries('clock')))
+    (set_back,) = line.entries('clock')
+    assert (set_back.subject, set_back.old) == ('start', '2999-01-01T00:00:00+00:00')
+    spinner.remove(line.product)
+    for path in (line.log, head_path(line.log)):
+        path.rename(path.with_name(path.name.replace('audit', 'old')))
+    line.start_product()
+    wait_for(lambda: bool(line.entries('found')))
+    chain = read_chain(line.log)
+    (first, before), (second, now) = chain.logs
+    assert (first.name, second.name, chain.fault) == ('old.log', 'audit.log', '')
+    last = before.entries[-1]
+    named = {'file': 'old.log', 'entries': last.sequence, 'hash': last.hash}
+    assert (now.entries[0].kind, now.entries[0].new) == ('log', named)
 
 
 def test_a_start_with_a_bad_recipe_is_refused(spinner: Spinner, tmp_path: Path):
@@ -219,7 +242,10 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     path = Path(results[0].record)
     assert (results[0].batch, path.name) == ('L1', 'L1.jsonl')
     assert results[0].sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert [(e.subject, e.new) for e in line.entries('record')] == [('L1', results[0].sha256)]
+    states = [e.new for e in line.entries('record') if e.subject == 'L1']
+    went_on = ['stopped', 'continued']
+    assert [each['event'] for each in states] == ['begun', *2 * went_on, 'ended']
+    assert (states[-1]['sha256'], states[-1]['size']) == (results[0].sha256, path.stat().st_size)
     kinds = [each['kind'] for each in read_lines(path)]
     assert (kinds[0], kinds[-1], kinds.count('verdict')) == ('begin', 'end', 44)
     assert kinds.count('filler') == len(feedback)
@@ -236,7 +262,7 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     assert made['products'][0]['decisions'] == {'FAULT': 0, 'ACCEPT': 41, 'UNDER': 3, 'OVER': 0}
     assert made['products'][0]['reasons'] == {'TU1Quota': 3}
     assert {each['kind'] for each in made['changes']} >= {'selection', 'batch'}
-    assert made['sha256_in_audit_log'] == 'agrees'
+    assert (made['sha256_in_audit_log'], made['faults']) == ('agrees', [])
     assert results[0].sha256 in html.read_text()
 
 

@@ -15,7 +15,7 @@ from graph import wait_for
 import pytest
 
 from checkweigher_core.health.findings import Finding, Level
-from checkweigher_core.health.host_clock import COMMAND, HostClock, tracking_finding
+from checkweigher_core.health.host_clock import COMMAND, ClockSteps, HostClock, tracking_finding
 
 # As chronyc 4.3 printed it; times in s.
 FOLLOWS = (
@@ -51,6 +51,14 @@ def test_a_clock_that_nothing_keeps_is_told_of(text: str, level: Level, said: st
     finding = tracking_finding(text)
     assert finding.level == level
     assert said in finding.message
+
+
+def test_a_clock_that_is_set_makes_one_step(monkeypatch: pytest.MonkeyPatch):
+    steps, real = ClockSteps(), time.time
+    assert steps.step() == 0.0
+    monkeypatch.setattr(time, 'time', lambda: real() - 3600)
+    assert steps.step() == pytest.approx(-3600, abs=0.4)
+    assert steps.step() == 0.0
 
 
 def test_a_host_without_chrony_is_no_fault():

@@ -1,20 +1,40 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Synchronisation of the clock of this host, as reported by chrony."""
+"""Steps of the clock of this host, and its synchronisation, as reported by chrony."""
 
 from collections.abc import Sequence
 import math
 import shutil
 import subprocess
+import time
 
 from checkweigher_core.health.findings import Finding, Level, conclude, warn_if
 
 COMMAND = ('chronyc', '-n', '-c', 'tracking')
 _ASPECT = 'Host clock'
+_UNKNOWN = 'not known yet'
 _PERIOD = 30.0  # time in s between two calls of chronyc
 _PATIENCE = 10.0  # longest wait in s for the output of chronyc
 _LARGEST_BOUND = 0.1  # s
+_STEP = 0.5  # smallest change of the clock in s that is a step; two readings are never that late
 _OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
+
+
+class ClockSteps:
+    """Detector of steps of the clock of this host."""
+
+    def __init__(self) -> None:
+        self._offset = self._difference()
+
+    def step(self) -> float:
+        """Return by how many s the clock was set since the last call, 0 if it was not set."""
+        before, self._offset = self._offset, self._difference()
+        step = self._offset - before
+        return step if abs(step) >= _STEP else 0.0
+
+    def _difference(self) -> float:
+        # The boot clock is never set, and it goes on while the computer sleeps.
+        return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class HostClock:
@@ -30,8 +50,15 @@ class HostClock:
         self._asked = -math.inf
         self._question: subprocess.Popen[str] | None = None
         self._finding = conclude(
-            _ASPECT, 'not known yet' if self._exists else 'not checked: there is no chrony here'
+            _ASPECT, _UNKNOWN if self._exists else 'not checked: there is no chrony here'
         )
+
+    @property
+    def reference(self) -> str:
+        """Text on the reference of the clock without numbers, empty if it is not known yet."""
+        if 'bound_ms' in self._finding.values:
+            return 'synchronised by chrony'
+        return '' if self._finding.text == _UNKNOWN else self._finding.text
 
     def finding(self, now: float) -> Finding:
         """Return the finding Host clock at time `now` in s."""

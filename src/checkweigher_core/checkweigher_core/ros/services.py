@@ -108,7 +108,7 @@ SERVICES = (
     Service(ports.ACKNOWLEDGE_ALARMS, _TRIGGER, 'product', (PAGE_WORK,),
             'acknowledges all [alarms](topics.md#alarms); those that are over are gone'),
     Service(ports.RECORD_CHANGE, 'checkweigher_msgs/srv/RecordChange', 'product',
-            (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK),
+            (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK, VERIFY),
             'writes a change into the audit log before it is made; the other nodes of the lane '
             'call it', '`audit_log`', changes_line=False),
 )

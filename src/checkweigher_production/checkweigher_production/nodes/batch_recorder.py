@@ -3,22 +3,22 @@
 """Batches of a line, which continue after a restart: counts, records and filler feedback."""
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.parameters import SettingsError
-from checkweigher_core.records import BatchResult, FillerFeedback, ProductOnLine, Verdict
+from checkweigher_core.records import FillerFeedback, ProductOnLine, Verdict
 from checkweigher_core.settings_files import plain
 from checkweigher_production.audit_log import AuditLog
 from checkweigher_production.batch_record import (
     RecordError,
+    RecordState,
     RecordWriter,
-    ended_record,
     read_events,
     record_path,
     records_in,
+    states_in,
 )
 from checkweigher_production.filler_feedback import FillerController
 from checkweigher_production.recipes import Product
@@ -46,6 +46,8 @@ class LineBatches:
         Reason why no batch is in progress, or empty.
     not_kept : str
         Reason why product and batch could not be saved for the next start, or empty.
+    broken : str
+        Reason why a record that was opened is broken, or empty.
     """
 
     def __init__(
@@ -65,7 +67,7 @@ class LineBatches:
         self._forgotten = ''  # reason why the last selection is unknown, or empty
         self._batch = self._before = ''  # batch of the present record, and the batch before it
         self._kept: Selection | None = None  # content of the file with the selection, if known
-        self.not_kept = ''
+        self.not_kept = self.broken = ''
         if folder:
             self._writer = RecordWriter(self._folder)
             self._open, self._left_out = records_in(self._folder)
@@ -118,19 +120,19 @@ class LineBatches:
             self._restore(path)
         elif self.selected is not None and (path.exists() or not interrupted):
             raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
-        if interrupted:
-            writer.resume(before)
-            del self._open[before]
-        elif before != batch:
-            with suppress(RecordError):
-                if ended := ended_record(record_path(self._folder, before)):
-                    writer.ended.put(ended)  # the audit log may lack the hash of this record
+        if before != batch and record_path(self._folder, before).exists():
+            self._reopen(writer, before)  # the record may lack its end, or the audit log its hash
+            self._open.pop(before, None)
         if goes_on:
             writer.end(self._clock())
-            writer.resume(batch)
+            self._reopen(writer, batch)
         else:
             self._write_begin(writer)
         self._batch, self._before = batch, before
+
+    def _reopen(self, writer: RecordWriter, batch: str) -> None:
+        entries = self._log.entries if self._log else ()
+        writer.resume(batch, self._clock(), states_in(entries, batch))
 
     def _restore(self, path: Path) -> None:
         """Restore the counts from a record. Raises `RecordError` if the record is not valid."""
@@ -215,7 +217,7 @@ class LineBatches:
         if self._writer is not None:
             if path := self._open.get(self.production.batch):
                 self._restore(path)
-                self._writer.resume(self.production.batch)
+                self._reopen(self._writer, self.production.batch)
                 del self._open[self.production.batch]
             else:
                 self._write_begin(self._writer)
@@ -241,10 +243,17 @@ class LineBatches:
             return True
         return not (self.production.has_batch(batch) or self.has_record(batch))
 
-    def ended(self) -> Iterator[BatchResult]:
-        """Yield the results, with the stamp 0, of records that have ended since the last call."""
-        while self._writer is not None and not self._writer.ended.empty():
-            yield self._writer.ended.get()
+    def states(self) -> Iterator[RecordState]:
+        """Yield the states of records for the audit log since the last call."""
+        while self._writer is not None and not self._writer.states.empty():
+            state = self._writer.states.get()
+            if state.broken:
+                self.broken = f'batch {state.batch!r}: {state.broken}'
+            yield state
+
+    def record_of(self, batch: str) -> Path:
+        """Return the path of the record of a batch."""
+        return record_path(self._folder, batch).resolve()
 
     def close(self) -> None:
         """Close the record."""
@@ -262,6 +271,7 @@ class LineBatches:
         concerns = (
             *(error_if(bool(text), text, full) for text in (self._writer.trouble, self.not_kept)),
             error_if(bool(self.doubt), self.doubt, 'nothing is accepted until then'),
+            error_if(bool(self.broken), self.broken, 'the batch cannot be released'),
             *(warn_if(bool(text), text, aside) for text in others),
         )
         folder = str(self._folder)

@@ -12,14 +12,17 @@ from typing import Any
 
 from checkweigher_core import changes
 from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
+from checkweigher_core.health.host_clock import ClockSteps
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import LoadCell, ZeroChange
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.change_record import TIME_TO_CHANGE
 from checkweigher_core.ros.line_parameters import LineParametersClient, RefusedError, Values
 from checkweigher_core.ros.services import REPORTER, SETTER, SETTING
+from checkweigher_dsp.legal import legal_software
 from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
-from checkweigher_production.audit_trail import AuditTrail, Author, Authors
+from checkweigher_production.audit_trail import CLAIMED, AuditTrail, Author, Authors
+from checkweigher_production.batch_record import RecordState, has_ended
 
 _LONGEST_NAME = 64  # characters of the name of a person
 _CALL_PATIENCE = 150.0  # longest time from the announcement of a service call to its end in s
@@ -52,9 +55,15 @@ class LineAudit:
         self._has_record = has_record
         self._warn = warn
         self._authors = Authors(_CALL_PATIENCE)
+        self._steps = ClockSteps()
         self._unread = set(ports.NODES)  # nodes whose parameters have not been read yet
         self._announced: dict[str, float] = {}  # time of the last announced change in s, by node
         self.trail = AuditTrail(log, node, clock)
+        known = self.trail.last(changes.SOFTWARE, 'line')
+        self.trail.saw(changes.SOFTWARE, 'line', known, legal_software().value)
+        last = log.entries[-1].time if log is not None and log.entries else ''
+        if last > (now := clock()):
+            self.trail.saw(changes.CLOCK, 'start', last, now)  # the clock was set back since then
         # For each kind of change: its subject, the node that makes it, and the service to request
         # it.
         self._asked = {
@@ -106,6 +115,9 @@ class LineAudit:
             self.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
         elif kind == changes.REPORT and self._has_record(subject):
             self.trail.state(kind, subject, value, Author(f'graph:{self._namespace}/{REPORTER}'))
+        elif kind == changes.VERIFICATION and len(subject) <= _LONGEST_NAME:
+            by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
+            self.trail.note(kind, one_line(subject), None, value, by)
         else:
             self._write_asked(kind, subject, value)
 
@@ -159,6 +171,30 @@ class LineAudit:
         by = self.author_of(ports.ZERO, 'segmenter')
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
+    def watch_clock(self, reference: str) -> None:
+        """Write steps and changes of the reference of the clock. `reference` may be empty."""
+        if step := self._steps.step():
+            self.trail.saw(changes.CLOCK, 'step', None, {'seconds': round(step, 3)})
+        if reference:
+            self.trail.saw_state(changes.CLOCK, 'reference', reference)
+
+    def claimed_by(self, service: str, who: str, why: str) -> Author:
+        """Return the person who calls a service.
+
+        A person whom the page or a gateway has announced has given a password. The name in a
+        request, `who`, is only a claim.
+        """
+        announced = self._authors.of(service, '', time.monotonic())
+        if not announced.who.startswith('graph:'):
+            return announced
+        return Author(f'{CLAIMED}{name}' if (name := one_line(who)) else '', one_line(why))
+
+    def write_state(self, state: RecordState) -> None:
+        """Write the state of the record of a batch. The hash of an ended record never changes."""
+        last = self.trail.last(changes.RECORD, state.batch)
+        if state.broken or not has_ended(last):
+            self.trail.saw_state(changes.RECORD, state.batch, state.value)
+
     def finding(self) -> Finding:
         """Return the finding "Audit log" of the diagnostics."""
         if self._log is None:
@@ -167,6 +203,7 @@ class LineAudit:
             'path': str(self._log.path),
             'last_hash': self._log.last_hash,
             'nodes_to_be_read': len(self._unread),
+            'legal_software_sha256': legal_software().sha256,
         }
         altered, trouble = self._log.trouble(), self.trail.trouble
         restore = 'changes are refused: restore log and LOG.head, and start product again'

@@ -16,7 +16,7 @@ from checkweigher_core.settings_files import plain
 from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.audit_log import AuditError
 from checkweigher_production.audit_trail import Author
-from checkweigher_production.batch_record import RecordError
+from checkweigher_production.batch_record import ENDED, RecordError
 from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.nodes.line_audit import LineAudit
 from checkweigher_production.nodes.line_recipe import LineRecipe
@@ -157,10 +157,14 @@ class LineSelection:
 
         If an exception is raised, the previous batch continues.
         """
-        if not name or not self.batches.may_begin(name):
+        continues = bool(self.batches.doubt) and self.batches.has_record(name)
+        is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
+        if not name or is_known or not self.batches.may_begin(name):
             raise RecordError(f'batch {name!r}: a name that was not used before is needed')
         production = self.batches.production
-        finished = self._end_count(changes.BATCH, name, by)
+        # Items that are judged until the new batch begins belong to this one.
+        ended = production.current
+        self._end_count(changes.BATCH, name, by)
         before, production.batch = production.batch, name
         try:
             await self.recipe.change(batch=name)
@@ -173,7 +177,7 @@ class LineSelection:
             self.batches.keep(self.recipe.selected, anew=True)
         if production.product is not None:
             self.test.select(production.product, name)
-        return finished
+        return ended.summary(before)
 
     async def reset_counts(self, by: Author) -> Statistics:
         """Reset the counts of the product in this batch, and return the statistics before that."""
@@ -188,11 +192,12 @@ class LineSelection:
         return finished
 
     def ended_batches(self) -> Iterator[BatchResult]:
-        """Yield the results of ended batches, after writing their hashes to the audit log."""
-        for ended in self.batches.ended():
-            if self.audit.trail.last(changes.RECORD, ended.batch) != ended.sha256:
-                self.audit.trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
-                yield ended
+        """Write the states of records to the audit log, and yield the results of ended batches."""
+        for state in self.batches.states():
+            self.audit.write_state(state)
+            if state.event == ENDED and self.audit.trail.last(changes.REPORT, state.batch) is None:
+                record = str(self.batches.record_of(state.batch))
+                yield BatchResult(0, state.batch, record, state.sha256)
 
     def finding(self) -> Finding:
         """Return the finding "Recipe" of the diagnostics."""

@@ -17,7 +17,6 @@ from checkweigher_core.health.disk import DiskWatch, free_bytes
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.health.host_clock import HostClock
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
-from checkweigher_core.printable import one_line
 from checkweigher_core.records import (
     LoadCell,
     MassEstimate,
@@ -32,8 +31,8 @@ from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClien
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_production.alarms import AlarmList
+from checkweigher_production.audit_chain import name_predecessor
 from checkweigher_production.audit_log import AuditError, AuditLog
-from checkweigher_production.audit_trail import Author
 from checkweigher_production.batch_record import RecordError
 from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.nodes.line_audit import LineAudit
@@ -82,17 +81,19 @@ class ProductNode(StageNode[ProductParameters]):
                 find(known.recipes, known.product)
             log = self._files.enter_context(AuditLog(Path(known.audit_log))) if known.audit_log \
                 else None  # fmt: skip
+            if log is not None:
+                name_predecessor(log, self._time(), name)
             self._batches = LineBatches(known.batch, known.batch_folder, self._time, log)
         except (AuditError, SettingsError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
-        self._files.callback(self._batches.close)
         if known.recipes and log is None:
             self.get_logger().warning('product.audit_log is empty: no change is written down')
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
         self._audit = LineAudit(log, name, self._time, line, self._batches.has_record, self.warn)
         self._trail = self._audit.trail
+        self._files.callback(self._close_records)
         self._alarms = AlarmList(self._trail, self._stamp, self.output(ports.ALARMS).send)
         self._alarms.begin_run()
         self._files.callback(self._alarms.end_run)
@@ -190,7 +191,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _on_begin_test(self, request: Any, response: Any) -> Any:
         begin_or_cancel = self._test.cancel if request.cancel else self._test.begin
-        author = Author(one_line(request.who), one_line(request.reason))
+        author = self._audit.claimed_by(ports.BEGIN_TEST, request.who, request.reason)
         return await self._answer(response, begin_or_cancel(author), 'performance test')
 
     async def _advance_recipe(self) -> None:
@@ -214,6 +215,12 @@ class ProductNode(StageNode[ProductParameters]):
         self._alarms.add_verdict(verdict)
         if feedback := self._batches.feedback(verdict):
             self._feedback.send(feedback)
+
+    def _close_records(self) -> None:
+        """Close the record of the batch, and write its hash to the audit log."""
+        self._batches.close()
+        for state in self._batches.states():
+            self._audit.write_state(state)
 
     def _advance_records(self) -> None:
         """Publish the results of ended batches, and save product and batch if that has failed."""
@@ -251,6 +258,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _read_started(self) -> None:
         self._add_started()
+        self._audit.watch_clock(self._host_clock.reference)
         await self._audit.read_started()
 
     def diagnose(self, now: float) -> list[Finding]:

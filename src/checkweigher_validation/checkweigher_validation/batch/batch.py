@@ -3,23 +3,38 @@
 """Batch of items, from results, from a CSV file of results, or from a batch record."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import csv
 from dataclasses import dataclass, replace
 from enum import StrEnum
 import hashlib
 import io
+from itertools import islice
 import math
 from pathlib import Path
 from typing import Any
 
 from checkweigher_core.changes import ALARM, RECORD
+from checkweigher_core.printable import one_line
 from checkweigher_core.records import GRAMS, Alarm, Decision, FillerFeedback, Verdict
 from checkweigher_production.alarms import alarm_of
-from checkweigher_production.audit_log import Entry
-from checkweigher_production.batch_record import RecordError, read_events
+from checkweigher_production.audit_chain import LogChain
+from checkweigher_production.audit_log import FIRST_PREVIOUS, Entry
+from checkweigher_production.audit_words import software_in
+from checkweigher_production.batch_record import (
+    ENDED,
+    RecordError,
+    fault_of,
+    has_ended,
+    read_events,
+    record_path,
+    states_in,
+)
 from checkweigher_production.recipes import Product
 from checkweigher_validation.accuracy.results import ItemResult
+from checkweigher_validation.batch.counts import count_faults
+
+_MOST_FAULTS = 3  # largest number of faults in the counts of a record that are told
 
 
 class BatchError(ValueError):
@@ -27,7 +42,7 @@ class BatchError(ValueError):
 
 
 class InLog(StrEnum):
-    """Result of the comparison of the SHA-256 digest of a record with that in the audit log."""
+    """Result of the comparison of a record with its states in the audit log."""
 
     AGREES = 'agrees'
     DIFFERS = 'differs'
@@ -61,7 +76,7 @@ class Batch:
     """Items and events of a batch. An unknown text is empty."""
 
     name: str
-    source: str  # path of the file or the bag
+    source: str  # name of the file or the bag
     parts: tuple[Part, ...]
     sha256: str = ''  # SHA-256 digest of the file
     begin: str = ''  # ISO 8601
@@ -71,19 +86,51 @@ class Batch:
     changes: tuple[Entry, ...] = ()  # entries of the audit log during the batch except alarms
     alarms: tuple[Alarm, ...] = ()  # last state of each alarm that changed during the batch
     in_log: InLog | None = None  # None without an audit log
+    log: str = ''  # name of the audit log, with number and hash of its last entry
+    faults: tuple[str, ...] = ()  # reasons why the record cannot be trusted
     strays: int = 0  # number of items in the record that belong to another batch
+    software: str = ''  # SHA-256 of the legally relevant software, of the last start
+    after: str = ''  # hash of the last entry of the audit log before the batch
 
-    def with_log(self, entries: Sequence[Entry]) -> 'Batch':
-        """Return the batch with the changes and alarms in an audit log, and `in_log`."""
-        found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
-        in_log = InLog.ABSENT
-        if found:
-            in_log = InLog.AGREES if found[-1] == self.sha256 else InLog.DIFFERS
-        during = [e for e in entries if self.begin <= e.time <= (self.end or '~')]
+    def with_log(self, logs: LogChain, data: bytes) -> 'Batch':
+        """Return the batch with its changes and alarms in the audit logs, and `in_log`.
+
+        `data` is the content of the record.
+        """
+        states = states_in(logs.entries, self.name)
+        faults = [logs.fault] if logs.fault else []
+        fault = fault_of(data, states)
+        if not states:
+            faults.append('the audit log does not know this batch')
+        elif self.end and not any(each.event == ENDED for each in states):
+            fault = fault or 'it has an end of which the audit log does not know'
+        if fault:
+            faults.append(fault)
+        first, last_one = self._span_of(logs.entries)
+        during = logs.entries[first:last_one]
         alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
         last = {(alarm.source, alarm.reason, alarm.first): alarm for alarm in alarms}
-        changes = tuple(e for e in during if e.kind != ALARM)
-        return replace(self, changes=changes, alarms=tuple(last.values()), in_log=in_log)
+        in_log = InLog.DIFFERS if fault else InLog.AGREES if states else InLog.ABSENT
+        return replace(
+            self,
+            changes=tuple(e for e in during if e.kind != ALARM),
+            alarms=tuple(last.values()),
+            in_log=in_log,
+            log=logs.identity,
+            software=software_in(logs.entries[:last_one]),
+            faults=(*self.faults, *faults),
+        )
+
+    def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
+        """Return the span of the entries from the begin to the end of the batch in the sequence.
+
+        Times would leave out entries if the clock was set back.
+        """
+        own = [n for n, e in enumerate(entries) if (e.kind, e.subject) == (RECORD, self.name)]
+        begin = [n for n, e in enumerate(entries) if e.hash == self.after]
+        ends = [n for n in own if has_ended(entries[n].new)]
+        first = begin[0] + 1 if begin else 0 if self.after == FIRST_PREVIOUS else (own or [0])[0]
+        return first, ends[0] + 1 if ends else None
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:
@@ -109,7 +156,7 @@ def read_csv(path: Path, product: Product) -> Batch:
         except (KeyError, TypeError, ValueError) as error:
             raise BatchError(f'{path}:{rows.line_num}: is no item: {error}') from None
     parts = (Part(product, tuple(items)),)
-    return Batch(path.stem, str(path), parts, sha256=hashlib.sha256(data).hexdigest())
+    return Batch(path.stem, path.name, parts, sha256=hashlib.sha256(data).hexdigest())
 
 
 def read_record(path: Path) -> Batch:
@@ -118,7 +165,8 @@ def read_record(path: Path) -> Batch:
     products = {'': Product('', math.nan)}
     items: dict[str, list[BatchItem]] = defaultdict(list)
     strays = 0
-    for number, (kind, event) in enumerate(read_events(path), 1):
+    events = list(read_events(path))
+    for number, (kind, event) in enumerate(events, 1):
         if kind == 'product':
             products[event.name] = event
         elif kind != 'verdict':
@@ -136,15 +184,24 @@ def read_record(path: Path) -> Batch:
     begin, end = lines['begin'][-1], (lines['end'] or [{}])[-1]
     return Batch(
         begin['batch'],
-        str(path),
+        path.name,
         tuple(Part(products[name], tuple(each)) for name, each in items.items()),
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
         begin=str(begin['time']),
         end=str(end.get('time', '')),
         stops=tuple(lines['stop']),
         corrections=tuple(lines['filler']),
+        faults=tuple(_faults(path, begin['batch'], events)),
         strays=strays,
+        after=str(begin.get('audit_hash', '')),
     )
+
+
+def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterator[str]:
+    """Yield the reasons why a record cannot be trusted, as far as it tells itself."""
+    if record_path(path.parent, batch).name != path.name:
+        yield f'it is the record of batch {one_line(batch)!r}, so it has the name of another one'
+    yield from islice(count_faults(events), _MOST_FAULTS)
 
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:

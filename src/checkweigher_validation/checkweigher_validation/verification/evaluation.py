@@ -287,6 +287,8 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
     yield from _reference_departures(procedure.plan)
     if not procedure.identity.get('audit_log_sha256'):
         yield 'No audit log was read, which would show changes between the steps.'
+    yield from procedure.conflicts
+    yield from _foreign_cell(procedure)
     if procedure.changes is None:
         yield 'Parameters and audit log were not read again after the last step.'
     yield from procedure.changes or ()
@@ -297,6 +299,21 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
             yield f'Step {name} followed no zeroing; it was compared with the zero of calibration.'
         if result.attempts > 1 and result.number == 1:
             yield f'Step {name} was made {result.attempts} times; the last one counts.'
+
+
+def _foreign_cell(procedure: Procedure) -> Iterator[str]:
+    """Yield a sentence if the stream is of another device than the load cell of the plan.
+
+    The serial number in a stream is that of the load cell or, if it is digital, of its amplifier.
+    """
+    plan, own = procedure.plan, procedure.load_cell
+    planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
+    if own.serial_number not in filter(None, planned):
+        named = f'{own.model} {own.serial_number}'.strip() or 'a device without a serial number'
+        yield (
+            f'The stream is of {named}, the plan has load cell {planned[0] or "?"} and amplifier '
+            f'{planned[1] or "?"}.'
+        )
 
 
 def _missing_tests(plan: Plan) -> Iterator[str]:

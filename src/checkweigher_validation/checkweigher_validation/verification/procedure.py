@@ -13,7 +13,6 @@ import numpy as np
 from checkweigher_core.recording import BlockColumns, Recording
 from checkweigher_core.records import (
     NANOSECONDS,
-    Decision,
     LoadCell,
     MassEstimate,
     StepState,
@@ -21,13 +20,13 @@ from checkweigher_core.records import (
     VerificationStep,
     ZeroChange,
 )
-from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.results import mcap_digest, read_records
 from checkweigher_validation.verification.plan import Plan, read_plan
+from checkweigher_validation.verification.reweighing import conflicts, is_weighed
 from checkweigher_validation.verification.steps import Step, steps_of
 
 # Keys of the identity in a bag, which has the program that recorded the bag, and digests of files.
@@ -40,6 +39,7 @@ IDENTITY = (
     'audit_log_last_hash',
     'how',
 )
+OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
 
@@ -96,6 +96,8 @@ class Procedure:
     faults_between: tuple[ItemPass, ...] = ()  # items without a mass that belong to no attempt.
     # A sentence for each change of settings since the first step, or None if this is unknown.
     changes: tuple[str, ...] | None = ()
+    # A sentence for each conflict between verdicts, estimates and samples.
+    conflicts: tuple[str, ...] = ()
 
 
 def read_procedure(path: Path) -> Procedure:
@@ -137,6 +139,16 @@ def read_procedure(path: Path) -> Procedure:
         digest=mcap_digest(path),
         faults_between=tuple(_faults_between(passes, attempts)),
         changes=None if changes is None else tuple(changes),
+        conflicts=tuple(
+            conflicts(
+                recording,
+                found[ports.MASS_ESTIMATE.name],
+                found[ports.VERDICT.name],
+                known,
+                plan.accuracy_class.interval,
+                [m.stamp for m in made if m.state == StepState.BEGUN and known['how'] == OF_BAGS],
+            )
+        ),
     )
 
 
@@ -152,14 +164,10 @@ def item_passes(
 
 
 def item_pass(verdict: Verdict, speed: float) -> ItemPass:
-    """Return the pass of a verdict, which has no mass if the decision is FAULT.
-
-    The reason NoProduct is an exception, because the item was weighed and only limits are missing.
-    """
-    fault = verdict.decision == Decision.FAULT and verdict.reasons != (Reason.NO_PRODUCT.value,)
-    fault |= not math.isfinite(verdict.mass)
-    reasons = tuple(verdict.reasons) or ('Unknown',) if fault else ()
-    mass, std_dev = (math.nan, math.nan) if fault else (verdict.mass, verdict.std_dev)
+    """Return the pass of a verdict, without a mass if the item was not weighed."""
+    weighed = is_weighed(verdict)
+    reasons = () if weighed else tuple(verdict.reasons) or ('Unknown',)
+    mass, std_dev = (verdict.mass, verdict.std_dev) if weighed else (math.nan, math.nan)
     return ItemPass(verdict.t1 or verdict.t3 or 0, mass, std_dev, speed, reasons)
 
 

@@ -13,8 +13,10 @@ import pytest
 from checkweigher_core.records import Decision, FillerFeedback, StopRequest, Verdict
 from checkweigher_core.records.reasons import StopReason
 from checkweigher_core.settings_files import settings_of
-from checkweigher_production.audit_log import Entry
-from checkweigher_production.batch_record import RecordError, RecordWriter
+from checkweigher_dsp.rejection.batch_rules import BatchTally, count
+from checkweigher_production.audit_chain import LogChain
+from checkweigher_production.audit_log import Entry, Verification
+from checkweigher_production.batch_record import RecordError, RecordState, RecordWriter
 from checkweigher_production.recipes import Product
 from checkweigher_production.reference_method import SamplingPlan
 from checkweigher_validation.batch.batch import BatchError, read_csv, read_record
@@ -25,25 +27,40 @@ TARE = 0.004
 TINS = settings_of(Product, {'nominal': 0.1, 'tare': TARE, 'tu1_quota': 0.025}, 'tins <b>')
 
 
-def verdict(number: int, decision: Decision, contents: float, *reasons: str) -> Verdict:
-    return Verdict(
-        number,
-        number * 10**9,
-        decision,
-        reasons,
-        contents + TARE,
-        product=TINS.name,
-        batch='L1',
-        batch_items=number,
-    )
+class Line:
+    """Items of the batch L1 with the counts that the reject node gives them."""
+
+    def __init__(self) -> None:
+        self._tally = BatchTally(TINS.name, 'L1')
+
+    def verdict(self, number: int, decision: Decision, contents: float, *reasons: str) -> Verdict:
+        on_line, mass = TINS.on_line('L1'), contents + TARE
+        accepted = decision is Decision.ACCEPT
+        self._tally = count(mass, self._tally, on_line, accepted=accepted)
+        counts = {'product': TINS.name, 'batch': 'L1', **self._tally.counts}
+        return Verdict(number, number * 10**9, decision, reasons, mass, **counts)
+
+
+def logs_of(*entries: Entry) -> LogChain:
+    return LogChain(((Path('audit.log'), Verification(entries)),))
+
+
+def entry(number: int, kind: str, subject: str, new: object, time: str = '', **more: str) -> Entry:
+    return Entry(number, time, '/product', kind, subject, None, new, '', f'hash {number}', **more)
+
+
+def ended(number: int, subject: str, data: bytes) -> Entry:
+    state = RecordState(subject, 'ended', hashlib.sha256(data).hexdigest(), len(data))
+    return entry(number, 'record', subject, state.value)
 
 
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
     """Write a batch of 120: 118 accepted, of 100 g and 102 g in turn but one of 95 g."""
     writer = RecordWriter(tmp_path)
-    writer.begin('L1', '2026-01-01T10:00:00')
+    writer.begin('L1', '2026-01-01T10:00:00', audit_hash='hash 1')
     writer.write('product', asdict(TINS))
+    verdict = Line().verdict
     for number in range(1, 119):
         contents = 0.095 if number == 7 else 0.1 + 0.002 * (number % 2)
         writer.write('verdict', verdict(number, Decision.ACCEPT, contents))
@@ -55,9 +72,8 @@ def record(tmp_path: Path) -> Path:
     writer.write('stop', {'time': '2026-01-01T10:30:00', **asdict(stop)})
     writer.write('filler', FillerFeedback(1, 'tins <b>', 10, 10, 0.1, 0.101, -5e-4, -5e-4))
     writer.end('2026-01-01T11:00:00')
-    ended = writer.ended.get(timeout=60)
     writer.close()
-    return Path(ended.record)
+    return tmp_path / 'L1.jsonl'
 
 
 def test_the_figures_of_a_record_are_those_of_its_items(record: Path):
@@ -83,26 +99,26 @@ def test_the_figures_of_a_record_are_those_of_its_items(record: Path):
 
 
 def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(record: Path):
-    entries = [
-        Entry(number, f'2026-01-01T{hour}:30:00', '/reject', 'parameter', 'limit', 1, 2, '')
-        for number, hour in ((1, '09'), (2, 10), (3, 12))
-    ]
     alarm = {'source': 'fault', 'reason': 'NoLoad<b>', 'text': '', 'first': 0, 'last': 10**9}
-    for count in (1, 2):
-        new = alarm | {'count': count}
-        entries.append(Entry(4, '2026-01-01T10:31:00', '/product', 'alarm', '', None, new, ''))
-    batch = read_record(record).with_log(entries)
-    assert [(each.count, each.last) for each in batch.alarms] == [(2, 10**9)]
-    assert [each.sequence for each in batch.changes] == [2]
+    limits = [entry(number, 'parameter', 'limit', 60 * '2') for number in (1, 2, 6)]
+    alarms = [entry(number, 'alarm', '', alarm | {'count': number}) for number in (3, 4)]
+    back = entry(5, 'parameter', 'limit', 3, '2025-01-01', who='anna', why='<i>ripe')
+    data = record.read_bytes()
+    entries = [*limits[:2], *alarms, back, ended(6, 'L1', data), limits[2]]
+    batch = read_record(record).with_log(logs_of(*entries), data)
+    assert [(each.count, each.last) for each in batch.alarms] == [(4, 10**9)]
+    # Also with a clock that was set back: the order of the log counts.
+    assert [each.sequence for each in batch.changes] == [2, 5, 6]
     parts = [figures_of(each, seed=1) for each in batch.parts]
     made = json.loads(json.dumps(as_json(batch, parts), allow_nan=False))
     test = made['products'][0]['reference_test']
     assert (test['plan'], test['k']) == ('double', 0.503)
     assert made['products'][0]['control_chart']['centre'] == pytest.approx(0.101, abs=2e-4)
     assert (made['stops'][0]['reason'], made['filler'][0]['step']) == ('TooManyRejects', -5e-4)
-    assert [each['sequence'] for each in made['changes']] == [2]
-    assert [each['count'] for each in made['alarms']] == [2]
-    assert made['sha256_in_audit_log'] == 'not in the log'
+    assert [each['sequence'] for each in made['changes']] == [2, 5, 6]
+    assert [each['count'] for each in made['alarms']] == [4]
+    assert (made['sha256_in_audit_log'], made['faults']) == ('agrees', [])
+    assert made['audit_log'] == 'audit.log, 7 entries, the last one has the hash hash 6'
     page = render_batch(batch, parts)
     assert page == render_batch(batch, parts)
     for text in (
@@ -111,6 +127,10 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
         batch.sha256,
         'TU1Quota',
         'parameter limit',
+        60 * '2',
+        'anna',
+        '&lt;i&gt;ripe',
+        batch.log,
         'fault NoLoad&lt;b&gt;',
         '1970-01-01T00:00:01.000000+00:00',
     ):
@@ -120,24 +140,51 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
     assert page.count('<svg') == 2
 
 
-def test_a_record_is_held_to_the_latest_hash_that_the_log_has_of_its_batch(record: Path):
-    batch = read_record(record)
+def test_a_record_is_held_to_what_the_log_has_of_its_batch(record: Path):
+    batch, data = read_record(record), record.read_bytes()
     assert as_json(batch, [])['sha256_in_audit_log'] is None
     assert as_json(batch, [])['products'] == []
-
-    def ended(number: int, subject: str, sha256: str) -> Entry:
-        return Entry(number, '2026-01-01T11:00:01', '/product', 'record', subject, None, sha256, '')
-
-    ours, other = batch.sha256, 64 * '0'
-    for entries, expected in (
-        ([], 'not in the log'),
-        ([ended(1, 'L2', ours)], 'not in the log'),
-        ([ended(1, 'L1', other), ended(2, 'L1', ours), ended(3, 'L2', other)], 'agrees'),
-        ([ended(1, 'L1', ours), ended(2, 'L1', other)], 'differs'),
+    old = entry(1, 'record', 'L1', batch.sha256)  # as older versions wrote
+    begun = entry(1, 'record', 'L1', {'event': 'begun', 'sha256': 64 * '0', 'size': 10})
+    nothing = hashlib.sha256().hexdigest()
+    empty = entry(1, 'record', 'L1', {'event': 'begun', 'sha256': nothing, 'size': 0})
+    for entries, expected, fault in (
+        ([], 'not in the log', 'the audit log does not know this batch'),
+        ([ended(1, 'L2', data)], 'not in the log', 'the audit log does not know this batch'),
+        ([ended(1, 'L1', data), ended(2, 'L2', b'')], 'agrees', None),
+        ([old], 'agrees', None),
+        ([ended(1, 'L1', data), ended(2, 'L1', data[1:])], 'differs', 'its first'),
+        ([begun, ended(2, 'L1', data)], 'differs', 'its first 10 bytes are not as they were'),
+        ([empty], 'differs', 'it has an end of which the audit log does not know'),
     ):
-        held = batch.with_log(entries)
+        held = batch.with_log(logs_of(*entries), data)
         assert as_json(held, [])['sha256_in_audit_log'] == expected
-        assert ('not as it was when' in render_batch(held, [])) == (expected == 'differs')
+        assert [each[: len(fault or '')] for each in held.faults] == ([fault] if fault else [])
+        assert ('class="failed"' in render_batch(held, [])) == bool(fault)
+
+
+def test_counts_that_are_not_those_of_the_items_are_told(tmp_path: Path, record: Path):
+    for old, new, fault in (
+        ('"UNDER"', '"ACCEPT"', 'line 121: item 119: its verdict counts 118 accepted'),
+        (f'"mass":{0.095 + TARE}', '"mass":0.105', 'line 9: item 7: its verdict counts 1 below'),
+        (
+            f'"mass":{0.1 + TARE},',
+            '"mass":0.105,',
+            'line 4: item 2: the masses',
+        ),
+        (
+            '"batch":"L1","batch_items":5',
+            '"batch":"L2","batch_items":5',
+            'line 8: item 6: its verd',
+        ),
+    ):
+        path = tmp_path / 'forged' / 'L1.jsonl'
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(record.read_text().replace(old, new, 1))
+        assert fault in read_record(path).faults[0]
+    renamed = record.rename(tmp_path / 'L2.jsonl')
+    (fault,) = read_record(renamed).faults
+    assert fault == "it is the record of batch 'L1', so it has the name of another one"
 
 
 def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Path):
@@ -172,7 +219,7 @@ def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Pa
 )
 def test_a_record_with_a_bad_line_is_refused_with_its_number(record: Path, old, new, why):
     lines = record.read_text().splitlines(keepends=True)
-    lines[3] = re.sub(r',"crc32":\d+', '', re.sub(old, new, lines[3]))  # as older versions wrote
+    lines[3] = re.sub(old, new, lines[3])
     record.write_text(''.join(lines))
     with pytest.raises(RecordError, match=rf'L1\.jsonl:4: {why}'):
         read_record(record)

@@ -5,7 +5,7 @@
 from dataclasses import replace
 import math
 
-from made_procedure import IDENTITY, PLAN, START, attempt_of, procedure_of
+from made_procedure import CELL, IDENTITY, PLAN, START, attempt_of, procedure_of
 import pytest
 
 from checkweigher_core.records import ZeroChange
@@ -172,7 +172,8 @@ def whole_procedure(text: str = EXAMPLE) -> Procedure:
             item = replace(item, mass=math.nan, reasons=('BeltSpeed',))
         passes = () if step.at_rest else (item,) * step.count
         attempts.append(Attempt(step, begin, begin + 1, passes, reading))
-    return procedure_of(*attempts, zeros=[ZeroChange(START, 0.0, 0.0, 1e-6)], plan=text)
+    made = procedure_of(*attempts, zeros=[ZeroChange(START, 0.0, 0.0, 1e-6)], plan=text)
+    return replace(made, load_cell=replace(CELL, serial_number=plan.amplifier['serial']))
 
 
 def test_only_a_whole_verification_without_departures_is_passed():
@@ -192,6 +193,8 @@ def test_only_a_whole_verification_without_departures_is_passed():
         (whole_procedure(uncertain), 'undecided'),
         (replace(whole, attempts=(*others, beyond, last)), 'undecided'),
         (replace(whole, zeros=()), 'undecided'),
+        (replace(whole, load_cell=CELL), 'undecided'),
+        (replace(whole, conflicts=('1 mass is not that of the samples.',)), 'undecided'),
         (replace(whole, changes=('It changed.',)), 'undecided'),
         (replace(whole, identity={**IDENTITY, 'audit_log_sha256': None}), 'undecided'),
     ):

@@ -32,7 +32,12 @@ OPTIONS = (
     ),
     ('--output DIR', Path, 'new folder for the reports, the bag and the parameters'),
     PARAMS,
-    ('--audit LOG', Path, 'audit log of the line, whose digest is reported'),
+    (
+        '--log,--audit LOG',
+        Path,
+        'audit log of the line, which is named in the report; with --from, it has to know the bag',
+        {'dest': 'audit'},
+    ),
     NAMESPACE,
 )
 

@@ -25,6 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_core.changes import BACKUP
     from checkweigher_core.records import utc
     from checkweigher_production.audit_log import AuditLog
+    from checkweigher_production.audit_trail import CLAIMED
 
     count = restore_backup(arguments.archive, arguments.folder)
     print(f'{arguments.folder}: {count} files, each with its SHA-256')
@@ -37,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
         digest = hashlib.file_digest(file, 'sha256').hexdigest()
     value = {'file': arguments.archive.name, 'sha256': digest}
     with AuditLog(path) as log:
-        who = arguments.who or getuser()
+        who = CLAIMED + (arguments.who or getuser())
         now = utc(time.time_ns())
         entry = log.append(now, 'restore', BACKUP, 'folder', None, value, who)
     print(f'entry {entry.sequence} says that it was restored; its hash is {entry.hash}')

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the changes. Return 1 if the chain is broken or contradicts the seals, otherwise 0."""
     from checkweigher_production.audit_log import read_log
     from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
-    from checkweigher_production.audit_words import conclusion
+    from checkweigher_production.audit_words import conclusion, steps_back
 
     found = read_log(arguments.log, _noted_hash(arguments.hash))
     seals_file = arguments.seals or seals_path(arguments.log)
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(_as_json(found, seals), indent=2))
     else:
-        print('\n'.join([*_table(found.entries), conclusion(found)]))
+        print('\n'.join([*_table(found.entries), *steps_back(found.entries), conclusion(found)]))
         if seals and found.whole:
             print(sealing(seals, found.entries))
     if found.whole and arguments.seal:
@@ -93,11 +93,11 @@ def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
     from checkweigher_core.printable import one_line
     from checkweigher_production.audit_words import changes, shortened
 
-    yield f'{"entry":>5}  {"time":26}  {"who":16}  {"kind":11}  what: old -> new, why'
+    yield f'{"entry":>5}  {"time, UTC":32}  {"who":16}  {"kind":11}  what: old -> new, why'
     for entry in entries:
         for what, old, new in changes(entry):
-            time, kind = shortened(entry.time)[:26], shortened(entry.kind)
-            begin = f'{entry.sequence:>5}  {time:26}  {shortened(entry.who):16}'
+            time, kind = shortened(entry.time), shortened(entry.kind)
+            begin = f'{entry.sequence:>5}  {time:32}  {shortened(entry.who):16}'
             change = f'{one_line(what)}: {shortened(old)} -> {shortened(new)}'
             why = f', {shortened(entry.why)}' if entry.why else ''
             yield f'{begin}  {kind:11}  {change}{why}'

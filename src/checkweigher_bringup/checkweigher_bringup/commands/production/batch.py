@@ -23,7 +23,12 @@ _PLANS = (
 )
 OPTIONS = (
     ('source BATCH', Path, _SOURCE),
-    ('--audit LOG', Path, 'audit log with the changes; default the one that the record names'),
+    (
+        '--log,--audit LOG',
+        Path,
+        'audit log that vouches for the record; default audit.log of the folder of the machine',
+        {'dest': 'log'},
+    ),
     ('--seed S', int, 'draws the samples of the reference test; default 1', 1),
     ('--sampling', ('double', 'single'), _PLANS, 'double'),
     'the product, which a record has itself',
@@ -45,13 +50,12 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Print the figures, and write the files.
 
-    Returns 1 if the hash of the record differs from that in the audit log, otherwise 0.
+    Returns 1 if the record cannot be trusted or the batch does not meet a rule, otherwise 0.
     """
-    from checkweigher_bringup.batch_report import batch_lines, write_report
+    from checkweigher_bringup.batch_report import batch_lines, fails, write_report
     from checkweigher_bringup.output import check_output_file
     from checkweigher_core.whole_file import is_stream
     from checkweigher_production.reference_method import SamplingPlan
-    from checkweigher_validation.batch.batch import InLog
     from checkweigher_validation.batch.figures import figures_of
 
     html, json_file = arguments.html, arguments.json
@@ -66,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = [figures_of(part, arguments.seed, plan) for part in batch.parts]
     print('\n'.join(batch_lines(batch, parts)))
     write_report(batch, parts, html, json_file)
-    return 1 if batch.in_log is InLog.DIFFERS else 0
+    return int(fails(batch, parts))
 
 
 def _read(arguments: argparse.Namespace) -> 'Batch':
@@ -77,8 +81,8 @@ def _read(arguments: argparse.Namespace) -> 'Batch':
     if arguments.source.suffix == '.jsonl':
         why = 'the record of a batch has its product and its masses'
         refuse(arguments, why, 'nominal', 'recipes', 'product', 'params', 'estimator', 'lane')
-        return read_recorded(arguments.source, arguments.audit)
-    refuse(arguments, 'only the record of a batch says from when to when it lasted', 'audit')
+        return read_recorded(arguments.source, arguments.log)
+    refuse(arguments, 'only the record of a batch is compared with an audit log', 'log')
     product = _product(arguments)
     if arguments.source.suffix == '.csv':
         return read_csv(arguments.source, product)
@@ -95,7 +99,8 @@ def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
     if arguments.recipes is not None:
         parameters = parameters.with_values(product.stage_values())
     results = weigh(read_with_warning(arguments.source, arguments.lane), parameters, progress=True)
-    return of_results(arguments.source.name, str(arguments.source), results, product)
+    name = arguments.source.resolve().name
+    return of_results(name, name, results, product)
 
 
 def _product(arguments: argparse.Namespace) -> 'Product':

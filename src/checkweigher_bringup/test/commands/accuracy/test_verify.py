@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verifications of simulated machines from recorded steps: one that passes and one that fails."""
 
+from dataclasses import replace
 import hashlib
 import json
 from pathlib import Path
@@ -17,10 +18,12 @@ from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands.accuracy import verify as verify_command
 from checkweigher_bringup.settings import line_parameters
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
+from checkweigher_core.ros import ports
 from checkweigher_production.audit_log import AuditLog
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.bags.results import mcap_digest, read_records
+from checkweigher_recording.bags.writing import BagWriter, write_bag
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_validation.verification.plan import EXAMPLE
 
@@ -63,6 +66,11 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
     assert (status, report['verdict']) == (1, 'incomplete')
     assert 'Step passes_60_small has 12 weighings, 60 are asked for.' in report['departures']
     assert any('followed no zeroing' in each for each in report['departures'])
+    assert (
+        'The stream is of simulated S-1, the plan has load cell LC-1 and amplifier AD-1.'
+        in (report['departures'])
+    )
+    assert not any('mass' in each for each in report['departures'])
     assert report['counts'] == {'passed': len(bags), 'failed': 0, 'not_made': 0}
 
     # What `weigh` says of each bag alone, with the statistics of numpy.
@@ -112,6 +120,45 @@ def test_a_machine_that_shows_too_much_fails_where_it_does(plan: Path, tmp_path:
     assert 'Step eccentricity_right was not made.' in report['departures']
     shown = (tmp_path / 'out' / 'report.html').read_text()
     assert '<p class="verdict failed">failed</p>' in shown
+
+
+def test_masses_that_are_not_those_of_the_samples_are_told(plan: Path, tmp_path: Path):
+    bags = record_steps(tmp_path / 'steps', FEW, ('passes_60_middle',))
+    verify(plan, bags, tmp_path / 'out')
+    made = tmp_path / 'out' / 'bag'
+    results = ports.VERIFICATION, ports.MASS_ESTIMATE, ports.VERDICT
+    found, recording = read_records(made, *results), read_bag(made)
+    begin = found[ports.VERIFICATION.name][0].stamp
+    samples = {SampleBlock: ports.LOAD_CELL_SAMPLES, EyeEdge: ports.PHOTO_EYES}
+    records: list[tuple[int, ports.Port, Any]] = [
+        (begin, ports.LOAD_CELL_INFO, recording.load_cell),
+        *((each.stamp, samples[type(each)], each) for each in recording if type(each) in samples),
+        *(
+            (getattr(e, 'stamp', None) or e.t3, port, e)
+            for port in results
+            for e in found[port.name]
+        ),
+    ]
+    for patched, told in (
+        ((ports.VERDICT,), '12 verdicts have another mass than their estimate: item 1: '),
+        ((ports.VERDICT, ports.MASS_ESTIMATE), '12 masses are not those of the samples: '),
+    ):
+        forged = tmp_path / f'forged_{len(patched)}'
+        with BagWriter(forged, ports.RECORDED) as writer:
+            for stamp, port, record in sorted(records, key=lambda each: each[0]):
+                new = replace(record, mass=record.mass + 6e-5) if port in patched else record
+                writer.put_record(port, stamp, new)
+        done = run_here('verify', '--from', forged, '--output', tmp_path / f'{forged.name}_report')
+        report = json.loads((tmp_path / f'{forged.name}_report/report.json').read_text())
+        assert any(told in each for each in report['departures']), report['departures']
+    log = tmp_path / 'audit.log'
+    with AuditLog(log) as audit:
+        value = {'verdict': 'passed', 'bag': mcap_digest(forged)}
+        audit.append('2026-05-28', '/product', 'verification', 'v', None, value)
+    for bag, said in ((forged, 'but it was passed'), (tmp_path / 'out/bag', 'no verification')):
+        again = tmp_path / f'again {said}'
+        done = run_here('verify', '--from', bag, '--log', log, '--output', again)
+        assert (done.returncode, said in done.stdout) == (1, True), done.stdout
 
 
 def test_a_fault_that_is_a_pass_of_no_step_is_in_the_report(plan: Path, tmp_path: Path):

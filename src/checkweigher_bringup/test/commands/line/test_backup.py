@@ -77,7 +77,7 @@ def test_a_restored_folder_gives_the_same_masses_and_its_log_says_so(machine: Pa
     log = read_log(restored / 'audit.log')
     assert log.whole
     assert [entry.kind for entry in log.entries] == ['parameter', 'parameter', 'backup']
-    assert (log.entries[-1].who, log.entries[-1].new['file']) == ('ann', 'backup.tar')
+    assert (log.entries[-1].who, log.entries[-1].new['file']) == ('claimed:ann', 'backup.tar')
     assert (restored / 'audit.log').read_bytes().startswith(before['audit.log'])
     after = content(restored)
     for name in ('audit.log', 'audit.log.head'):

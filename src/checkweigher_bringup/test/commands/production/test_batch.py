@@ -11,6 +11,7 @@ from running import BAGS, ROOT
 
 from checkweigher_core.records import Decision, Verdict
 from checkweigher_core.settings_files import settings_of
+from checkweigher_dsp.rejection.batch_rules import BatchTally, count
 from checkweigher_production.audit_log import AuditLog
 from checkweigher_production.batch_record import RecordWriter
 from checkweigher_production.recipes import Product
@@ -24,7 +25,8 @@ def test_a_bag_and_its_csv_are_the_same_batch(tmp_path: Path):
     assert run_here('weigh', bag, '--csv', masses).returncode == 0
     of_bag = run_here('batch', bag, '--nominal', 130, '--html', html, '--json', from_bag)
     of_csv = run_here('batch', masses, '--nominal', 130, '--json', from_csv)
-    assert (of_bag.returncode, of_csv.returncode) == (0, 0), of_bag.stderr + of_csv.stderr
+    # A batch of five masses meets no rule.
+    assert (of_bag.returncode, of_csv.returncode) == (1, 1), of_bag.stderr + of_csv.stderr
     assert 'batch paper_60, batch: 25 items: 25 ACCEPT' in of_bag.stdout
     assert '\n  reference test, double sampling: ' in of_bag.stdout
     assert of_bag.stdout.splitlines()[1:] == of_csv.stdout.splitlines()[1:]
@@ -35,46 +37,71 @@ def test_a_bag_and_its_csv_are_the_same_batch(tmp_path: Path):
     assert html.read_text().count('<svg') == 2
 
 
-def test_a_record_that_was_changed_differs_from_the_audit_log(tmp_path: Path):
-    log = tmp_path / 'audit.log'
-    writer = RecordWriter(tmp_path)
-    writer.begin('L1', '2026-05-28T06:00:00', audit_log=str(log))
-    writer.write('product', asdict(settings_of(Product, {'nominal': 0.1}, 'tins')))
-    for number in (1, 2):
-        writer.write(
-            'verdict',
-            Verdict(number, number, Decision.ACCEPT, mass=0.1, product='tins', batch='L1'),
-        )
-    writer.end('2026-05-28T07:00:00')
-    ended = writer.ended.get(timeout=60)
-    writer.close()
+def write_machine(folder: Path) -> tuple[Path, Path]:
+    """Write the record and the audit log of a batch as a line does; return their paths."""
+    log, tins = folder / 'audit.log', settings_of(Product, {'nominal': 0.1}, 'tins')
+    folder.mkdir()
     with AuditLog(log) as audit:
         audit.append('2026-05-28T05:00:00', '/product', 'selection', 'product', None, 'tins')
-        status, said, made = report(Path(ended.record), tmp_path / '1.json')
-        assert (status, made) == (0, 'not in the log')
-        assert 'is not in the audit log' in said
-        audit.append('2026-05-28T07:00:01', '/product', 'record', 'L1', None, ended.sha256)
-    status, said, made = report(Path(ended.record), tmp_path / '2.json')
-    assert (status, made) == (0, 'agrees')
-    assert 'agrees with the audit log' in said
+        writer = RecordWriter(folder / 'batches')
+        writer.begin('L1', '2026-05-28T06:00:00', audit_log=str(log), audit_hash=audit.last_hash)
+        writer.write('product', asdict(tins))
+        tally = BatchTally('tins', 'L1')
+        for number in (1, 2):
+            tally = count(0.1, tally, tins.on_line('L1'), accepted=True)
+            of_batch = {'product': 'tins', 'batch': 'L1', **tally.counts}
+            writer.write('verdict', Verdict(number, 1, Decision.ACCEPT, mass=0.1, **of_batch))
+        writer.end('2026-05-28T07:00:00')
+        writer.close()
+        while not writer.states.empty():
+            value = writer.states.get().value
+            audit.append('2026-05-28T07:00:01', '/product', 'record', 'L1', None, value)
+    return folder / 'batches/L1.jsonl', log
 
-    lines = Path(ended.record).read_text().splitlines(keepends=True)
-    Path(ended.record).write_text(''.join([*lines[:3], *lines[4:]]))  # an item less
-    status, said, made = report(Path(ended.record), tmp_path / '3.json')
-    assert (status, made) == (1, 'differs')
-    assert 'DIFFERS' in said
-    assert '1 items: 1 ACCEPT' in said
+
+def test_a_record_is_trusted_as_far_as_the_log_of_the_machine_vouches_for_it(tmp_path: Path):
+    record, log = write_machine(tmp_path / 'machine')
+    said = report(record, 0)
+    assert 'agrees with the audit log audit.log, 3 entries, the last one has the hash ' in said
+    elsewhere = tmp_path / 'elsewhere' / 'L1.jsonl'
+    elsewhere.parent.mkdir()
+    elsewhere.write_bytes(record.read_bytes())
+    assert 'there is no audit log to compare it with' in report(elsewhere, 1)
+    assert report(elsewhere, 0, '--log', log) == said
+    pages = []
+    for path in (record, elsewhere):
+        html, numbers = path.with_suffix('.html'), path.with_suffix('.json')
+        report(path, 0, '--log', log, '--html', html, '--json', numbers)
+        pages.append((html.read_bytes(), numbers.read_bytes()))
+    assert pages[0] == pages[1]
+
+    # A log of the forger, which the record names, is not the log of the machine.
+    forged, own = write_machine(tmp_path / 'forger')
+    forged.write_text(forged.read_text().replace('"ACCEPT"', '"UNDER"'))
+    (tmp_path / 'machine/batches/L1.jsonl').write_bytes(forged.read_bytes())
+    assert 'does NOT agree' in report(record, 1)
+    assert 'line 3: it or a line before it is not as it was' in report(record, 1, '--log', own)
+    record.write_bytes(elsewhere.read_bytes())
+    log.write_bytes(log.read_bytes().replace(b'tins', b'tons'))
+    assert 'the audit log audit.log is not whole: line 1: changed' in report(record, 1)
+    assert 'No such file' in refused('batch', record, '--log', tmp_path / 'nothing')
 
 
-def report(record: Path, output: Path) -> tuple[int, str, str]:
-    found = run_here('batch', record, '--json', output)
-    assert found.stderr == ''
-    return found.returncode, found.stdout, json.loads(output.read_text())['sha256_in_audit_log']
+def test_a_batch_that_does_not_meet_a_rule_has_status_1(tmp_path: Path):
+    masses = tmp_path / 'masses.csv'
+    masses.write_text('item_id,t3,mass_g,decision,reasons\n1,1.0,99,ACCEPT,\n')
+    assert 'mean NOT met' in report(masses, 1, '--nominal', 100)
+
+
+def report(record: Path, status: int, *options: object) -> str:
+    found = run_here('batch', record, *options)
+    assert (found.returncode, found.stderr) == (status, ''), found.stdout
+    return found.stdout
 
 
 def test_one_item_at_its_nominal_weight_has_plain_numbers(tmp_path: Path):
     masses = tmp_path / 'masses.csv'
-    masses.write_text('item_id,t3,mass_g,decision,reasons\n1,1.0,99.9999,ACCEPT,\n')
+    masses.write_text('item_id,t3,mass_g,decision,reasons\n1,1.0,100.0001,ACCEPT,\n')
     found = run_here('batch', masses, '--nominal', 100)
     assert found.returncode == 0, found.stderr
     assert found.stdout.splitlines()[1] == '  mean 100.000 g of 100 g, giveaway +0.000 g'

@@ -1,0 +1,107 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Successive audit logs of a line. The first entry of a log names the log before it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from checkweigher_core.changes import LOG
+from checkweigher_production.audit_log import (
+    FIRST_PREVIOUS,
+    AuditError,
+    AuditLog,
+    Entry,
+    Verification,
+    read_log,
+)
+
+LOG_FILE = 'audit.log'  # name of the latest log in the folder of a machine
+PREDECESSOR = 'predecessor'
+
+
+@dataclass(frozen=True, slots=True)
+class LogChain:
+    """Audit log with all logs before it, which are in the same folder."""
+
+    logs: tuple[tuple[Path, Verification], ...]  # oldest first
+    fault: str = ''  # reason why a log cannot be trusted or is missing, or empty
+
+    @property
+    def entries(self) -> list[Entry]:
+        """Entries of all logs, oldest first."""
+        return [entry for _, found in self.logs for entry in found.entries]
+
+    @property
+    def identity(self) -> str:
+        """Name of the latest log, with number and hash of its last entry."""
+        path, found = self.logs[-1]
+        last = found.entries[-1].hash if found.entries else FIRST_PREVIOUS
+        return f'{path.name}, {len(found.entries)} entries, the last one has the hash {last}'
+
+
+def read_chain(path: Path) -> LogChain:
+    """Read an audit log and the logs before it. Raises `AuditError` if `path` cannot be read."""
+    logs: list[tuple[Path, Verification]] = [(path, read_log(path))]
+    faults = []
+    while True:
+        newer, found = logs[0]
+        if not found.whole:
+            place = f'line {found.bad_line}: {found.problem}'
+            faults.append(f'the audit log {newer.name} is not whole: {place}: {found.reason}')
+        named = predecessor_of(found.entries)
+        if not named:
+            break
+        older = newer.with_name(Path(str(named.get('file', ''))).name)
+        try:
+            if any(older == each for each, _ in logs):
+                raise AuditError(f'{older}: names itself')
+            logs.insert(0, (older, read_log(older)))
+        except AuditError as error:
+            faults.append(f'the log before {newer.name} is missing: {error}')
+            break
+        if str(named.get('hash')) not in _hashes(logs[0][1]):
+            faults.append(f'{older.name} is not the log that {newer.name} names')
+    return LogChain(tuple(logs), '; '.join(faults))
+
+
+def _hashes(found: Verification) -> set[str]:
+    return {FIRST_PREVIOUS, *(entry.hash for entry in found.entries)}
+
+
+def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
+    """Return name, number of entries, and last hash of the log that a log names, or None."""
+    for entry in entries[:1]:
+        if (entry.kind, entry.subject) == (LOG, PREDECESSOR) and isinstance(entry.new, dict):
+            return entry.new
+    return None
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the paths of the audit logs in a folder."""
+    return sorted(head.with_suffix('') for head in folder.glob('*.head'))
+
+
+def name_predecessor(log: AuditLog, time: str, source: str) -> None:
+    """Name the previous log of the node `source` in a new log. Other logs are not changed.
+
+    Raises `AuditError` if the entry cannot be written.
+    """
+    if log.entries:
+        return
+    latest = max(_written_by(log.path, source), default=None)
+    named = None
+    if latest is not None:
+        _, name, count, digest = latest
+        named = {'file': name, 'entries': count, 'hash': digest}
+    log.append(time, source, LOG, PREDECESSOR, None, named)
+
+
+def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
+    """Yield time of the last entry, name, number of entries and last hash of each other log."""
+    for other in logs_in(path.parent):
+        with suppress(AuditError):
+            entries = read_log(other).entries if other.name != path.name else ()
+            if entries and entries[-1].source == source:
+                yield entries[-1].time, other.name, len(entries), entries[-1].hash

@@ -1,0 +1,57 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Comparison of the items in the record of a batch with the counts that its verdicts have."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+import math
+from typing import Any
+
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_dsp.rejection.batch_rules import BatchTally, count
+from checkweigher_production.recipes import Product
+
+_TOLERANCE = 1e-9  # kg, rounding error of a sum of masses
+
+
+def count_faults(events: Iterable[tuple[str, Any]]) -> Iterator[str]:
+    """Yield a sentence for each verdict whose counts are not those of the items before it.
+
+    `events` are the kinds and contents of the lines of a record. Each verdict has the counts of its
+    product in its batch, which the reject node has made.
+    """
+    batch, products = '', dict[str, Product]()
+    tallies: dict[str, BatchTally] = {}
+    changed: set[str] = set()  # products whose limits have changed, so that sums may differ
+    for number, (kind, event) in enumerate(events, 1):
+        if kind == 'begin':
+            batch = event['batch']
+        elif kind == 'product':
+            if products.get(event.name, event) != event:
+                changed.add(event.name)
+            products[event.name] = event
+        elif kind == 'verdict' and event.product and event.batch == batch:
+            known = tallies.get(event.product, BatchTally(event.product, batch))
+            told = tallies[event.product] = BatchTally.of(event)
+            found = _counted(event, known, products.get(event.product))
+            if event.product in changed or event.product not in products:
+                found = replace(found, below_tu1=told.below_tu1, surplus=told.surplus)
+            if fault := _difference(found, told):
+                yield f'line {number}: item {event.item_id}: {fault}'
+
+
+def _counted(verdict: Verdict, known: BatchTally, product: Product | None) -> BatchTally:
+    accepted = verdict.decision is Decision.ACCEPT
+    on_line = (product or Product(verdict.product, math.nan)).on_line(verdict.batch)
+    return count(verdict.mass, known, on_line, accepted=accepted)
+
+
+def _difference(found: BatchTally, told: BatchTally) -> str:
+    """Return how the counts of a verdict differ from those that were found, or an empty text."""
+    for name in ('items', 'accepted', 'below_tu1'):
+        here, there = getattr(found, name), getattr(told, name)
+        if here != there:
+            return f'its verdict counts {there} {name}, the record has {here}'
+    if abs(found.surplus - told.surplus) > _TOLERANCE * max(1.0, abs(told.surplus)):
+        return f'the masses before it add up to {found.surplus:+.6f} kg, not {told.surplus:+.6f} kg'
+    return ''

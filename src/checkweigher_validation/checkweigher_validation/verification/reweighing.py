@@ -1,0 +1,139 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Comparison of the verdicts in the bag of a verification with its estimates and its samples.
+
+A person who changes the results in a bag would also have to change the samples, so that they give
+these results.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+import hashlib
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.printable import one_line
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import GRAMS, Decision, MassEstimate, Verdict
+from checkweigher_core.records.reasons import Reason
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import SAME_ITEM
+from checkweigher_validation.accuracy.results import ItemResult, weigh
+
+_TOLERANCE = 0.2  # largest difference of a mass that is weighed again, in verification intervals
+_MOST = 3  # largest number of items that are named
+
+
+def conflicts(
+    recording: Recording,
+    estimates: Iterable[MassEstimate],
+    verdicts: Sequence[Verdict],
+    identity: Mapping[str, object],
+    interval: float,
+    begins: Sequence[int] = (),
+) -> Iterator[str]:
+    """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
+
+    `identity` is the identity in the bag, with the parameters of the nodes. `interval` is the
+    verification interval in kg. `begins` are the times in ns at which recordings begin that were
+    weighed one by one.
+    """
+    masses = {(each.item_id, each.t1): each.mass for each in estimates}
+    other = [
+        f'item {each.item_id}: {_grams(each.mass)}, estimate {_grams(mass)}'
+        for each in verdicts
+        if is_weighed(each)
+        and (mass := masses.get((each.estimate_id, each.t1), math.nan)) != each.mass
+    ]
+    yield from _counted('verdicts have another mass than their estimate', other)
+    text = identity.get('parameters')
+    if not isinstance(text, str):
+        yield 'The samples were not weighed again: the bag has no parameters of the nodes.'
+        return
+    if hashlib.sha256(text.encode()).hexdigest() != identity.get('parameters_sha256'):
+        yield 'The parameters in the bag are not those of its digest.'
+        return
+    try:
+        parameters = _parameters(text)
+        again = [item for part in _cut(recording, begins) for item in weigh(part, parameters)]
+    except ParameterError as error:
+        yield f'The samples were not weighed again: {one_line(error)}.'
+        return
+    yield from _compared(again, verdicts, _TOLERANCE * interval)
+
+
+def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
+    """Yield the parts of a recording between the times in `begins`, in ns."""
+    if not begins:
+        yield recording
+        return
+    parts: dict[int, list[Any]] = defaultdict(list)
+    for event in recording:
+        parts[bisect_right(begins, event.stamp)].append(event)
+    for events in parts.values():
+        part = Recording.from_events(recording.load_cell, events)
+        if part.blocks:
+            yield part
+
+
+def is_weighed(verdict: Verdict) -> bool:
+    """Return whether an item got a mass, so whether its decision is not FAULT.
+
+    The reason NoProduct is an exception, because the item was weighed and only limits are missing.
+    """
+    no_limits = verdict.reasons == (Reason.NO_PRODUCT.value,)
+    return math.isfinite(verdict.mass) and (verdict.decision != Decision.FAULT or no_limits)
+
+
+def _parameters(text: str) -> LineParameters:
+    with TemporaryDirectory() as folder:
+        path = Path(folder, 'parameters.yaml')
+        path.write_text(text, encoding='utf-8')
+        return LineParameters.from_file(path)
+
+
+def _compared(
+    again: Sequence[ItemResult], verdicts: Sequence[Verdict], tolerance: float
+) -> Iterator[str]:
+    """Yield the conflicts between the verdicts and the items that were weighed again."""
+    known = sorted(
+        (each.t1, each.mass if is_weighed(each) else math.nan)
+        for each in verdicts
+        if each.t1 is not None
+    )
+    times = [t1 for t1, _ in known]
+    differ, without, found = [], [], set[int]()
+    for item in again:
+        t1, mass = item.estimate.t1, item.estimate.mass
+        if t1 is None or math.isnan(mass):
+            continue
+        number = bisect_left(times, t1 - SAME_ITEM)
+        if number == len(times) or times[number] > t1 + SAME_ITEM:
+            without.append(f'item {item.estimate.item_id} of the samples: {_grams(mass)}')
+            continue
+        found.add(number)
+        told = known[number][1]
+        if not math.isnan(told) and not abs(told - mass) <= tolerance:
+            differ.append(f'{_grams(told)}, weighed again {_grams(mass)}')
+    lacking = [
+        _grams(mass)
+        for number, (_, mass) in enumerate(known)
+        if number not in found and not math.isnan(mass)
+    ]
+    yield from _counted('masses are not those of the samples', differ)
+    yield from _counted('items of the samples have no verdict', without)
+    yield from _counted('masses have no item in the samples', lacking)
+
+
+def _counted(what: str, items: Sequence[str]) -> Iterator[str]:
+    if items:
+        more = ', ...' if len(items) > _MOST else ''
+        yield f'{len(items)} {what}: {"; ".join(items[:_MOST])}{more}.'
+
+
+def _grams(mass: float) -> str:
+    return f'{GRAMS * mass:.3f} g'
