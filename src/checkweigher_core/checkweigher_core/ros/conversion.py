@@ -57,8 +57,8 @@ def _with_text(message: Any, request: records.StopRequest) -> records.StopReques
     return replace(request, text=message.hint.removeprefix(request.reason.hint).removeprefix(': '))
 
 
-_WEIGHED = 1  # value of status in the message MassEstimate
-_RUN = 1  # value of state in the message StopRequest if no stop is requested
+_WEIGHED = 1  # status of a MassEstimate message with a mass
+_RUN = 1  # state of a StopRequest message without a request
 _MOST = 10_000  # largest number of characters of a string, or of elements of a list
 _item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
@@ -144,7 +144,7 @@ def _record(kind: Any, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill in an empty message, because a message is constructed more slowly from its parts."""
+    """Fill an empty message, which is faster than to construct a message from its fields."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
@@ -272,7 +272,7 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 def _bounded(field: Any, most: int = _MOST) -> Any:
     """Return a string or list of a message. Raises ValueError if it is too long."""
     if len(field) > most:
-        raise ValueError(f'{len(field)} values in a field of a message, at most {most}')
+        raise ValueError(f'{len(field)} values in a message field, but at most {most} are allowed')
     return field
 
 

@@ -37,7 +37,7 @@ class OneShotTimer:
         _thread.serve(self, due)
 
     def set_by(self, due: int) -> None:
-        """Set the time in ns at which the timer fires, unless it fires earlier."""
+        """Set the time in ns at which the timer fires, unless an earlier time is set."""
         if self.due is None or due < self.due:
             self.set(due)
 

@@ -70,7 +70,7 @@ def run_all(
         print(f'checkweigher: {one_line(error)}', file=sys.stderr)
         raise SystemExit(2) from None
     except (Exception, KeyboardInterrupt):
-        # C++ code may have turned the KeyboardInterrupt into another exception.
+        # After a signal, ignore any exception: C++ code may have converted KeyboardInterrupt.
         if not stopping.is_set():
             raise
     finally:
@@ -92,7 +92,7 @@ def run_all(
 def _on_signals(stop: Callable[..., None]) -> None:
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as under nohup
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, stop)
 
 
