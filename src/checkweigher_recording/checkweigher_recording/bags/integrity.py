@@ -41,7 +41,7 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check the first and last bytes and the check sums of a file. A check sum of 0 is unknown."""
+    """Check the first and last bytes and the check sums of a file. A check sum of 0 is ignored."""
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         raise BagError(f'{name}: empty; the recording has not begun')

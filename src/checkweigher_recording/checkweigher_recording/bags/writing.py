@@ -174,7 +174,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         except OSError as error:
             text = str(output_error(self._path, error))
             if self._in_place and self._folder.exists():
-                text += '; what was recorded before is there'
+                text += '; the earlier messages are kept'
             raise OutputError(text) from None
 
     def _topic(self, port: Port) -> str:

@@ -36,7 +36,7 @@ class Pass:
     travel: float  # travel of the belt at t1 in m
     impact: float  # standard normal random number to which the impact at entry is proportional
     length: float  # length of the product in m
-    number: int  # from 0
+    number: int  # number of the product, from 0
 
 
 class BeltTravel:
@@ -98,7 +98,7 @@ class BeltTravel:
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Remove passes that end before `begin`, and return new ones up to `end`, both in s."""
+        """Remove passes that end before `begin`, and return new passes up to `end`, both in s."""
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:
             del self._times[0], self._travels[0]

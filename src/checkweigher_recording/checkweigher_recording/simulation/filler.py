@@ -13,7 +13,7 @@ class Filler:
     """Filler that determines the masses of the products of a line.
 
     `masses` are the set points in kg, which are used cyclically. `drift` is the change of the mass
-    from one product to the next in kg, and `spread` is its standard deviation in kg. `delay` is the
+    per product in kg, and `spread` is the standard deviation of the mass in kg. `delay` is the
     number of products between filler and scale. The attribute `correction`, in kg, is added to the
     set points of the products that are filled next.
     """

@@ -63,7 +63,7 @@ _even, _ratio, _sign = (partial(_range, draw) for draw in (_Draw.even, _Draw.rat
 class Mode:
     """Mode of vibration of the platform, which is a mass on a spring and a damper."""
 
-    natural_frequency: float = _ratio(18.0, 50.0)  # value of the empty platform in Hz
+    natural_frequency: float = _ratio(18.0, 50.0)  # of the empty platform, in Hz
     damping_ratio: float = _ratio(0.025, 0.1)
     moving_mass: float = _even(1.5, 4.0)  # kg
 
@@ -96,7 +96,7 @@ class Transfer:
     strike: float = _sign(0.002, 0.03)  # mean peak force of a strike per kg and belt speed, in s/m
     strike_spread: float = _ratio(0.002, 0.02)  # standard deviation of the peak force, in s/m
     duration: float = _ratio(0.003, 0.012)  # duration of a strike in s
-    tipping: float = _sign(0.01, 0.06)  # mean force of tipping with half the product on the belt
+    tipping: float = _sign(0.01, 0.06)  # mean tipping force per kg with half the product on it
     tipping_spread: float = _ratio(0.003, 0.03)
     power: float = _even(0.8, 1.4)
 
@@ -106,8 +106,8 @@ class Bounce:
     """Bounce of a product after its entry: a damped oscillation that differs from pass to pass."""
 
     size: float = _ratio(0.002, 0.015)  # standard deviation of amplitude per kg and speed, in s/m
-    frequency: float = _ratio(8.0, 40.0)  # mean frequency in Hz, with a deviation of a tenth
-    decay: float = _ratio(0.02, 0.08)  # s
+    frequency: float = _ratio(8.0, 40.0)  # mean frequency in Hz; the standard deviation is 10 %
+    decay: float = _ratio(0.02, 0.08)  # time constant in s
     power: float = _even(0.8, 1.4)  # exponent of the mass, as in `Transfer`
 
 

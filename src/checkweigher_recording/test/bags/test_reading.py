@@ -200,7 +200,10 @@ def test_a_folder_whose_file_is_gone(bag):
     ('topic', 'parts'),
     [
         ('/scan', ('not of a checkweigher', '/scan')),
-        ('/load_cell/samples', (f'holds std_msgs/msg/String, must hold {SAMPLES.message_type}',)),
+        (
+            '/load_cell/samples',
+            (f'holds std_msgs/msg/String, but must hold {SAMPLES.message_type}',),
+        ),
     ],
 )
 def test_a_type_that_no_topic_of_a_checkweigher_has(tmp_path, messages, topic, parts):
