@@ -18,7 +18,7 @@ class Pacer:
     """
 
     rate: float  # playback speed in seconds of signal per second
-    sample_rate: float  # Hz
+    sample_rate: float  # sample rate in Hz
     start: float  # time in s that corresponds to the stamp of the first event
     _first_stamp: int | None = field(default=None, init=False)
 

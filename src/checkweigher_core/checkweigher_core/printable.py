@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Printable texts for logs, messages and terminals."""
 
-_LONGEST = 500  # characters
+_LONGEST = 500  # default of the largest number of characters
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:

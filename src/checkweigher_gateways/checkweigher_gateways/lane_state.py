@@ -38,7 +38,7 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """Latest records of a lane, None before the first ones. `zero` is that of the belt in kg."""
+    """Latest records of a lane, None before the first ones. `zero` is in kg from calibration."""
 
     name: str
     verdict: Verdict | None = None

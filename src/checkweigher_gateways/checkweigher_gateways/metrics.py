@@ -53,7 +53,7 @@ _FIGURES = {
 }  # fmt: skip
 # Processes outside the lines. A process runs if its node is in the ROS graph.
 _BESIDE = ('page', REPORTER, *GATEWAYS)
-# Nodes whose diagnostics are exported, because any node may publish diagnostics.
+# Nodes whose diagnostics are exported. Others are ignored, because any node may publish them.
 _REPORTING = {*NODES, *OF_MACHINE, *GATEWAYS}
 
 
@@ -92,7 +92,7 @@ class Metrics(Gateway):
         self._late = counter('late_verdicts', 'Number of late verdicts.', 'lane')
         self._masses = histogram('item_mass_grams', 'Masses of the items.', MASSES)
         self._deviations = histogram(
-            'item_deviation_ratio', 'Mass minus nominal mass, per nominal mass.', DEVIATIONS
+            'item_deviation_ratio', 'Relative deviation from the nominal mass.', DEVIATIONS
         )
         self._last = gauge('last_item_timestamp_seconds', 'Time t3 of the last item.', 'lane')
         self._stop = gauge('stop_requested', '1 while a stop is requested.', 'lane')

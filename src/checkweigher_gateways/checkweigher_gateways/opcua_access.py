@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Users and roles of the OPC UA server, which are those of the page."""
+"""Users and roles of the OPC UA server, which it shares with the page."""
 
 from contextvars import ContextVar
 from dataclasses import dataclass

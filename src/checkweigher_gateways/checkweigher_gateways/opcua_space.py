@@ -242,7 +242,7 @@ class LaneSpace:
         return f'ProductionPreset.Products.{name}'
 
     async def show_products(self, products: Mapping[str, Product]) -> None:
-        """Update the products by those of the recipe file."""
+        """Update the product nodes from the recipe file."""
         gone = [self._node(self._product(name)) for name in self._products.keys() - products.keys()]
         await self._server.delete_nodes(gone, recursive=True)
         for name, product in products.items():

@@ -51,8 +51,8 @@ class OpcuaSettings(Settings):
     certificate: str = parameter('', 'PEM file of the certificate; required beyond loopback')
     key: str = parameter('', 'PEM file of the private key')
     clients: str = parameter('', 'folder with certificates of clients or authorities')
-    users: str = parameter('', 'users file; empty selects that of checkweigher user')
-    nodesets: str = parameter('', 'folder of the models; empty selects that of setup/nodesets')
+    users: str = parameter('', 'users file; empty selects the file of checkweigher user')
+    nodesets: str = parameter('', 'folder of the models; empty selects the one of setup/nodesets')
 
 
 @dataclass(frozen=True)

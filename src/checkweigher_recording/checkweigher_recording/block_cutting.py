@@ -58,7 +58,7 @@ class _Run:
         self._sample_rate = sample_rate
         self._limit = longest * sample_rate
         self._blocks: list[SampleBlock] = []
-        self._count = 0  # samples
+        self._count = 0  # number of samples
 
     def add(self, block: SampleBlock) -> None:
         self._blocks.append(block)

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-MINUTE = 60.0  # s
+MINUTE = 60.0  # seconds per minute
 _MAX_VALUES = 10_000  # largest number of entries
 
 

@@ -64,7 +64,7 @@ class SampleWatch:
         self._last = -math.inf
         self._end: int | None = None
         self._last_stamp = 0
-        self._block = 0.0  # s
+        self._block = 0.0  # duration of the latest block in s
         self._arrivals = RecentValues(RATE_SPAN)
         self._counts = dict.fromkeys(_COUNTED, 0)
         self._recent = {what: RecentValues() for what in _COUNTED}

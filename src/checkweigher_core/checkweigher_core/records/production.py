@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of products, batches, performance tests and alarms. Most stamps are system time."""
+"""Records of products, batches, performance tests and alarms."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -52,7 +52,7 @@ class ProductOnLine:
 
 @dataclass(frozen=True, slots=True)
 class PerformanceTest:
-    """State of the performance test of a recipe, with the result of the present or last test.
+    """State of the performance test of a recipe. Stamps are on the system clock.
 
     `stamp` is the beginning of the state, or the last pass of a running test. `who` is the tester.
     `last` is the time of the last passed test. Masses are in kg. `errors` contains the weighing
@@ -137,7 +137,7 @@ class FillerFeedback:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Alarm, which is kept until its cause has ended and a person has acknowledged it.
+    """Alarm, kept until its cause has ended and a person has acknowledged it (system clock).
 
     `source` is ``stop`` for a stop request, ``fault`` for an item, ``node`` for a restarted node.
     `reason` is the reason of the stop request or of the fault, or the name of the node. The alarm
@@ -164,7 +164,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """Alarms of a lane at `stamp`, in the order in which they were first raised."""
+    """Alarms of a lane at `stamp` (system clock), in the order in which they were raised."""
 
     stamp: Stamp
     alarms: tuple[Alarm, ...]
@@ -172,7 +172,7 @@ class Alarms:
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """End of a batch at `stamp`, with the path of its record and the SHA-256 of that file."""
+    """End of a batch at `stamp` (system clock), with path and SHA-256 of its record."""
 
     stamp: Stamp
     batch: str

@@ -17,8 +17,8 @@ class Item:
 
     The segmenter publishes an item when no later edge can change its number, and once more when its
     edges are final and `complete` is set. `stamp` is the first known of `t1`, `t2` and `t3`.
-    `line_speed` is the speed of the item in m/s or, if an edge is missing, the speed of the last
-    item without a missing edge. `stream` is the number of the stream of samples.
+    `line_speed` is the speed of the item in m/s or, if t1 or t3 is unknown, the speed of the last
+    item with all edges. `stream` is the number of the stream of samples.
     """
 
     stamp: Stamp | None
@@ -47,7 +47,7 @@ class WeighWindow:
     belt_speed: float = math.nan  # speed in m/s, weigh_length / (t3 - t1)
     product_length: float = math.nan  # length in m, belt_speed * (t2 - t1)
     line_speed: float = math.nan  # belt_speed, or that of an earlier item if an edge is missing
-    sample_rate: float = math.nan  # Hz
+    sample_rate: float = math.nan  # sample rate in Hz
     counts_per_kg: float = math.nan  # sensitivity of the static calibration
     zero_counts: float = math.nan  # zero of the static calibration
     zero: float = math.nan  # tracked zero before t1 in counts

@@ -24,7 +24,7 @@ from checkweigher_core.ros.ports import Port, fits
 # that reads the samples. The lock ensures that only one callback runs at a time.
 LOCK = threading.RLock()
 Callback = Callable[[Any], None]  # function that processes a record
-_POLL_PERIOD = 0.02  # s
+_POLL_PERIOD = 0.02  # time in s between two searches for a consumer
 _CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as the consumer
 _SETTLE_TIME = 0.2  # time in s without a new subscriber after which records are sent
 _MAX_HELD = 10_000  # largest number of records that are kept for a consumer

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Node with inputs and outputs, whose inputs, timers and services hold the process lock."""
+"""Node with inputs and outputs, and with callbacks that hold the lock of the process."""
 
 from collections.abc import Callable, Generator
 from functools import partial

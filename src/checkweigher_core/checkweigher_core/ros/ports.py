@@ -62,7 +62,7 @@ _PROMISED = 0.75  # deadline of the publisher, as a fraction of `Port.holds`
 class Port:
     """Topic with its message, publisher and subscribers."""
 
-    name: str  # relative to the namespace of the lane, unless it begins with a slash
+    name: str  # name relative to the lane, or absolute with a slash
     message_type: str  # ROS name, such as std_msgs/msg/Empty
     record: type | None  # class of the records; None if the messages themselves are passed
     history: History

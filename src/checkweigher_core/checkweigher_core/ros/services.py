@@ -44,7 +44,7 @@ LIFE_CYCLE_SERVICES = (
 class Service(NamedTuple):
     """Service of a lane."""
 
-    name: str  # relative to the namespace of the lane
+    name: str  # name relative to the namespace of the lane
     kind: str  # ROS name of the type
     server: str  # node with the server
     callers: tuple[str, ...]  # nodes with clients

@@ -24,7 +24,7 @@ def holds_bag(names: Iterable[str]) -> bool:
 
 @contextmanager
 def local_bag(bag: str) -> Iterator[Path]:
-    """Yield the local path of a bag. If `bag` is a URL, the path is that of a temporary copy.
+    """Yield the local path of a bag. If `bag` is a URL, the path leads to a temporary copy.
 
     Raises `BagError` if the bag cannot be copied. In a `BagError` that is raised in the block, the
     path of the copy is replaced by the URL.

@@ -19,7 +19,7 @@ from checkweigher_recording.bags.definitions import BagError, bag_errors
 MAGIC = b'\x89MCAP0\r\n'
 # Layouts of the last two records of an MCAP file: opcode, length and content.
 _DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
-_PIECE = 1 << 20  # bytes that are read at once
+_PIECE = 1 << 20  # number of bytes that are read at a time
 
 
 def check_file(path: Path, name: Path | None = None) -> None:

@@ -27,7 +27,7 @@ from checkweigher_recording.bags.integrity import MAGIC
 
 _PART_NUMBER = re.compile(r'_(\d+)$')
 _HEAD_SIZE = 9  # size in bytes of the opcode and the length of a record
-_PIECE = 1 << 20  # bytes that are read at once
+_PIECE = 1 << 20  # number of bytes that are read at a time
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
     'ros2idl': MessageDefinitionFormat.IDL,

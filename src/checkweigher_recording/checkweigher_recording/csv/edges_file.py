@@ -21,7 +21,7 @@ class EdgesFile:
     # For each edge: the eye, the row of the log, and whether the eye is blocked from that row on.
     switches: tuple[tuple[Eye, float, bool], ...]
     masses: tuple[float, ...]  # true masses of the items in kg, in order of entry, or empty
-    sample_rate: float | None  # Hz
+    sample_rate: float | None  # sample rate in Hz
 
 
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:

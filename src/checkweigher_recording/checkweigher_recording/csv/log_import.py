@@ -47,7 +47,7 @@ class ImportParameters(Parameters):
     time: str = parameter('', 'column of the time in s; if empty, sample_rate is used')
     sample_rate: float = parameter(
         0.0,
-        'sample rate; 0 selects that of the edges file or the time column',
+        'sample rate; 0 selects the rate of the edges file or time column',
         unit='Hz',
         minimum=0.0,
         maximum=1e6,
@@ -143,7 +143,7 @@ def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = No
 class _Clock:
     """Sampling times of the rows of a log."""
 
-    sample_rate: float  # Hz
+    sample_rate: float  # sample rate in Hz
     index: NDArray[np.int64]  # sample index of each row, relative to the first row
     begin: int  # time of the first row in ns
 

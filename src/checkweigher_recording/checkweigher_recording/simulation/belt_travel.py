@@ -28,7 +28,7 @@ STEADY = Variation(speed=0.0, length=0.0, spacing=0.0)
 class Pass:
     """Passage of one product over the weigh belt."""
 
-    mass: float  # kg
+    mass: float  # mass of the product in kg
     t1: float  # time in s at which the product begins to enter the belt
     t2: float  # time in s at which the product is completely on the belt
     t3: float  # time in s at which the product begins to leave the belt
@@ -72,10 +72,10 @@ class BeltTravel:
     ) -> None:
         """Create the belt of a line.
 
-        `variation` has the standard deviations of speed, length and spacing; the spacing is limited
-        so that products do not overlap. `random` supplies the random speeds, and `products` the
-        random lengths and spacings. `next_mass` returns the mass of the next product in kg; by
-        default, the masses of `line` are used cyclically.
+        `variation` contains the standard deviations of speed, length and spacing; the last is
+        limited so that products do not overlap. `random` supplies the random speeds, and
+        `products` the random lengths and spacings. `next_mass` returns the mass of the next product
+        in kg; by default, the masses of `line` are used cyclically.
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
@@ -131,8 +131,8 @@ class BeltTravel:
     def load_steps(self, time: Array, travel: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the mass on the belt, as in `load`, rounded to a piecewise constant function.
 
-        The first array has the indices at which the mass changes, (m + 1,) from 0 to n, and the
-        second array has the masses between them, (m,) in kg.
+        The first array contains the indices at which the mass changes, (m + 1,) from 0 to n. The
+        second array contains the masses between them, (m,) in kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:

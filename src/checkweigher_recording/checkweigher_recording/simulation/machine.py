@@ -65,7 +65,7 @@ class Mode:
 
     natural_frequency: float = _ratio(18.0, 50.0)  # of the empty platform, in Hz
     damping_ratio: float = _ratio(0.025, 0.1)
-    moving_mass: float = _even(1.5, 4.0)  # kg
+    moving_mass: float = _even(1.5, 4.0)  # moving mass of the empty platform in kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class Bounce:
 class Roller:
     """Unbalanced roller, which vibrates at its rotation frequency and the harmonics."""
 
-    diameter: float  # m
+    diameter: float  # diameter in m
     amplitudes: tuple[float, ...]  # amplitudes by order from 1, per belt speed, in kg s/m
     wander: float  # standard deviation of the phase from uniform rotation in rad
     growth: float  # relative increase of the amplitude with the load in 1/kg
@@ -126,8 +126,8 @@ class Roller:
 class Joint:
     """Joint of the belt, which strikes the rollers at both ends once per revolution."""
 
-    belt_length: float  # m
-    width: float  # m
+    belt_length: float  # length of the belt in m
+    width: float  # width of the joint in m
     size: float  # peak force per belt speed, in kg s/m
 
 
@@ -145,14 +145,14 @@ class Amplifier:
     """Low-pass filter of the amplifier, of the Butterworth type."""
 
     order: int
-    cutoff: float  # Hz
+    cutoff: float  # cut-off frequency in Hz
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
     """Drift of the zero."""
 
-    rate: float = _sign(3e-6, 5e-5)  # kg/s
+    rate: float = _sign(3e-6, 5e-5)  # drift rate in kg/s
     wander: float = _ratio(2e-5, 2e-4)  # standard deviation from a constant rate in kg
 
 
@@ -168,8 +168,8 @@ class Creep:
 class EyeErrors:
     """Position errors of the photo-eyes, and time errors of their edges."""
 
-    infeed: float = _even(-0.003, 0.003)  # m
-    outfeed: float = _even(-0.003, 0.003)  # m
+    infeed: float = _even(-0.003, 0.003)  # position error in m
+    outfeed: float = _even(-0.003, 0.003)  # position error in m
     jitter: float = _ratio(2e-5, 3e-4)  # standard deviation of the time of an edge in s
 
 
@@ -179,7 +179,7 @@ class Variation:
 
     speed: float = _ratio(1e-3, 5e-3)  # relative standard deviation of the belt speed
     length: float = _ratio(2e-3, 8e-3)  # relative standard deviation of the product length
-    spacing: float = _even(0.02, 0.07)  # m
+    spacing: float = _even(0.02, 0.07)  # standard deviation of the spacing in m
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,11 +195,11 @@ class NoiseLevels:
 class Setup:
     """Values of a machine for fields of `SimulationParameters`."""
 
-    sample_rate: float  # Hz
+    sample_rate: float  # sample rate in Hz
     counts_per_kg: float
-    product_length: float  # m
-    weigh_length: float  # m
-    spacing: float  # m
+    product_length: float  # length of a product in m
+    weigh_length: float  # distance between the photo-eyes in m
+    spacing: float  # distance between leading edges in m
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,12 +44,12 @@ from checkweigher_recording.simulation.noise import Array, FloorNoise, white
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
 OVERSAMPLING = 8  # integration steps per sample
-ROLLER_DIAMETER = 0.032  # m
+ROLLER_DIAMETER = 0.032  # diameter of a roller in m
 MIN_COUNTS, MAX_COUNTS = -(2**23), 2**23 - 1  # range of a 24-bit converter
-CAPACITY = 7.2  # kg
+CAPACITY = 7.2  # capacity of the load cell in kg
 MOVING_MASS = 2.5  # moving mass of the empty platform in kg
 DAMPING_RATIO = 0.06  # damping ratio of the empty platform
-IMPACT_DURATION = 0.0035  # s
+IMPACT_DURATION = 0.0035  # duration of the impact at entry in s
 
 _CHUNK_DURATION = 1.0  # duration in s of the signal that is computed at once
 
@@ -354,7 +354,7 @@ class _Machine:
         """Return the counts of the samples from `first` to before `end`, and the new passes.
 
         `first` must be the end of the previous call. If the line ends before `end`, there are fewer
-        samples. The passes have the times that the photo-eyes report.
+        samples. The passes contain the times that the photo-eyes report.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:
@@ -434,7 +434,7 @@ class _ProfileSignal:
         force += self._belt.speed * self._profile.motor * np.sin(angle)
 
     def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
-        """Add the impact of a product at its entry, which has the form of half a sine."""
+        """Add the impact of a product at its entry, whose form is a half sine."""
         size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
         begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
         phase = (time[begin:end] - entry.t1) / IMPACT_DURATION

@@ -27,7 +27,7 @@ _PLACE = '      <!-- peers -->\n'
 
 
 def set_profiles() -> None:
-    """Make Fast DDS use these profiles, unless the user has set other profiles."""
+    """Make Fast DDS use the profiles of this module, unless the user has set other profiles."""
     given = [os.environ.get(name, '') for name in ('FASTDDS_DEFAULT_PROFILES_FILE', _FILE)]
     ours = (str(_PACKAGED), f'{_FOLDER}/')
     if any(each and not each.startswith(ours) for each in given):
