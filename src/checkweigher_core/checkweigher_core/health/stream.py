@@ -50,7 +50,7 @@ _WARNINGS = {
     ),
     _SATURATED: (
         '{samples_saturated} at the limit of the converter',
-        'check the load-cell wiring, and for overload',
+        'check for overload, and check the load-cell wiring',
     ),
 }
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of records to messages and back.
 
-Fields of the same name correspond, with the exceptions in `_FORMS`. Messages of rclpy and of
-readers of bags can be converted. Every field is written in its exact Python type, because rclpy
-does not check types, and a numpy scalar in a field aborts the process at serialisation.
+Fields of the same name correspond, with the exceptions in `_FORMS`. Messages of rclpy and of bags
+can be converted to records. Every field is written in its exact Python type, because rclpy does not
+check types, and a numpy scalar in a field aborts the process at serialisation.
 """
 
 import array

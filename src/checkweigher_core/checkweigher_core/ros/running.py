@@ -60,7 +60,7 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # rclpy calls getframeinfo for each log message. The first call takes 0.1 s or more.
+        # The first call, which takes 0.1 s or more, must not delay the first log message of rclpy.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)

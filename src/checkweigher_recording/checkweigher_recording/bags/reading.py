@@ -50,8 +50,8 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 
     Notes
     -----
-    Check sums are verified if the file has them. The numbers of messages in ``metadata.yaml``, in
-    the files and as read must agree.
+    Check sums are verified if the file contains them. For each topic, the numbers of messages that
+    are stated in ``metadata.yaml``, stated in the files and read must agree.
     """
     (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording

@@ -95,7 +95,7 @@ def _column(path: Path, use: str, name: str, header: list[str], width: int) -> i
         return 0
     if name in header:
         if header.count(name) > 1:
-            raise CsvError(f'{path}: has several columns {name!r}; give the number from 0')
+            raise CsvError(f'{path}: has several columns {name!r}; choose one by its number from 0')
         return header.index(name)
     if name.isdecimal() and int(name) < width:
         return int(name)

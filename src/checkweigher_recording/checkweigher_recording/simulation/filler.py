@@ -33,7 +33,7 @@ class Filler:
         self._on_the_way: deque[float] = deque()
 
     def next_mass(self) -> float:
-        """Return the mass in kg of the next product on the scale, which is never negative."""
+        """Return the mass of the next product on the scale in kg, at least 0."""
         while len(self._on_the_way) <= self._delay:
             self._on_the_way.append(self._fill())
         return self._on_the_way.popleft()

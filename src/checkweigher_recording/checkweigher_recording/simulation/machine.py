@@ -142,7 +142,7 @@ class Floor:
 
 @dataclass(frozen=True, slots=True)
 class Amplifier:
-    """Low-pass filter of the amplifier, of the Butterworth type."""
+    """Butterworth low-pass filter of the amplifier."""
 
     order: int
     cutoff: float  # cut-off frequency in Hz
@@ -223,7 +223,7 @@ class Machine:
     noise: NoiseLevels | None
 
     def without(self, *causes: str) -> Self:
-        """Return the same machine without some causes, which are names of fields."""
+        """Return the same machine without some causes of disturbance, given by field name."""
         absent: dict[str, Any] = dict.fromkeys(causes)
         return replace(self, **absent)
 

@@ -108,7 +108,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
     Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
-    page and each gateway are processes for all lanes, with one enclave each.
+    page and each gateway serve all lanes from one process, with one enclave each.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
