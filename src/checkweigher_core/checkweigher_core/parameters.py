@@ -131,7 +131,7 @@ def _names_like(name: str, known: list[str]) -> list[str]:
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
-    """Return a value converted to the type of a field. Raises `ParameterError` if invalid."""
+    """Return a value converted to the type of a field. A bad value raises `ParameterError`."""
     try:
         return convert(type(entry.default), describe(entry), value)
     except ValueError as error:

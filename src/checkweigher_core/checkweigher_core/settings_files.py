@@ -131,7 +131,7 @@ def _unknown(
 
 
 def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a value is not the default. A missing required value is a `SettingsError`."""
+    """Return whether a value is not the default. Raises `SettingsError` if it must be given."""
     if entry.default is MISSING and value in (None, '', [], {}):
         raise SettingsError('is missing; add it', *path)
     return value not in (None, '') and repr(value) != repr(plain(entry.default))

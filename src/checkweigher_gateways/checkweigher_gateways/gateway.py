@@ -32,7 +32,7 @@ class GatewayError(ValueError):
 class Gateway:
     """Base class of the gateways.
 
-    The function `make` of the module of a gateway returns the gateway for given settings.
+    The module of each gateway has a function `make`, which returns the gateway for its settings.
 
     Attributes
     ----------

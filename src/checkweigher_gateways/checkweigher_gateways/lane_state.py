@@ -38,7 +38,7 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """Latest records of a lane, None before the first ones. `zero` is in kg from calibration."""
+    """Latest records of a lane, None before the first. `zero` is in kg relative to calibration."""
 
     name: str
     verdict: Verdict | None = None

@@ -18,7 +18,7 @@ from checkweigher_core.ros.spinner import Spinner
 
 LIMIT = 10_000  # largest number of waiting records, as many as a fast lane sends in 10 minutes
 _LOOK_PERIOD = 0.5  # time in s between two searches for lanes
-_STANDSTILL = 10.0  # time in s without a search after which the gateway has hung
+_STANDSTILL = 10.0  # time in s without a search after which the gateway counts as hung
 
 
 class Taken(NamedTuple):

@@ -47,9 +47,9 @@ class MqttGateway(Gateway):
     """Gateway that publishes each verdict by MQTT, also after the broker was away.
 
     The threads of paho only put events into a queue. Each connection has its own client, because
-    the will of each connection contains another number. An item is stored before it is published,
-    and marked as sent when the broker has confirmed it. The retained message ``delivered`` (the
-    mark) contains the number of the last item that the broker has received.
+    the wills of the connections contain different numbers. An item is stored before it is
+    published, and marked as sent when the broker has confirmed it. The retained message
+    ``delivered`` (the mark) contains the number of the last item that the broker has received.
     """
 
     kept: ClassVar[bool] = True

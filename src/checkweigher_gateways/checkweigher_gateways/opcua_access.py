@@ -41,7 +41,7 @@ class Users(UserManager):
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user, or None if the login is wrong, or too soon after failed logins."""
+        """Return the user, or None if the login is wrong or comes too soon after failures."""
         if username is None:
             return Caller(UserRole.User, 'anonymous')
         name = account_name(username)

@@ -13,7 +13,7 @@ _ASPECT = 'Disk'
 _PERIOD = 600.0  # time in s between two readings
 _DAY = 86_400.0  # seconds per day
 _SHORTEST_SPAN = 6 * _PERIOD  # shortest time in s from which a trend is estimated
-_WARNING = 30.0  # warning limit of the time in days until the disk is full
+_WARNING = 30.0  # time in days until the disk is full, below which a warning is shown
 _LEAST = 100e6  # smallest free space in bytes; a batch record of 100,000 items needs less
 _HINT = 'move recorded items and passes to another disk; see docs/backup.md'
 

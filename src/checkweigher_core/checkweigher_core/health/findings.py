@@ -70,7 +70,7 @@ def error_if(holds: bool, text: str, hint: str) -> Concern | None:
 def conclude(
     aspect: str, well: str, concerns: Iterable[Concern | None] = (), values: Values | None = None
 ) -> Finding:
-    """Return the finding on an aspect, which is its first concern of the highest level.
+    """Return the finding on an aspect, made from the first of its most severe concerns.
 
     The text of the finding is `well` if all `concerns` are None.
     """

@@ -20,8 +20,8 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # time in s that the nodes of a line need to start
-_SILENCE = 1.0  # longest time in s without samples or, if it is longer,
-_SILENT_BLOCKS = 5.0  # longest time without samples in blocks
+_SILENCE = 1.0  # longest time in s without samples
+_SILENT_BLOCKS = 5.0  # longest time without samples in blocks; the longer of the two applies
 _RATE_TOLERANCE = 0.005  # largest relative difference of the sample rate
 _LONGEST_BLOCKED = 10.0  # longest time in s for which an eye is blocked
 _ONE_EYED = 10  # number of edges of one eye after which the other eye must have switched

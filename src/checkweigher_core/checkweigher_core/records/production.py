@@ -137,13 +137,13 @@ class FillerFeedback:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Alarm, kept until its cause has ended and a person has acknowledged it (system clock).
+    """Alarm, which is kept until its cause has ended and a person has acknowledged it.
 
     `source` is ``stop`` for a stop request, ``fault`` for an item, ``node`` for a restarted node.
     `reason` is the reason of the stop request or of the fault, or the name of the node. The alarm
     was raised `count` times, first at `first`. `last` is when it was last raised, or its cause
     ended. Before `last`, the alarm was active for `duration` s in total. `acknowledged_by` is empty
-    until a person has acknowledged the alarm.
+    until a person has acknowledged the alarm. Stamps are on the system clock.
     """
 
     source: str

@@ -23,7 +23,7 @@ class Item:
 
     stamp: Stamp | None
     stream: int
-    item_id: int  # counted from 1 in order of entry
+    item_id: int  # number of the item from 1, in order of entry
     t1: Stamp | None = None  # the item begins to enter the belt
     t2: Stamp | None = None  # the item is fully on the belt
     t3: Stamp | None = None  # the item begins to leave the belt
@@ -40,7 +40,7 @@ class WeighWindow:
     `denoised` contains the denoised signal in kg, and is empty before the stage denoise.
     """
 
-    item_id: int  # counted from 1 in order of entry
+    item_id: int  # number of the item from 1, in order of entry
     t1: Stamp | None  # the item begins to enter the belt
     t2: Stamp | None  # the item is fully on the belt
     t3: Stamp | None  # the item begins to leave the belt

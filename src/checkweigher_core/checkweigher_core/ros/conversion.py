@@ -105,7 +105,7 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 
 
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
-    """Return the fields of the message of a record by name.
+    """Return the message fields of a record by name.
 
     The header and all times are mappings. Arrays are contiguous and have the type of the message.
     Nested records are messages of rclpy. All other fields are built-in Python types.
@@ -223,7 +223,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if hint == records.Stamp:
         return stamp_from
     if hint == records.Stamp | None:
-        return lambda time: stamp_from(time) or None  # 0 means that it is unknown
+        return lambda time: stamp_from(time) or None  # a stamp of 0 is unknown
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:

@@ -16,7 +16,7 @@ class OneShotTimer:
 
     All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
     The thread holds the lock of the process while it calls the function. Callers of the other
-    methods hold the lock, too, so a timer does not fire after it was cleared.
+    methods must hold the lock, too, so a timer does not fire after it was cleared.
 
     Parameters
     ----------

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 
-# Nodes of the line with their modules, in the order of their shutdown. Executables have the same
-# names.
+# Nodes of the line with their modules, in the order of their shutdown. The executables have the
+# names of the nodes.
 NODES = {
     'driver': 'checkweigher_driver.driver_node',
     'product': 'checkweigher_production.nodes.product',
@@ -62,7 +62,7 @@ _PROMISED = 0.75  # deadline of the publisher, as a fraction of `Port.holds`
 class Port:
     """Topic with its message, publisher and subscribers."""
 
-    name: str  # name relative to the lane, or absolute with a slash
+    name: str  # name relative to the lane, or absolute name with a slash
     message_type: str  # ROS name, such as std_msgs/msg/Empty
     record: type | None  # class of the records; None if the messages themselves are passed
     history: History
@@ -308,7 +308,7 @@ RESTART_LINE = 'restart_line'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services whose types have the same names.
+# Services with types of their own, except acknowledge_alarms.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 RECORD_PASSES = 'record_passes'

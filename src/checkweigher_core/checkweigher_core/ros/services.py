@@ -50,7 +50,7 @@ class Service(NamedTuple):
     callers: tuple[str, ...]  # nodes with clients
     text: str  # effect of a call
     condition: str = ''  # parameter or option that enables the service, or empty
-    changes_line: bool = True  # whether the audit log names the user who calls it
+    changes_line: bool = True  # whether the audit log names the calling user
 
 
 # fmt: off

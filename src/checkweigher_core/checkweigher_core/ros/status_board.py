@@ -15,7 +15,7 @@ from checkweigher_core.ros.ports import NODES, STAGES
 
 HOST = 'host'  # key of the host name in the first status of a message
 _SILENCE = 3.0  # time in s without diagnostics after which a node counts as silent
-_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # in increasing order
+_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # levels in increasing order
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class StatusBoard:
             self._expected[lane] = now
 
     def hosts(self) -> dict[str, set[str]]:
-        """Return the names of the hosts of the nodes of each lane."""
+        """Return the host names of the nodes of each lane."""
         found: dict[str, set[str]] = {}
         with self._lock:
             for node, (_, rows) in self._nodes.items():
@@ -113,7 +113,7 @@ class LaneRow:
 
     lane: str  # namespace; '/' if it is empty
     level: Level
-    verdicts: tuple[tuple[str, str], ...]  # decisions and their numbers
+    verdicts: tuple[tuple[str, str], ...]  # decisions, with the numbers of items
     worst: str  # node, aspect and message of the worst row; empty if there is no problem
 
     @property
@@ -133,7 +133,7 @@ def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
 
 
 def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
-    first = rows[0]  # the worst
+    first = rows[0]  # the worst row
     text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
     verdicts = tuple(
         (key, value)

@@ -96,7 +96,7 @@ class LaneMessages:
         return self._recording(complete, events)
 
     def rest(self) -> Recording:
-        """Return all remaining events. Raises `BagError` without a load cell or any samples."""
+        """Return all remaining events. Raises `BagError` if there is no load cell or no sample."""
         self._decode()
         blocks = self._sorted()
         recording = self._recording(blocks, self._events)

@@ -111,7 +111,7 @@ def over_stretches(
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
     """Return the first load-cell message of the whole lane, or None."""
     cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
-    # For an empty list of connections, rosbags would return all messages.
+    # Skip the call without connections, for which rosbags would return all messages.
     return next((data for _, _, data in bag.messages(cells)), None) if cells else None
 
 

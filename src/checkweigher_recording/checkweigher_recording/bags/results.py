@@ -29,7 +29,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
             connection.id: (port, definitions_of(path, connection, port))
             for connection, port in pairs
         }
-        # For an empty list of connections, rosbags would return all messages.
+        # Skip the call without connections, for which rosbags would return all messages.
         messages = bag.messages([connection for connection, _ in pairs]) if pairs else ()
         for connection, _, data in messages:
             port, store = ports[connection.id]

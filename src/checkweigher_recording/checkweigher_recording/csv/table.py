@@ -122,7 +122,7 @@ def _parse(
             rows(), delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
-        # The message of numpy names the number of the row and not that of the line.
+        # Find the line of the error, because numpy names only the number of the row.
         for number, row in zip(numbers, rows(), strict=True):
             if problem := _problem(_cells(row, delimiter), places):
                 raise CsvError(f'{path}:{number + 1}: {problem}') from None

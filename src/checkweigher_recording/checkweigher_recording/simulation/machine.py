@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Family of belt scales with random properties. The profile ``machine:SEED`` draws one of them.
 
-A drawn machine has disturbances that a `Profile` does not have. Each cause of disturbance is a
+A drawn machine has more causes of disturbance than a `Profile`. Each cause of disturbance is a
 field of `Machine`, and `Machine.without` removes causes. The ranges of the properties are typical
 of belt scales for products of up to a few kilograms; they are not fitted to a particular machine.
 Forces are in kg, that is, divided by g.

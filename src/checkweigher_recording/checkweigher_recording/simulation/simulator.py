@@ -305,7 +305,7 @@ class Simulation:
 def simulate(parameters: SimulationParameters) -> Recording:
     """Return the recording of a simulated line. Equal parameters give equal recordings.
 
-    The recording has one reference mass for each product.
+    The recording contains one reference mass for each product.
 
     Raises `ParameterError` if the number of products is not limited.
     """

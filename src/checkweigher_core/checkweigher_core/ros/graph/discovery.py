@@ -20,7 +20,7 @@ import stat
 PARTICIPANTS = 64  # largest number of processes at each address
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
-# The folder of the profiles is empty after each restart of the computer.
+# Folder of the profiles. It is in memory, so old profiles do not outlive a restart of the computer.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 _PLACE = '      <!-- peers -->\n'

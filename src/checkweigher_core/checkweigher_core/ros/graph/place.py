@@ -83,7 +83,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # may be too long for an address of 107 bytes
+    text = f'{domain} {name} {participant.hex()}'  # longer than an address of 107 bytes may be
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 
