@@ -20,7 +20,7 @@ _KNOWN = 20_000  # number of latest items that are kept although they were sent
 
 
 class Store:
-    """Numbered items, which are kept until the broker has received them.
+    """Numbered items, which wait until the broker has received them.
 
     An item whose key is known is not added again, because a restarted gateway receives it twice. If
     more than `limit` items wait, the oldest item is dropped and counted.
@@ -28,7 +28,7 @@ class Store:
     Attributes
     ----------
     identity : str
-        Unique identity of the file, because the numbers of another file also begin at 1.
+        Unique ID of the file, which distinguishes its numbers from those of another file.
     waiting : int
         Number of waiting items.
     dropped : int

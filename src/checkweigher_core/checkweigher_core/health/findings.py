@@ -46,7 +46,7 @@ class Finding:
     level: Level
     text: str  # one line
     hint: str = ''  # advice for the technician; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # names end with units, if any
+    values: Mapping[str, float | str] = field(default_factory=dict)  # a name ends with its unit
 
     @property
     def message(self) -> str:

@@ -109,7 +109,7 @@ _HINTS = {
     Reason.UNKNOWN_ITEM: 'a mass arrived for an unknown item; check for a second line',
     Reason.LATE_EDGE: 'an edge arrived after later edges; check clock and wiring of the photo-eyes',
     Reason.PRODUCT_ASKEW: 'the length is that of an askew product; check the product guides',
-    Reason.BELT_SPEED_CHANGED: 'not the speed of the previous item; normal once after a change',
+    Reason.BELT_SPEED_CHANGED: 'the speed differs from the last item; normal once after a change',
     Reason.BELT_STOPPED: 'below half the speed of the previous item; belt stopped or edges lost',
     Reason.START_UP: 'the product was on the line before the first sample; weigh it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',

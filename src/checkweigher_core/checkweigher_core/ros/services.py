@@ -74,7 +74,7 @@ SERVICES = (
             (PAGE_WORK,),
             'computes zero and sensitivity from the readings, writes them as the next version of '
             '`calibration.file`, and applies them'),
-    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,), 'discards the readings'),
+    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,), 'cancels the calibration'),
     Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (PAGE_WORK,),
             'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
     Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (PAGE_WORK,), 'trains on all recorded passes'),

@@ -135,7 +135,7 @@ class Joint:
 class Floor:
     """Vibration of the floor: noise from 4 Hz to 12 Hz, and sines with slowly varying phases."""
 
-    noise: float  # standard deviation in kg
+    noise: float  # standard deviation of the noise in kg
     lines: tuple[tuple[float, float], ...]  # frequency in Hz and amplitude in kg of each sine
     wander: float  # standard deviation of the phase of a sine in rad
 
@@ -153,7 +153,7 @@ class Drift:
     """Drift of the zero."""
 
     rate: float = _sign(3e-6, 5e-5)  # drift rate in kg/s
-    wander: float = _ratio(2e-5, 2e-4)  # standard deviation from a constant rate in kg
+    wander: float = _ratio(2e-5, 2e-4)  # standard deviation of the zero from a constant drift in kg
 
 
 @dataclass(frozen=True, slots=True)
