@@ -39,7 +39,7 @@ def opened(source: Path | str) -> Iterator[Any]:
 
 def _parsed(text: str) -> Any:
     if text.startswith('{'):
-        with suppress(json.JSONDecodeError):  # YAML in flow style also begins with a brace
+        with suppress(json.JSONDecodeError):  # the text may be YAML in flow style
             return json.loads(text, object_pairs_hook=_table)
     return yaml.load(text, _Loader)
 
