@@ -17,7 +17,7 @@ setup(
     zip_safe=True,
     maintainer='Checkweigher maintainers',
     maintainer_email='maintainers@checkweigher.example',
-    description='What all packages share: records, parameters, settings files, and the ROS layer.',
+    description='Shared code of all packages: records, parameters, settings files and ROS layer.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
 )

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Code that all packages share: records, parameters, settings and state files, the ROS layer."""
+"""Shared code of all packages: records, parameters, settings files, state files and ROS layer."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import BlockColumns, Event, Recording
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
-LONGEST = 0.25  # longest joined block in s, equal to the period of the segmenter's reports
+LONGEST = 0.25  # longest joined block in s
 _ROUNDING = 1  # largest rounding error of a stamp in ns
 _NEARLY = 1e-3  # tolerance of a position in samples; it covers the rounding of stamps
 
@@ -58,7 +58,7 @@ class _Run:
         self._sample_rate = sample_rate
         self._limit = longest * sample_rate
         self._blocks: list[SampleBlock] = []
-        self._count = 0  # samples
+        self._count = 0  # number of samples
 
     def add(self, block: SampleBlock) -> None:
         self._blocks.append(block)
@@ -130,7 +130,7 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
 
 
 def join_stretches(stretches: Iterable[Recording]) -> Iterator[SampleBlock | EyeEdge]:
-    """Yield the result of `join_recording` for each of the consecutive parts of a recording."""
+    """Yield the joined blocks and the edges of consecutive parts of a recording."""
     return chain.from_iterable(map(join_recording, stretches))
 
 
@@ -165,9 +165,8 @@ def cut_for_pace(
     """Yield the events with blocks that suit the playback speed.
 
     `pace` is the playback speed in seconds of signal per second. If it is 0, the signal is played
-    as fast as possible, and long blocks are used. At any other speed, each block has `block_time` s
-    of signal. A block also ends at each t3, because the weighing of a product can begin at that
-    time.
+    as fast as possible, and long blocks are used. At any other speed, blocks are joined up to
+    `block_time` s. A block then also ends at each t3, at which the weighing of a product can begin.
     """
     if pace == 0:
         return join(events, sample_rate)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of changes in the audit log of a lane, and the conversion of values to JSON types."""
+"""Kinds of entries in the audit log of a lane, and the conversion of values to JSON types."""
 
 from collections.abc import Mapping
 import math
@@ -9,15 +9,15 @@ from typing import Any
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
-RECORD, REPORT = 'record', 'report'  # of a batch
+RECORD, REPORT = 'record', 'report'  # record and report of a batch
 TUNED = 'tuned'
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
-TEST, TEST_BEGUN = 'test', 'test_begun'  # performance test
+TEST, TEST_BEGUN = 'test', 'test_begun'  # end and beginning of a performance test
 VERIFICATION = 'verification'  # the report of a verification was written
 SOFTWARE = 'software'  # legally relevant software of the line, at each start
 LOG = 'log'  # the log before this one
 CLOCK = 'clock'  # the clock of the computer was set, or its reference has changed
-BACKUP = 'backup'  # the folder of the machine was restored from a backup
+BACKUP = 'backup'  # the machine folder was restored from a backup
 
 
 def plain(value: object) -> Any:

@@ -12,14 +12,14 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 @dataclass
 class Pacer:
-    """Times at which the events of a recording or a simulation are to be sent.
+    """Due times of the events of a recording or a simulation.
 
-    A block is due when its last sample was measured. If `rate` is 0, all events are due at `start`.
+    A block is due at its end, any other event at its stamp. At rate 0, all are due at `start`.
     """
 
-    rate: float  # seconds of signal per second
-    sample_rate: float  # Hz
-    start: float  # time in s at which the first event is due
+    rate: float  # playback speed in seconds of signal per second
+    sample_rate: float  # sample rate in Hz
+    start: float  # time in s that corresponds to the stamp of the first event
     _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
@@ -36,24 +36,24 @@ class Pacer:
 
 @dataclass(eq=False)
 class FlowControl:
-    """Flow control of the driver, which has to wait while the line lags behind by too much.
+    """Flow control of the driver, which waits while the line lags too far behind.
 
     The lag is computed from the counts that the segmenter reports, so it does not depend on the
     depth of the DDS queues. Samples and edges are counted separately, because DDS may delay one
-    topic more than the other. Threads that share an object must hold a lock.
+    topic more than the other. The methods are not thread-safe.
     """
 
-    max_duration: float = 1.0  # s of signal; shorter than the edge delay that the segmenter accepts
-    max_blocks: int = 500  # less than the depth of the DDS queue of samples
-    max_edges: int = 500  # less than the depth of the DDS queue of edges
-    max_items: int = 100  # items that the segmenter has sent on and that have no verdict yet
+    max_duration: float = 1.0  # largest lag in s of signal, below `segmenter.edge_lateness`
+    max_blocks: int = 500  # largest lag in blocks, below the depth of the DDS queue
+    max_edges: int = 500  # largest lag in edges, below the depth of the DDS queue
+    max_items: int = 100  # largest number of items between segmenter and verdict
 
     def __post_init__(self) -> None:
         self.samples_sent = 0
-        self.items_judged = 0  # items that have a verdict
-        self._edges: deque[int] = deque()  # stamps of the edges that were not processed yet
+        self.items_judged = 0  # number of items with a verdict
+        self._edges: deque[int] = deque()  # stamps of edges that are not processed yet
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        self._samples_missed = 0  # samples that were sent before the segmenter was started
+        self._samples_missed = 0  # number of samples sent before the segmenter started
 
     def sent(self, event: Event) -> None:
         """Count an event that is about to be sent."""
@@ -65,7 +65,7 @@ class FlowControl:
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Update the numbers of samples, edges and items that the segmenter has processed."""
         if samples < self._samples_taken or edges < self._edges_taken:
-            # A restarted segmenter does not receive events that were sent before its start.
+            # Do not wait for earlier events, which a restarted segmenter does not receive.
             self._samples_missed = self.samples_sent - samples
             self.items_judged = items
             self._edges.clear()
@@ -85,8 +85,8 @@ class FlowControl:
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
         """Return whether an event must wait until the segmenter has processed earlier edges.
 
-        A block must wait if it is so much later than an edge that the segmenter would then discard
-        the edge. An edge must wait while the DDS queue of edges may be full.
+        A block must wait if it ends so long after an edge that the segmenter would discard the
+        edge. An edge must wait while the DDS queue of edges may be full.
         """
         if isinstance(event, SampleBlock):
             end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
@@ -94,7 +94,7 @@ class FlowControl:
         return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Give up waiting for edges if all samples were processed; return the number of edges."""
+        """Forget the waiting edges if all samples were processed; return the number of edges."""
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:
             self._edges.clear()

@@ -15,13 +15,13 @@ from typing import Any, ClassVar, Self, cast
 
 from checkweigher_core.printable import one_line
 
-_MAX_VALUES = 100_000  # values in a list
-_MAX_COST = 0.05  # computing time for each item in s
+_MAX_VALUES = 100_000  # largest number of values in a list
+_MAX_COST = 0.05  # largest computing time per item in s
 _ALL = '**'  # section of a parameter file that addresses all nodes
 
 
 class ParameterError(ValueError):
-    """Error of an invalid parameter. The message has its name, its value and the valid values."""
+    """Raised if a parameter is invalid, or if a node cannot start."""
 
 
 def package_missing(name: str, value: str, module: str) -> ParameterError:
@@ -34,7 +34,7 @@ def package_missing(name: str, value: str, module: str) -> ParameterError:
 
 
 class SettingsError(ParameterError):
-    """Error of an invalid file. The message is one line with file, line, field, fault, advice."""
+    """Raised if a file is invalid. `path` leads to the field; `opened` adds file and line."""
 
     def __init__(self, text: str, *path: object) -> None:
         super().__init__(f'{one_line(".".join(map(str, path)))}: {text}' if path else text)
@@ -66,7 +66,7 @@ def parameter(
     The type of `default` (bool, int, float, str or tuple of float) is the type of the parameter.
     ROS and the docs show `text` and `unit` (SI, empty for a dimensionless number). The range is
     inclusive, and applies to each element of a tuple. Without `choices`, any string is valid. A
-    field of `settings_files.Settings` may have other types, and must be given if it has no default.
+    field of `settings_files.Settings` may have other types, and is required without a default.
     """
     return field(
         default=default,
@@ -89,7 +89,7 @@ class Parameters:
     Raises
     ------
     ParameterError
-        If a field has the wrong type, is NaN or is out of range.
+        If a value has the wrong type, is NaN, is out of range or is not one of the choices.
     """
 
     # Name of the node that declares the parameters.
@@ -140,7 +140,7 @@ def _names_like(name: str, known: list[str]) -> list[str]:
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
-    """Return a value converted to the type of a field. Raises `ParameterError` if invalid."""
+    """Return a value converted to the type of a field. A bad value raises `ParameterError`."""
     try:
         return convert(type(entry.default), describe(entry), value)
     except ValueError as error:
@@ -156,7 +156,7 @@ def convert(kind: type, description: Description, value: object) -> object:
     if isinstance(value, str) or not isinstance(value, Collection):
         raise ValueError(f'{reprlib.repr(value)} is not a list of numbers')
     if len(value) > _MAX_VALUES:
-        raise ValueError(f'{len(value)} values, at most {_MAX_VALUES}')
+        raise ValueError(f'{len(value)} values, but at most {_MAX_VALUES} are allowed')
     return tuple(_number(float, description, element) for element in value)
 
 
@@ -188,7 +188,7 @@ def _number(kind: type, description: Description, value: object) -> float:
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
     """Raise ParameterError if the computation for one item would take too long.
 
-    `cost` estimates its duration in s from the parameters `names`. The message names the parameter
+    `cost` estimates the duration in s from the parameters `names`. The message names the parameter
     whose default value would shorten the computation most.
     """
     values = {name: getattr(parameters, name) for name in names}
@@ -199,7 +199,7 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
     others = ', '.join(f'{name} {value}' for name, value in values.items() if name != dearest)
     raise ParameterError(
         f'{parameters.node}.{dearest}: {values[dearest]} with {others} would take about '
-        f'{seconds:.2g} s for each item, at most {_MAX_COST:g} s: lower it'
+        f'{seconds:.2g} s per item, but at most {_MAX_COST:g} s is allowed; lower it'
     )
 
 
@@ -217,9 +217,9 @@ def by_node(
     """Return the parameter values of each node from the sections of a ROS parameter file.
 
     A section ``/**`` addresses all nodes. A section such as ``/**/segmenter`` or
-    ``/lane1/segmenter`` addresses one node, and overrides the section ``/**``. `sets` has the
-    parameter class of each node. Sections of `other_nodes` are ignored. `lane` is the namespace of
-    the nodes; it is required if the file addresses several lanes.
+    ``/lane1/segmenter`` addresses one node, and overrides the section ``/**``. `sets` maps
+    each node to its parameter class. Sections of `other_nodes` are ignored. `lane` is the namespace
+    of the nodes; it is required if the file addresses several lanes.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
     for address, section in sections.items():
         values = section.get('ros__parameters') if isinstance(section, dict) else None
         if not isinstance(values, dict):
-            raise SettingsError('has no ros__parameters, which must be there', address)
+            raise SettingsError('has no ros__parameters; add it', address)
         found[address] = values
     return found
 
@@ -288,12 +288,12 @@ def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
     named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
     if lane is None and len(lanes) > 1:
-        raise SettingsError(f'addresses several lanes, {", ".join(lanes)}; name one of them')
+        raise SettingsError(f'addresses several lanes: {", ".join(lanes)}; choose one of them')
     return {each for each in named if lane is not None and named[each] != lane.strip('/')}
 
 
 def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Return nested values by their full names, which ROS joins by dots."""
+    """Return nested values by full name, whose parts are joined by dots."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         own = f'{prefix}{name}'

@@ -17,14 +17,14 @@ def child_environment() -> dict[str, str]:
 
 
 def child_variable() -> dict[str, str]:
-    """Return what the environment of a child process needs to end with this process."""
+    """Return the environment variable that tells a child process the ID of this process."""
     return {_VARIABLE: str(os.getpid())}
 
 
 def parent_identity() -> str:
     """Return a unique identity of the parent process.
 
-    The identity includes boot ID and start time, because process IDs are reused.
+    It consists of boot ID, process ID and start time, or only of the process ID without /proc.
     """
     parent = os.getppid()
     try:
@@ -38,9 +38,9 @@ def parent_identity() -> str:
 def end_with_parent(parent: int | None = None) -> None:
     """Let the kernel send SIGTERM to this process when its parent ends.
 
-    `parent` is the process ID of the parent. By default it is read from `child_environment`. A
-    process without either is not ended, because a command that a user starts may outlive the shell.
-    The signal is also sent if only the thread ends that started this process.
+    `parent` is the process ID of the parent, by default the value of `child_variable`. Without an
+    ID, no signal is sent, because a command that a user starts may outlive the shell. The signal is
+    also sent if only the thread that started this process ends.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent

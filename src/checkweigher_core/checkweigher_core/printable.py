@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Printable texts for logs, messages and terminals."""
 
-_LONGEST = 500  # characters
+_LONGEST = 500  # default of the largest number of characters
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:
-    """Return a text as one printable line. The middle of a long text is left out.
+    """Return a text as one printable line, without the middle of a text that is too long.
 
     Control characters become escape sequences, because a terminal would execute them.
     """

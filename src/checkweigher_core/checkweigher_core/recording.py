@@ -14,11 +14,11 @@ from checkweigher_core.records import EyeEdge, LoadCell, Reference, SampleBlock
 
 Event = SampleBlock | EyeEdge | Reference
 
-_AT_A_TIME = 1 << 14  # blocks
+_AT_A_TIME = 1 << 14  # largest number of blocks processed at once
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the key by which events are sorted: by stamp, then edges, references, blocks.
+    """Return the sort key of an event: stamp, then edges before references before blocks.
 
     A block has the stamp of its first sample, so the edges during a block follow it. Different
     events of a machine have different keys, so their order does not depend on the order of arrival.
@@ -38,7 +38,7 @@ class Recording:
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
-    warning: str = ''  # warning for the user in one line, such as that the recording is incomplete
+    warning: str = ''  # one-line warning for the user, such as of an incomplete recording
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
@@ -61,8 +61,8 @@ class Recording:
 class BlockColumns(Sequence[SampleBlock]):
     """Sequence of sample blocks, stored in arrays.
 
-    An hour has more than a hundred thousand blocks, and a `SampleBlock` takes more memory than its
-    samples. `SampleBlock` objects are therefore made on request.
+    An hour contains more than a hundred thousand blocks, and a `SampleBlock` takes more memory than
+    its samples. `SampleBlock` objects are therefore created only on access.
     """
 
     stamps: NDArray[np.int64]  # stamp of each block in ns, shape (n,)
@@ -102,7 +102,7 @@ class BlockColumns(Sequence[SampleBlock]):
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # the array `places` must not be too large
+        for first in range(0, len(order), _AT_A_TIME):  # limits the size of `places`
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -110,7 +110,7 @@ class BlockColumns(Sequence[SampleBlock]):
         return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
 
     def split(self, place: int) -> tuple['BlockColumns', 'BlockColumns']:
-        """Return the blocks before a position and the others, in separate memory."""
+        """Return the blocks before a position and the remaining blocks, in separate arrays."""
         order = np.arange(len(self))
         return self.take(order[:place]), self.take(order[place:])
 
@@ -126,7 +126,7 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # the lists must not be too large
+        for number in range(0, len(self), _AT_A_TIME):  # limits the size of the lists
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings and state files as dataclasses, read from YAML or JSON and written as JSON.
 
-Each kind of file is a subclass of `Settings`. A field may be a bool, number, text, enumeration (by
+Each file format is a subclass of `Settings`. A field may be a bool, number, text, enumeration (by
 name), array, `Parameters` or `Settings`, or a list or mapping of these.
 """
 
@@ -34,9 +34,9 @@ _Kind = TypeVar('_Kind', bound='Settings')
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Base class of a file or of a mapping in a file.
+    """Base class of the content of a file, or of a mapping in a file.
 
-    `parameter` declares the fields. A field `name` has the key of this mapping in the enclosing
+    `parameter` declares the fields. A field `name` contains the key of the mapping in its enclosing
     mapping. `format` is the version of the file format; a file without a version has version 1.
     """
 
@@ -45,7 +45,7 @@ class Settings:
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the content of a file, which a subclass converts from older formats."""
+        """Return the content in the present format. A subclass converts older formats."""
         return content
 
 
@@ -56,7 +56,7 @@ def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
 
 
 def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
-    """Write or replace a file. Raises OSError if that fails; an old file then stays."""
+    """Write or replace a file. Raises OSError on failure; an existing file is then unchanged."""
     text = json.dumps({'format': settings.format, **plain(settings)})
     replace_file(Path(os.path.realpath(path)), [f'{text}\n'.encode()], mode)
 
@@ -80,7 +80,7 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
-    """Return field and type of each key; the key of `class_` is class, ``T | None`` has type T."""
+    """Return field and type of each key. The key of `class_` is class; ``T | None`` has type T."""
     types = {
         name: get_args(hint)[0] if isinstance(hint, UnionType) else hint
         for name, hint in get_type_hints(kind).items()
@@ -91,15 +91,15 @@ def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
 def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False) -> _Kind:
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
-    `path` has the keys that lead to the mapping in its file. An absent or empty value means the
-    default of its field. An unknown key is probably a typing error, and is refused. If the file has
-    a `newer` format, unknown keys are kept.
+    `path` contains the keys that lead to the mapping in its file. An absent or empty value stands
+    for the default of its field. An unknown key is refused, because it is probably a typing error.
+    If the file has a `newer` format, unknown keys are kept.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):
-        raise SettingsError(f'{reprlib.repr(content)} is no table with {_names(known)}', *path)
+        raise SettingsError(f'{reprlib.repr(content)} is not a table with {_names(known)}', *path)
     if type(number := content.get('format', 1)) is not int:
-        raise SettingsError(f'{number!r} is not the number of a format', *path, 'format')
+        raise SettingsError(f'{number!r} is not a format number', *path, 'format')
     newer = newer or number > kind.format
     values: dict[str, Any] = {'unknown': _unknown(known, content, path, newer)}
     for key, (entry, hint) in known.items():
@@ -119,19 +119,19 @@ def _names(known: Iterable[str]) -> str:
 def _unknown(
     known: Iterable[str], content: Mapping[str, Any], path: tuple[Any, ...], newer: bool
 ) -> dict[str, Any]:
-    """Return the unknown values of a newer format. Raises `SettingsError` for another format."""
+    """Return the values of unknown keys. Raises `SettingsError` unless the format is newer."""
     unknown = {key: each for key, each in content.items() if key == 'name' or key not in known}
     if newer:
         return unknown
     if not path:
         unknown.pop('format', None)
     for key in unknown:
-        raise SettingsError(f'no such key; it may have {_names(known)}', *path, key)
+        raise SettingsError(f'no such key; valid keys are {_names(known)}', *path, key)
     return {}
 
 
 def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a value differs from its default. Raises `SettingsError` if it is required."""
+    """Return whether a value is not the default. Raises `SettingsError` if it must be given."""
     if entry.default is MISSING and value in (None, '', [], {}):
         raise SettingsError('is missing; add it', *path)
     return value not in (None, '') and repr(value) != repr(plain(entry.default))

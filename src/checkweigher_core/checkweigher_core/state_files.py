@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State files, which outlive the process of a node, and their safe replacement."""
+"""Paths of state files, which outlive the process of a node, and safe replacement of files."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -32,11 +32,11 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 
 @contextmanager
 def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
-    """Open a new file, which has its name and replaces an old file after the block.
+    """Open a temporary file, which takes the name `path` at the end of the block.
 
-    If the block raises an exception, an old file stays. A power cut leaves either the complete old
-    file or the complete new file. After the block, a power cut leaves the new file. Raises OSError
-    if the file cannot be written.
+    If the block raises an exception, an existing file is left unchanged. A power cut leaves either
+    the complete old or the complete new file, and after the block always the new file. Raises
+    OSError if the file cannot be written.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
@@ -68,7 +68,7 @@ def make_folder(path: Path, mode: int = 0o777) -> None:
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Lock the folder of a file while the file is read and written, against other processes."""
+    """Lock the folder of a file, so that no other process changes the file during the block."""
     with _opened(path.parent) as folder:
         fcntl.flock(folder, fcntl.LOCK_EX)
         yield

@@ -13,18 +13,18 @@ from checkweigher_core.state_files import replace_file
 
 
 class OutputError(ValueError):
-    """Error of an output that cannot be written. The message has its path and the reason."""
+    """Raised if an output cannot be written. The message states the path and the reason."""
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o644) -> None:
     """Write or replace a file. Text is written in UTF-8 with unchanged line ends.
 
     If the path is a link, its target is replaced. A stream (see `is_stream`) is written to, not
-    replaced. `mode` has the permissions of the file. Raises `OutputError` if the file cannot be
-    written; an old file then stays.
+    replaced. `mode` are the permissions of the file. Raises `OutputError` if the file cannot be
+    written; an existing file is then left unchanged.
     """
     given = [content] if isinstance(content, str | bytes) else content
-    # The content may have file names that UTF-8 cannot encode.
+    # Escape what UTF-8 cannot encode, because the content may include such file names.
     parts = (p if isinstance(p, bytes) else p.encode(errors='backslashreplace') for p in given)
     try:
         if is_stream(path):
@@ -41,7 +41,7 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 def is_stream(path: Path) -> bool:
     """Return whether a path leads to a device, a pipe or the standard output.
 
-    A device, a pipe or the standard output must not be replaced by a regular file.
+    The caller must write to such a file, instead of replacing it by a regular file.
     """
     try:
         there = os.stat(path)
@@ -73,14 +73,14 @@ def make_output_folder(path: Path, *, exist_ok: bool = False) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Raise `OutputError` if a file or folder exists already, or cannot be made."""
+    """Raise `OutputError` if a file or folder already exists, or cannot be created."""
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)
 
 
 def check_folder_of(path: Path) -> None:
-    """Raise `OutputError` if a file or folder can be neither made nor replaced at a path."""
+    """Raise `OutputError` if a file or folder can be neither created nor replaced at a path."""
     folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
     if not folder.is_dir():
         raise OutputError(f'{path}: there is no folder {folder}; make it first')
@@ -91,5 +91,5 @@ def check_folder_of(path: Path) -> None:
 def output_error(path: Path, error: OSError) -> OutputError:
     """Return the `OutputError` for an OSError."""
     if error.errno == errno.ENXIO:
-        return OutputError(f'{path}: cannot be written: nobody reads this pipe')
+        return OutputError(f'{path}: cannot be written: no process reads this pipe')
     return OutputError(f'{path}: cannot be written: {error.strerror or error}')

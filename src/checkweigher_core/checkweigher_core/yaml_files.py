@@ -16,7 +16,7 @@ from checkweigher_core.parameters import SettingsError
 
 @contextmanager
 def opened(source: Path | str) -> Iterator[Any]:
-    """Yield the content of a file or a text. Errors in the context get its name and the line."""
+    """Yield the content of a file or a text. Errors in the block get the file name and the line."""
     place, text = f'{source}: ' if isinstance(source, Path) else '', ''
     try:
         text = source.read_text(encoding='utf-8') if isinstance(source, Path) else source
@@ -25,7 +25,7 @@ def opened(source: Path | str) -> Iterator[Any]:
         raise SettingsError(f'{place}line {_line(text, error.path)}: {error}') from None
     except UnicodeDecodeError as error:
         line = error.object.count(b'\n', 0, error.start) + 1
-        raise SettingsError(f'{place}line {line}: cannot decode it: not UTF-8') from None
+        raise SettingsError(f'{place}line {line}: not UTF-8') from None
     except RecursionError:
         raise SettingsError(f'{place}lists or tables are nested too deeply') from None
     except yaml.MarkedYAMLError as error:
@@ -39,7 +39,7 @@ def opened(source: Path | str) -> Iterator[Any]:
 
 def _parsed(text: str) -> Any:
     if text.startswith('{'):
-        with suppress(json.JSONDecodeError):  # YAML in flow style begins with a brace, too
+        with suppress(json.JSONDecodeError):  # the text may be YAML in flow style
             return json.loads(text, object_pairs_hook=_table)
     return yaml.load(text, _Loader)
 
@@ -47,7 +47,7 @@ def _parsed(text: str) -> Any:
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):
-        # The YAML loader reports a repeated key with its line.
+        # Leave this error to the YAML loader, which reports a repeated key with its line.
         raise json.JSONDecodeError('', '', 0)
     return table
 
@@ -55,19 +55,19 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 class _Loader(yaml.SafeLoader):
     """YAML loader that refuses repeated keys, and reads numbers as in YAML 1.2.
 
-    PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, such values and dates are
-    texts.
+    PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, such values, and
+    dates, are strings.
     """
 
     def fetch_tag(self) -> None:
         """Refuse a tag such as !!int, which would change the type of a value."""
         raise yaml.MarkedYAMLError(
-            problem='tags such as !!int are not read; write the value alone',
+            problem='tags such as !!int are not supported; write the value without a tag',
             problem_mark=self.get_mark(),
         )
 
     def table(self, node: Any) -> dict[Any, Any]:
-        """Return a mapping. Refuse a repeated key; PyYAML would use its last value."""
+        """Return a mapping. A repeated key is refused, because PyYAML would use its last value."""
         known: set[str] = set()
         for key, _ in node.value:
             if str(key.value) in known:
@@ -92,7 +92,7 @@ _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(_REAL), [*'-
 
 
 def _line(text: str, path: tuple[Any, ...]) -> int:
-    """Return the line number of a field, or of the mapping or list in which it should be."""
+    """Return the line number of a field, or of the innermost existing field that encloses it."""
     line, node = 1, None
     if '\n' in text.strip():
         with suppress(yaml.YAMLError, RecursionError):  # some JSON texts are not valid YAML

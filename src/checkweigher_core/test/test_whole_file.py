@@ -72,7 +72,7 @@ def test_a_full_device_is_an_error(tmp_path: Path):
 def test_a_pipe_takes_the_text_and_stays(tmp_path: Path):
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
-    with pytest.raises(OutputError, match='nobody reads this pipe'):
+    with pytest.raises(OutputError, match='no process reads this pipe'):
         write_whole(pipe, 'nobody reads')
     read: list[str] = []
     reader = threading.Thread(target=lambda: read.append(pipe.read_text()))

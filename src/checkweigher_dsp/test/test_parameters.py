@@ -104,7 +104,7 @@ def test_a_list_becomes_a_tuple_of_floats_and_other_values_keep_their_defaults()
         ('profile', [1.0, math.nan], 'nan is not in 0..9'),
         ('profile', [1.0, 9.5], '9.5 is not in 0..9'),
         ('profile', ['a'], "'a' is not a number"),
-        ('profile', (1.0,) * 100_001, '100001 values, at most 100000'),
+        ('profile', (1.0,) * 100_001, '100001 values, but at most 100000'),
     ],
     ids=lambda value: str(value)[:20],
 )
@@ -263,13 +263,13 @@ def test_of_several_lanes_the_one_that_is_asked_for_is_read(lane, boards):
 def test_of_several_lanes_none_is_taken_by_chance():
     sets = {'larder': Larder}
     message = _refuse(LANES, sets)
-    assert 'line 1: addresses several lanes, left, right; name one' in message
+    assert 'line 1: addresses several lanes: left, right; choose one' in message
     message = _refuse(LANES.replace('right', 'left/cellar'), sets)
-    assert 'several lanes, left, left/cellar; name one' in message
+    assert 'several lanes: left, left/cellar; choose one' in message
     assert read(LANES.partition('/right')[0], sets)['larder']['shelf.boards'] == 4
 
 
-TOO_LONG = '.* s for each item.* lower it'
+TOO_LONG = '.* s per item.* lower it'
 ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Gateways from the topics of the lanes into the plant."""
+"""Gateways that carry the topics of the lanes to the systems of the plant."""
 
 KINDS = ('metrics', 'mqtt', 'opcua')

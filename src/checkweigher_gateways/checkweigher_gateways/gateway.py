@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The process of a gateway."""
+"""Process that runs a gateway."""
 
 import argparse
 import asyncio
@@ -22,64 +22,64 @@ from checkweigher_gateways import KINDS
 from checkweigher_gateways.listening import Intake, Taken
 from checkweigher_gateways.settings import GatewaySettings, read_gateways
 
-_POLL_PERIOD = 0.05  # s
+_POLL_PERIOD = 0.05  # time in s between two turns
 
 
 class GatewayError(ValueError):
-    """Error of a gateway that cannot start; one line for the user."""
+    """Raised if a gateway cannot start. The message is one line for the user."""
 
 
 class Gateway:
-    """Base of the gateways, which a module of this package implements as `Gateway`.
+    """Base class of the gateways.
 
-    A gateway is made from the settings of its section.
+    The module of each gateway has a function `make`, which returns the gateway for its settings.
 
     Attributes
     ----------
     kept : bool
-        Whether it takes the messages that the publishers keep.
+        Whether the gateway also receives verdicts that were published before its subscription.
     intake : Intake
-        Subscriptions of the gateway.
+        Subscriptions of the gateway, which exist after `start`.
     """
 
     kept: ClassVar[bool] = False
     intake: Intake
 
     async def start(self) -> str:
-        """Begin to serve; return the address for the user."""
+        """Start the service, and return its address for the user."""
         raise NotImplementedError
 
     async def take(self, taken: Taken) -> None:
-        """Process a record."""
+        """Update the gateway by a record of a lane, or by diagnostics."""
         raise NotImplementedError
 
     async def turn(self) -> None:
-        """Do the periodic work, after the records."""
+        """Perform the periodic work, after `take` was called with the waiting records."""
 
     def findings(self, now: float) -> Iterable[Finding]:
-        """Return what is wrong with the connection, at `now` in s of the monotonic clock."""
+        """Return the findings on the connection at time `now` in s on the monotonic clock."""
         return ()
 
     async def close(self) -> None:
-        """End."""
+        """Stop the service."""
 
 
 def serve(kind: str, settings: GatewaySettings, namespace: str | None = None) -> None:
-    """Run a gateway until a KeyboardInterrupt.
+    """Run a gateway until KeyboardInterrupt, or until the ROS context is shut down.
 
     Parameters
     ----------
     kind : str
-        One of `KINDS`.
+        Kind of the gateway, one of `KINDS`.
     settings : GatewaySettings
-        A missing section has its defaults.
+        Settings of all gateways. A missing section stands for the defaults.
     namespace : str, optional
-        The only lane; None for all lanes.
+        Namespace of the only lane, or None for all lanes.
 
     Raises
     ------
     GatewayError, SettingsError
-        If it cannot start.
+        If the gateway cannot start.
     """
     module: Any = import_module(f'checkweigher_gateways.{kind}')
     gateway: Gateway = module.make(settings)
@@ -107,7 +107,7 @@ async def _run(kind: str, gateway: Gateway, spinner: Spinner, namespace: str | N
 
 
 def main() -> None:
-    """Run a gateway as the launch file starts it."""
+    """Run a gateway with the options of the command line."""
     parser = argparse.ArgumentParser('gateway')
     parser.add_argument('kind', choices=KINDS)
     parser.add_argument('--settings', type=Path)

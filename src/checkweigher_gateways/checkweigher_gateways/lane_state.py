@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest records of a lane, and its state in the words of PackML."""
+"""Latest records of a lane, and its PackML state."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -23,7 +23,7 @@ from checkweigher_gateways.listening import Taken
 
 
 class PackState(IntEnum):
-    """State of a machine, by the numbers of PackML (ISA-TR88.00.02)."""
+    """Machine state, with the numbers of PackML (ISA-TR88.00.02)."""
 
     STOPPED = 2
     EXECUTE = 6
@@ -32,13 +32,13 @@ class PackState(IntEnum):
 
     @property
     def word(self) -> str:
-        """Name of the state."""
+        """Name of the state in PackML."""
         return self.name.capitalize()
 
 
 @dataclass
 class LaneState:
-    """The latest records of a lane, None before the first one; `zero` is in kg."""
+    """Latest records of a lane, None before the first. `zero` is in kg relative to calibration."""
 
     name: str
     verdict: Verdict | None = None
@@ -52,7 +52,7 @@ class LaneState:
 
     @property
     def pack_state(self) -> PackState:
-        """State of the lane in the words of PackML."""
+        """PackML state of the lane."""
         if not self.is_active:
             return PackState.STOPPED
         if self.stop is None:
@@ -61,7 +61,7 @@ class LaneState:
         return PackState.ABORTED if trouble else PackState.HELD
 
     def deviation(self, verdict: Verdict) -> float:
-        """Return mass minus nominal mass of an item in kg, NaN if one is unknown."""
+        """Return the mass of an item minus its nominal mass in kg, NaN if either is unknown."""
         product = self.product
         known = product is not None and product.nominal > 0
         return verdict.mass - product.nominal if known and product is not None else math.nan
@@ -81,17 +81,17 @@ class LaneState:
 
 
 class LaneStates:
-    """States of all lanes by namespace."""
+    """States of the lanes by namespace."""
 
     def __init__(self) -> None:
         self.lanes: dict[str, LaneState] = {}
 
     def of(self, lane: str) -> LaneState:
-        """Return the state of a lane."""
+        """Return the state of a lane, which is created if the lane is new."""
         return self.lanes.setdefault(lane, LaneState(lane))
 
     def take(self, taken: Taken) -> None:
-        """Add a record of a lane, or diagnostics of all."""
+        """Update the states by a record of a lane, or by diagnostics."""
         if taken.port is DIAGNOSTICS:
             self._note(taken.record)
         elif taken.port is STOP_REQUEST:

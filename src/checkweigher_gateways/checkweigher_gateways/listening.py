@@ -16,13 +16,13 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_core.ros.spinner import Spinner
 
-LIMIT = 10_000  # records that wait, those of 10 minutes of a fast lane
-_LOOK_PERIOD = 0.5  # s
-_STANDSTILL = 10.0  # s
+LIMIT = 10_000  # largest number of waiting records, as many as a fast lane sends in 10 minutes
+_LOOK_PERIOD = 0.5  # time in s between two searches for lanes
+_STANDSTILL = 10.0  # time in s without a search after which the gateway counts as hung
 
 
 class Taken(NamedTuple):
-    """Record of a port with the namespace of its lane, which is '' for /diagnostics."""
+    """Record of a port, with the namespace of its lane, which is empty for /diagnostics."""
 
     lane: str
     port: Port
@@ -43,19 +43,19 @@ class _Finder(PortNode):
 
 
 class Intake:
-    """Subscriptions of a gateway to all lanes, and the records that wait for its thread.
+    """Subscriptions of a gateway to its lanes, and the queue of records for its thread.
 
-    The thread of ROS only appends to the queue. When the queue is full, the oldest record is
-    dropped and counted. With `kept`, the messages that the publishers keep are received as well.
+    The ROS thread only appends to the queue. If the queue is full, the oldest record is dropped and
+    counted. If `kept` is true, verdicts that were published earlier are received as well.
 
     Attributes
     ----------
     dropped : int
-        Records that were dropped.
+        Number of dropped records.
     spinner : Spinner
         Executor of the nodes.
     nodes : set of str
-        Names of all nodes of the graph.
+        Names of all nodes in the ROS graph.
     """
 
     def __init__(
@@ -78,14 +78,14 @@ class Intake:
             name, namespace or '', lambda now: [self._finding(now), *findings(now)]
         )
         spinner.add(self._finder)
-        # A node of its own, because the finder would hear only itself.
+        # A separate node, because an input of the finder would get only its own diagnostics.
         board = PortNode(f'{name}_board')
         take = partial(self._take, '', ports.DIAGNOSTICS)
         board.subscribe(ports.DIAGNOSTICS, take, needed=False)
         spinner.add(board)
 
     def drain(self) -> Iterator[Taken]:
-        """Yield the waiting records, the oldest first. Look for new lanes twice a second."""
+        """Search for new lanes twice a second, and yield the waiting records, oldest first."""
         now = time.monotonic()
         if now - self._looked > _LOOK_PERIOD:
             self._looked = now
@@ -114,11 +114,11 @@ class Intake:
             'Lanes',
             ', '.join(f'/{lane}' for lane in sorted(self._lanes)) or 'no lane runs',
             [
-                error_if(still > _STANDSTILL, f'stands still for {still:.0f} s', 'start it again'),
+                error_if(still > _STANDSTILL, f'has hung for {still:.0f} s', 'restart the gateway'),
                 warn_if(
                     self.dropped > 0,
                     f'{self.dropped} records were dropped',
-                    'the gateway was too slow; check the load on the machine',
+                    'the gateway was too slow; check the processor load',
                 ),
             ],
             {'waiting': str(len(self._records)), 'dropped': str(self.dropped)},

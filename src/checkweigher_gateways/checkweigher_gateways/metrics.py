@@ -25,48 +25,48 @@ from checkweigher_gateways.listening import Taken
 from checkweigher_gateways.settings import GatewaySettings, MetricsSettings
 from checkweigher_web.access.certificate import check_pair
 
-# Bounds of the masses in g: ten in each decade, rounded as the series R10 of ISO 3.
+# Bounds of the mass histogram in g: ten per decade, as in the series R10 of ISO 3.
 _R10 = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 MASSES = [float(f'{step}e{decade}') for decade in (1, 2, 3, 4) for step in _R10]
-# Bounds of the deviation from the nominal mass, as a share of it.
+# Bounds of the deviation histogram, as fractions of the nominal mass.
 DEVIATIONS = [
     sign * each / 1000
     for sign, sizes in ((-1, (100, 50, 30, 20, 15, 10, 5, 2)), (1, (0, 2, 5, 10, 20, 30, 50, 100)))
     for each in sizes
 ]
-_UNKNOWN = 'Unknown'  # reason of another version, so that no text of a message becomes a label
-# Figures of the diagnostics by node, aspect and key: name, help and factor to the unit of the name.
+_UNKNOWN = 'Unknown'  # label of unknown reasons, whose texts must not become labels
+# Metrics of diagnostics by node, aspect and key: name, help text, and factor to the unit.
 _FIGURES = {
     ('segmenter', 'Zero', 'from_calibration_g'): (
-        'checkweigher_zero_offset_grams', 'Zero of the belt, from that of the calibration.', 1.0),
+        'checkweigher_zero_offset_grams', 'Zero of the belt relative to the calibration.', 1.0),
     ('segmenter', 'Belt noise', 'std_dev_g'): (
-        'checkweigher_belt_noise_grams', 'Standard deviation of the empty belt.', 1.0),
+        'checkweigher_belt_noise_grams', 'Standard deviation of the empty-belt signal.', 1.0),
     ('reject', 'Verdicts', 'latency_median_ms'): (
         'checkweigher_verdict_latency_median_seconds',
-        'From the outfeed edge to the verdict, median of the last minute.', 1e-3),
+        'Median time from outfeed edge to verdict in the last minute.', 1e-3),
     ('reject', 'Verdicts', 'latency_max_ms'): (
         'checkweigher_verdict_latency_max_seconds',
-        'From the outfeed edge to the verdict, largest of the last minute.', 1e-3),
+        'Longest time from outfeed edge to verdict in the last minute.', 1e-3),
     ('reject', 'Verdicts', 'least_margin_ms'): (
         'checkweigher_verdict_margin_min_seconds',
-        'From the verdict to its reject time, least of the last minute.', 1e-3),
+        'Shortest time from verdict to reject time in the last minute.', 1e-3),
 }  # fmt: skip
-# Processes beside the lines, which run where a node of theirs is in the graph.
+# Processes outside the lines. A process runs if its node is in the ROS graph.
 _BESIDE = ('page', REPORTER, *GATEWAYS)
-# Nodes whose diagnostics are shown; others may publish on the topic as well.
+# Nodes whose diagnostics are exported. Others are ignored, because any node may publish them.
 _REPORTING = {*NODES, *OF_MACHINE, *GATEWAYS}
 
 
 class Metrics(Gateway):
-    """Gateway with a page of metrics, which Prometheus reads.
+    """Gateway that serves metrics to Prometheus.
 
-    All counts are of the verdicts since the start of the gateway. A lane without a namespace has
-    the label ``lane=""``. Numbers and names of items and batches are no labels.
+    Counters begin at 0 when the gateway starts. A lane without a namespace has the label
+    ``lane=""``. Item numbers and batch names are not labels.
 
     Attributes
     ----------
     registry : CollectorRegistry
-        The metrics.
+        Registry of the metrics.
     """
 
     def __init__(self, settings: MetricsSettings) -> None:
@@ -87,26 +87,26 @@ class Metrics(Gateway):
                 f'checkweigher_{name}', text, ['lane'], buckets=bounds, registry=registry
             )
 
-        self._items = counter('items', 'Items, by decision.', 'lane', 'decision')
-        self._reasons = counter('item_reasons', 'Items, by each reason.', 'lane', 'reason')
-        self._late = counter('late_verdicts', 'Verdicts after their reject time.', 'lane')
-        self._masses = histogram('item_mass_grams', 'Masses as weighed.', MASSES)
+        self._items = counter('items', 'Number of items by decision.', 'lane', 'decision')
+        self._reasons = counter('item_reasons', 'Number of items by reason.', 'lane', 'reason')
+        self._late = counter('late_verdicts', 'Number of late verdicts.', 'lane')
+        self._masses = histogram('item_mass_grams', 'Masses of the items.', MASSES)
         self._deviations = histogram(
-            'item_deviation_ratio', 'Mass minus nominal, as a share of nominal.', DEVIATIONS
+            'item_deviation_ratio', 'Relative deviation from the nominal mass.', DEVIATIONS
         )
-        self._last = gauge('last_item_timestamp_seconds', 'Stamp t3 of the last item.', 'lane')
-        self._stop = gauge('stop_requested', '1 while the line is asked to stop.', 'lane')
-        self._stop_requests = counter('stop_requests', 'Stop requests.', 'lane', 'reason')
-        self._alarms = gauge('alarms', 'Alarms that last or are not acknowledged.', 'lane')
-        self._product = gauge('product_info', 'The product on the line.', 'lane', 'product')
+        self._last = gauge('last_item_timestamp_seconds', 'Time t3 of the last item.', 'lane')
+        self._stop = gauge('stop_requested', '1 while a stop is requested.', 'lane')
+        self._stop_requests = counter('stop_requests', 'Number of stop requests.', 'lane', 'reason')
+        self._alarms = gauge('alarms', 'Number of active or unacknowledged alarms.', 'lane')
+        self._product = gauge('product_info', 'Product on the line.', 'lane', 'product')
         self._level = gauge(
-            'diagnostic_level', '0 OK, 1 WARN, 2 ERROR, 3 STALE.', 'lane', 'node', 'aspect'
+            'diagnostic_level', 'Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.', 'lane', 'node', 'aspect'
         )
         self._reported = gauge(
-            'node_last_report_timestamp_seconds', 'Stamp of the last diagnostics.', 'lane', 'node'
+            'node_last_report_timestamp_seconds', 'Time of the last diagnostics.', 'lane', 'node'
         )
-        self._running = gauge('process_running', '1 while a node of it is there.', 'process')
-        self._dropped = counter('gateway_records_dropped', 'Records that this gateway lost.')
+        self._running = gauge('process_running', '1 while the process runs.', 'process')
+        self._dropped = counter('gateway_records_dropped', 'Number of dropped records.')
         self._lost = 0
         self._figures = {
             key: (Gauge(name, text, ['lane'], registry=registry), factor)
@@ -114,7 +114,7 @@ class Metrics(Gateway):
         }
 
     async def start(self) -> str:
-        """Serve the page of metrics in a thread of its own."""
+        """Start the HTTP server, which has its own thread."""
         its, tls = self._settings, bool(self._settings.certificate)
         if tls:
             check_pair(Path(its.certificate), Path(its.key))
@@ -133,7 +133,7 @@ class Metrics(Gateway):
         return f'http{"s" * tls}://{its.host}:{self._server.server_port}/metrics'
 
     async def take(self, taken: Taken) -> None:
-        """Count a record."""
+        """Update the metrics by a record."""
         lane, record = taken.lane, taken.record
         match record:
             case Verdict():
@@ -171,7 +171,7 @@ class Metrics(Gateway):
                 self._deviations.labels(lane).observe(verdict.mass / product.nominal - 1)
 
     def _note(self, message: Any) -> None:
-        """Show the levels and figures of diagnostics."""
+        """Update the metrics by diagnostics."""
         stamp = message.header.stamp
         for status in message.status:
             path, _, aspect = status.name.partition(': ')
@@ -186,7 +186,7 @@ class Metrics(Gateway):
                     gauge.labels(lane).set(factor * float(value.value))
 
     async def turn(self) -> None:
-        """Show which processes run, and the number of records that were lost."""
+        """Update the states of the processes, and the number of dropped records."""
         for name in _BESIDE:
             self._running.labels(name).set(name in self.intake.nodes)
         lost = self.intake.dropped
@@ -194,10 +194,10 @@ class Metrics(Gateway):
         self._lost = lost
 
     async def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._server.shutdown()
 
 
 def make(settings: GatewaySettings) -> Gateway:
-    """Return the gateway."""
+    """Return the metrics gateway."""
     return Metrics(settings.metrics or MetricsSettings())

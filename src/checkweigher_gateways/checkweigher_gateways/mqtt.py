@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verdicts and states of the lanes for an MQTT broker: plain JSON, and Sparkplug B."""
+"""Gateway that publishes verdicts and lane states by MQTT, as JSON and Sparkplug B."""
 
 import asyncio
 from collections.abc import Iterable
@@ -33,23 +33,23 @@ from checkweigher_gateways.store import Store
 from checkweigher_web.work.actions import new_batch, select_product, zero
 from checkweigher_web.work.services import Person, Workshop
 
-_KEEPALIVE = 10  # s without an answer of the broker, after which the connection counts as lost
-_RETRY = 1, 30  # s from one attempt to connect to the next, at first and at most
-_WINDOW = 100  # items that the broker has not confirmed
-_FAREWELL = 1.0  # s for the last message of a session
-_MARK_PATIENCE = 1.0  # s for the mark of the last item that the broker has
+_KEEPALIVE = 10  # keep-alive interval of the connection in s
+_RETRY = 1, 30  # shortest and longest delay in s before the next attempt to connect
+_WINDOW = 100  # largest number of items that the broker has not confirmed
+_FAREWELL = 1.0  # longest wait in s for the last message of a session
+_MARK_PATIENCE = 1.0  # longest wait in s for the retained message `delivered`
 _MILLISECOND = NANOSECONDS // 1000
-_NOTHING = Verdict(0, None, Decision.FAULT)  # of a lane without an item
+_NOTHING = Verdict(0, None, Decision.FAULT)  # verdict of a lane without an item
 _COMMANDS = 'Command/Product', 'Command/Batch', 'Command/Zero'
 
 
 class MqttGateway(Gateway):
-    """Gateway that publishes each verdict once, also after the broker was away.
+    """Gateway that publishes each verdict by MQTT, also after the broker was away.
 
-    The threads of paho only put events into a queue. Each connection is a client of its own,
-    because its will has another number. An item is stored before it is published, and marked as
-    sent when the broker has confirmed it. If the connection broke before the confirmation, the
-    retained message ``delivered`` tells which item the broker has.
+    The threads of paho only put events into a queue. Each connection has its own client, because
+    the wills of the connections contain different numbers. An item is stored before it is
+    published, and marked as sent when the broker has confirmed it. The retained message
+    ``delivered`` (the mark) contains the number of the last item that the broker has received.
     """
 
     kept: ClassVar[bool] = True
@@ -61,9 +61,9 @@ class MqttGateway(Gateway):
         self._client: Client | None = None
         self._edge: EdgeNode | None = None
         self._trouble = 'not connected yet'
-        self._retry_at = 0.0  # monotonic time in s from which to connect again
-        self._ready_at = math.inf  # the same from which items may be sent
-        self._born = 0  # ns
+        self._retry_at = 0.0  # monotonic time in s of the next attempt to connect
+        self._ready_at = math.inf  # monotonic time in s from which items may be sent
+        self._born = 0  # time in ns of the latest birth message
         self._sent = 0
         self._confirmations: dict[int, int] = {}
         self._shown: dict[str, dict[str, object]] = {}
@@ -73,7 +73,7 @@ class MqttGateway(Gateway):
         self._mark = f'{self._root}/delivered'
 
     async def start(self) -> str:
-        """Open the store and begin to connect; the broker may come later."""
+        """Open the store, and connect to the broker in the background."""
         its = self._settings
         path = Path(its.store) if its.store else state_file(f'gateway_mqtt.{self._node}.sqlite')
         try:
@@ -118,7 +118,7 @@ class MqttGateway(Gateway):
         self._client = client
 
     async def take(self, taken: Taken) -> None:
-        """Store a verdict; note any other record."""
+        """Update the state of the lane, and store a verdict."""
         self._states.take(taken)
         if isinstance(taken.record, Verdict):
             verdict, lane = taken.record, taken.lane
@@ -143,7 +143,7 @@ class MqttGateway(Gateway):
             case 'connected' if not value.is_failure:
                 self._greet()
             case 'connected':
-                self._trouble = f'refused: {value}'
+                self._trouble = f'connection refused: {value}'
             case 'failed':
                 self._trouble = 'no connection'
             case 'ended':
@@ -157,7 +157,7 @@ class MqttGateway(Gateway):
                 self._hear(value)
 
     def _greet(self) -> None:
-        """Begin a session: subscribe, and wait for the mark of the items that the broker has."""
+        """Begin a session: subscribe, publish the birth message, and begin to wait for the mark."""
         self._trouble, self._confirmations, self._shown = '', {}, {}
         assert self._client is not None
         topics = [self._mark]
@@ -182,7 +182,7 @@ class MqttGateway(Gateway):
         return self._client.publish(topic, data, qos, retain).mid
 
     def _show(self, lane: LaneState) -> None:
-        """Publish the state of a lane if it has changed; its first one is its birth."""
+        """Publish the state of a lane if it has changed. Its first state is a DBIRTH."""
         now, before = _state(lane), self._shown.get(lane.name)
         if now == before:
             return
@@ -202,7 +202,7 @@ class MqttGateway(Gateway):
         return f'{self._root}/{element(lane)}/{name}'
 
     def _send(self) -> None:
-        """Publish the items that wait, as many as the window has room for."""
+        """Publish waiting items, until `_WINDOW` items are not confirmed."""
         room = _WINDOW - len(self._confirmations)
         for number, lane, body in list(self._store.after(self._sent, room)):
             content, self._sent = json.loads(body), number
@@ -225,7 +225,7 @@ class MqttGateway(Gateway):
             self._confirmations[self._publish(self._mark, mark, retain=True)] = number
 
     def _hear(self, message: MQTTMessage) -> None:
-        """Process a mark or a command; what is neither is ignored."""
+        """Process a mark or a command. Other messages are ignored."""
         with suppress(ValueError, KeyError, TypeError, IndexError):
             if message.topic == self._mark:
                 self._hear_mark(json.loads(message.payload), retained=message.retain)
@@ -275,7 +275,7 @@ class MqttGateway(Gateway):
         self._publish(self._topic(lane, 'answer'), json.dumps({'what': what, **asdict(outcome)}))
 
     def findings(self, now: float) -> Iterable[Finding]:
-        """Return what is wrong with the broker and with the items that wait."""
+        """Yield the finding on the connection to the broker and the waiting items."""
         dropped, waiting = self._store.dropped, self._store.waiting
         where = f'{self._settings.host}:{self._settings.port}'
         yield conclude(
@@ -284,27 +284,27 @@ class MqttGateway(Gateway):
             [
                 error_if(
                     bool(self._trouble),
-                    f'{where}: {self._trouble}, {waiting} items wait',
+                    f'{where}: {self._trouble}; {waiting} items wait',
                     'check broker, network and certificates; items are kept on disk',
                 ),
                 warn_if(
                     dropped > 0,
-                    f'{dropped} items were dropped, because more than limit waited',
-                    'raise limit of mqtt in the settings',
+                    f'{dropped} items were dropped, because more than the limit waited',
+                    'increase mqtt.limit in the settings',
                 ),
             ],
             {'waiting': str(waiting)},
         )
 
     async def close(self) -> None:
-        """End the session with its death."""
+        """Publish the death message, and disconnect from the broker."""
         client = self._client
         if client is not None and not self._trouble:
             death: tuple[str, str | bytes] = f'{self._root}/online', 'false'
             if self._edge is not None:
                 death = self._edge.death(time.time_ns() // _MILLISECOND)
             sent = client.publish(*death, qos=1, retain=self._edge is None)
-            with suppress(RuntimeError, ValueError):  # the connection is gone
+            with suppress(RuntimeError, ValueError):  # the connection is lost
                 sent.wait_for_publish(_FAREWELL)
             client.disconnect()
         self._store.close()
@@ -349,7 +349,7 @@ def _item_metrics(body: dict[str, Any]) -> dict[str, object]:
     }
 
 
-# Metrics by the keys of the state.
+# Sparkplug metric of each value of the state.
 _WORDS = {
     'state': 'State',
     'stop_reason': 'Stop/Reason',
@@ -372,5 +372,5 @@ def _state(lane: LaneState) -> dict[str, object]:
 
 
 def make(settings: GatewaySettings) -> Gateway:
-    """Return the gateway."""
+    """Return the MQTT gateway."""
     return MqttGateway(settings.mqtt or MqttSettings())

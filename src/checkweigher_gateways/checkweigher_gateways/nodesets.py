@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The information models of OPC UA that the server loads, as the OPC Foundation published them."""
+"""OPC UA information models that the server loads, as published by the OPC Foundation."""
 
 from pathlib import Path
 import sys
@@ -9,7 +9,7 @@ from typing import NamedTuple
 from asyncua import Server, ua
 
 _DI = 'Opc.Ua.Di.NodeSet2.xml'
-# In the order of their dependencies.
+# Files of the models in the order of their dependencies.
 _FILES = (
     _DI,
     'Opc.Ua.IA.NodeSet2.xml',
@@ -21,7 +21,7 @@ OWN = 'urn:checkweigher'
 
 
 class Namespaces(NamedTuple):
-    """Indices of the namespaces."""
+    """Namespace indices of the models and of this server."""
 
     machinery: int
     packml: int
@@ -30,21 +30,21 @@ class Namespaces(NamedTuple):
 
 
 def default_folder() -> Path:
-    """Return the folder in which `setup/nodesets` puts the files."""
+    """Return the folder into which `setup/nodesets` writes the files."""
     return Path(sys.prefix, 'share/checkweigher/nodesets')
 
 
 def check(folder: Path) -> None:
-    """Raise FileNotFoundError if a file is missing; the message is one line."""
+    """Raise FileNotFoundError if the file of a model is missing."""
     for name in _FILES:
         if not (folder / name).is_file():
             raise FileNotFoundError(f'{folder / name}: there is no such file; run setup/nodesets')
 
 
 async def load(server: Server, folder: Path) -> Namespaces:
-    """Load all models of a folder."""
+    """Load all models from a folder, and return the namespace indices."""
     for name in _FILES:
-        # DI refers to types of a newer core model than that of the server.
+        # Strict mode would refuse DI, which refers to a newer core model than that of asyncua.
         await server.import_xml(folder / name, strict_mode=name != _DI)
     await server.load_data_type_definitions()
     uris = (f'http://opcfoundation.org/UA/{name}/' for name in ('Machinery', 'PackML', 'Scales/V2'))
@@ -53,5 +53,5 @@ async def load(server: Server, folder: Path) -> Namespaces:
 
 
 def machines(spaces: Namespaces) -> ua.NodeId:
-    """Return the node of the folder Machines of OPC 40001-1."""
+    """Return the node ID of the folder Machines of OPC 40001-1."""
     return ua.NodeId(1001, spaces.machinery)

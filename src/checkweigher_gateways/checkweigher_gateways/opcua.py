@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The lanes as checkweighers of OPC 40200, for clients of OPC UA."""
+"""Gateway that serves each lane by OPC UA, as a checkweigher of OPC 40200."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -36,15 +36,15 @@ _POLICIES = [
     for policy in ('Basic256Sha256', 'Aes128Sha256RsaOaep', 'Aes256Sha256RsaPss')
     for mode in ('Sign', 'SignAndEncrypt')
 ]
-_ACKNOWLEDGE, _REFRESH = 9111, 3875  # methods of the condition types
+_ACKNOWLEDGE, _REFRESH = 9111, 3875  # node numbers of Acknowledge and ConditionRefresh
 
 
 async def _refuse(why: str, services: LaneServices, *_: Any) -> str:
     raise ActionRefusedError(why)
 
 
-# What a method does, the least role, and its arguments; its path is that of its browse names.
-_RECIPES = partial(_refuse, 'the recipe file has the products')
+# Action, lowest role, function and arguments of each method, by the path of its browse names.
+_RECIPES = partial(_refuse, 'products are changed only in the recipe file')
 _METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
     'SetZero': ('zero', Role.OPERATOR, actions.zero, ()),
     'ProductionPreset.SelectProduct': (
@@ -72,7 +72,7 @@ async def _set_limits(services: LaneServices, lower: str, upper: str) -> str:
     try:
         wanted = actions.MassLimits(float(lower), float(upper))
     except ValueError:
-        raise ActionRefusedError(f'{lower!r} and {upper!r} are no masses in kg') from None
+        raise ActionRefusedError(f'{lower!r} and {upper!r} are not masses in kg') from None
     return await actions.set_limits(services, wanted)
 
 
@@ -83,7 +83,7 @@ _OWN_METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
 
 
 class OpcuaGateway(Gateway):
-    """Server of OPC UA. All its work is done in the event loop of the gateway."""
+    """OPC UA server, which runs in the event loop of the gateway."""
 
     def __init__(self, settings: OpcuaSettings) -> None:
         self._settings = settings
@@ -92,13 +92,13 @@ class OpcuaGateway(Gateway):
         self._namespaces: Namespaces | None = None
 
     async def start(self) -> str:
-        """Load the models and listen."""
-        logging.getLogger('asyncua').setLevel(logging.CRITICAL)  # it logs each refused client
+        """Load the models, and start the server."""
+        logging.getLogger('asyncua').setLevel(logging.CRITICAL)  # asyncua logs each refused client
         its = self._settings
         users = UserFile(Path(its.users) if its.users else default_users())
         folder = Path(its.nodesets) if its.nodesets else default_folder()
         if its.host not in _LOOPBACK and not its.certificate:
-            raise GatewayError(f'opcua: host {its.host} needs certificate, key and clients')
+            raise GatewayError(f'opcua: host {its.host} requires certificate, key and clients')
         self._server = server = Server(user_manager=Users(users))
         try:
             check(folder)
@@ -138,7 +138,7 @@ class OpcuaGateway(Gateway):
         server.set_identity_tokens([*anonymous, ua.UserNameIdentityToken])
 
     async def take(self, taken: Taken) -> None:
-        """Show a record."""
+        """Update the nodes of a lane by a record."""
         self._states.take(taken)
         if taken.port is DIAGNOSTICS:
             return
@@ -151,7 +151,7 @@ class OpcuaGateway(Gateway):
             await self._show_products(taken.lane)
 
     async def turn(self) -> None:
-        """Show the state of each lane."""
+        """Update the state of each lane."""
         for space in self._lanes.values():
             await space.update()
 
@@ -182,14 +182,14 @@ class OpcuaGateway(Gateway):
         return Workshop(self.intake.spinner, 'gateway_opcua_work')
 
     async def _show_products(self, lane: str) -> None:
-        with suppress(ActionRefusedError):  # a lane without recipes
+        with suppress(ActionRefusedError):  # the lane has no recipes
             products = await actions.products(await self._workshop.of(lane))
             await self._lanes[lane].show_products(products)
 
     async def _act(
         self, lane: str, what: str, role: Role, action: Any, *values: ua.Variant
     ) -> ua.StatusCode:
-        """Perform an action for the caller of a method; the reason of a refusal is an event."""
+        """Perform an action for the caller of a method, and send its outcome as an event."""
         caller = CALLER.get()
         if caller is None or caller.rank < role:
             return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
@@ -206,7 +206,7 @@ class OpcuaGateway(Gateway):
         return ua.StatusCode(good)
 
     async def _acknowledge(self, condition: ua.NodeId, *_: ua.Variant) -> ua.StatusCode:
-        """Acknowledge all alarms of the lane of a condition, as the line does it."""
+        """Acknowledge all alarms of the lane to which a condition belongs."""
         named = str(condition.Identifier)
         for lane, space in self._lanes.items():
             if named.startswith(f'{space.name}.Alarms '):
@@ -220,14 +220,14 @@ class OpcuaGateway(Gateway):
         return ua.StatusCode(ua.StatusCodes.Good)
 
     def findings(self, now: float) -> Iterable[Finding]:
-        """Return who is connected."""
+        """Yield the finding with the number of served lanes."""
         yield conclude('Server', f'{len(self._lanes)} lanes are served')
 
     async def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         await self._server.stop()
 
 
 def make(settings: GatewaySettings) -> Gateway:
-    """Return the gateway."""
+    """Return the OPC UA gateway."""
     return OpcuaGateway(settings.opcua or OpcuaSettings())

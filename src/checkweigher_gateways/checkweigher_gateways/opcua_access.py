@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Users and roles of the OPC UA server: those of the page."""
+"""Users and roles of the OPC UA server, which it shares with the page."""
 
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from checkweigher_web.access.users import NOBODY, Role, UserFile, account_name
 
 @dataclass
 class Caller(User):
-    """A user of the server with the role at the page."""
+    """User of the server, with the role that the user has on the page."""
 
     rank: Role = Role.VIEWER
 
 
-# Who sent the request that the running task processes.
+# User whose request the running task processes.
 CALLER: ContextVar[Caller | None] = ContextVar('caller', default=None)
 
 
 class Users(UserManager):
-    """Logins by the users file of the page; without a name, a client may read.
+    """Logins with the users file of the page. A client without a user name may only read.
 
-    asyncua admits clients without a name only if the server offers that.
+    asyncua admits such a client only if the server offers anonymous logins.
     """
 
     def __init__(self, users: UserFile) -> None:
@@ -41,7 +41,7 @@ class Users(UserManager):
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user, None if name or password is wrong or comes too soon after failures."""
+        """Return the user, or None if the login is wrong or comes too soon after failures."""
         if username is None:
             return Caller(UserRole.User, 'anonymous')
         name = account_name(username)
@@ -56,9 +56,9 @@ class Users(UserManager):
 
 
 class Rights(SimpleRoleRuleset):
-    """Rights of all users to read, browse, subscribe and call; methods check the role."""
+    """Rights of all users to read, browse, subscribe and call. The methods check the role."""
 
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
-        """Return whether a user may send a request, and note the user for its methods."""
+        """Return whether a user may send a request, and store the user for its methods."""
         CALLER.set(user if isinstance(user, Caller) else None)
         return bool(super().check_validity(user, action_type_id, body))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A lane in the address space of OPC UA: a CheckweigherType of OPC 40200."""
+"""OPC UA nodes of a lane, which is a CheckweigherType of OPC 40200."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -21,7 +21,7 @@ Call = Callable[..., Awaitable[Any]]
 
 _CHECKWEIGHER, _PRODUCT, _RANGE, _REJECTED, _EVENT, _ALARM = 45, 46, 23, 1028, 13, 21
 _MANUFACTURER = 'Checkweigher maintainers'
-# What stays of the optional nodes of an instance; all others are deleted, as are placeholders.
+# Nodes that instances keep. All other nodes of an instance, and placeholders, are deleted.
 _KEPT = {
     'AvailableStates', 'AvailableTransitions', 'BatchId', 'CurrentProducts', 'CurrentState',
     'CurrentWeight', 'EURange', 'EngineeringUnits', 'ExecuteState', 'Id', 'Identification',
@@ -38,7 +38,7 @@ _KEPT = {
     'TotalPackagesAccepted', 'TotalPackagesRejected', 'TotalPackagesWeighed', 'Underload',
     'Weighed', 'WeightId',
 }  # fmt: skip
-# Counter of the statistic by the reason of a reject.
+# Name of the reject counter of each reason.
 _COUNTERS = {
     Reason.DISTANCE_FAULT: 'DistanceFault',
     Reason.MEAN_VALUE_REQUIREMENT: 'MeanValueRequirement',
@@ -54,7 +54,7 @@ _KILOGRAM = ua.EUInformation(
 _METRE = ua.EUInformation(
     _KILOGRAM.NamespaceUri, 5067858, ua.LocalizedText('m'), ua.LocalizedText('metre')
 )
-# States of the three state machines of PackML, from the outer to the inner one, and of Machinery.
+# States of the three nested PackML state machines, from the outermost to the innermost.
 _STATES = {
     PackState.STOPPED: ('Cleared', 'Stopped', ''),
     PackState.EXECUTE: ('Cleared', 'Running', 'Execute'),
@@ -95,17 +95,17 @@ class LaneSpace:
         return self._server.get_node(self._id(path))
 
     async def _add(self, path: str, kind: int) -> None:
-        """Add an object of a type of Scales, without placeholders and other optional nodes."""
+        """Add an object of a type of the Scales model, with only those nodes that are kept."""
         parent, _, name = path.rpartition('.')
         above = self._server.get_node(self._id(parent) if path else machines(self._spaces))
         own = ua.QualifiedName(name or self.name, self._spaces.own)
         kind_id = ua.NodeId(kind, self._spaces.scales)
         made = await above.add_object(self._id(path), own, kind_id, instantiate_optional=True)
         await self._prune(made)
-        await asyncio.sleep(0)  # lets clients be answered between two objects
+        await asyncio.sleep(0)  # lets the server answer clients between two objects
 
     async def _prune(self, node: Node) -> None:
-        """Delete the nodes below one that are not kept."""
+        """Delete all nodes of the lane below a node, except those in `_KEPT`."""
         for each in await node.get_references(
             ua.ObjectIds.HierarchicalReferences, ua.BrowseDirection.Forward
         ):
@@ -120,11 +120,11 @@ class LaneSpace:
                     await self._delete(below)
 
     async def _delete(self, node: Node) -> None:
-        """Delete a node to which nothing refers, and its own nodes below it."""
+        """Delete a node to which no reference leads, and the nodes of the lane below it."""
         for child in await node.get_children():
             if child.nodeid.NamespaceIndex == self._spaces.own:
                 await self._delete(child)
-        # With references to it, the server would look for them in all of its nodes.
+        # To delete references to the node, the server would search all of its nodes.
         session = self._server.iserver.isession
         await delete_nodes(session, [node], delete_target_references=False)
 
@@ -152,7 +152,7 @@ class LaneSpace:
     async def add_method(
         self, path: str, call: Call, *arguments: str, space: int | None = None
     ) -> None:
-        """Add a method with text arguments, or link the one that is there."""
+        """Add a method with string arguments, or implement an existing method."""
         parent, _, name = path.rpartition('.')
         if self._id(path) in self._server.iserver.aspace:
             self._server.link_method(self._node(path), call)
@@ -166,7 +166,7 @@ class LaneSpace:
         )
 
     async def _set(self, path: str, value: Any, stamp: int | None = None) -> None:
-        """Write a value that has changed; `stamp` is its time in ns."""
+        """Write a value. Without a `stamp` in ns, the value is written only if it has changed."""
         if stamp is None and self._values.get(path) == value:
             return
         self._values[path] = value
@@ -183,7 +183,7 @@ class LaneSpace:
         await self._set(f'{path}.CurrentState.Id', ua.Variant(state, ua.VariantType.NodeId))
 
     async def update(self) -> None:
-        """Show the present state of the lane."""
+        """Update the nodes by the present state of the lane."""
         state = self._state
         pack = state.pack_state
         for (path, _), name in zip(_MACHINES, _STATES[pack], strict=True):
@@ -214,7 +214,7 @@ class LaneSpace:
             await self._count(state.statistics)
 
     async def show_item(self, verdict: Verdict) -> None:
-        """Show an item: its mass, or the event of why it is rejected."""
+        """Update the masses by an item, and send an event if the item is rejected."""
         stamp = verdict.t3 or verdict.t1
         if math.isfinite(verdict.mass):
             item = str(verdict.item_id)
@@ -230,7 +230,7 @@ class LaneSpace:
             await self.say(f'item {verdict.item_id}: {reasons}', reasons, stamp)
 
     async def say(self, text: str, reason: str = '', stamp: int | None = None) -> None:
-        """Send an event of the lane."""
+        """Send an event of the lane with a text, the reasons of a reject, and a stamp in ns."""
         event = self._events.event
         event.Message = ua.LocalizedText(text)
         event.VendorNotificationId = reason
@@ -242,7 +242,7 @@ class LaneSpace:
         return f'ProductionPreset.Products.{name}'
 
     async def show_products(self, products: Mapping[str, Product]) -> None:
-        """Show the products of the recipe file."""
+        """Update the product nodes from the recipe file."""
         gone = [self._node(self._product(name)) for name in self._products.keys() - products.keys()]
         await self._server.delete_nodes(gone, recursive=True)
         for name, product in products.items():
@@ -265,7 +265,7 @@ class LaneSpace:
         self._products = dict(products)
 
     async def _count(self, statistics: Statistics) -> None:
-        """Show the counters of the product on the line."""
+        """Update the counters of the product on the line."""
         await self._set('ProductionPreset.CurrentProducts', [statistics.product])
         await self._set('TU1Percent', 100 * statistics.share_below_tu1)
         if statistics.product not in self._products:
@@ -298,7 +298,7 @@ class LaneSpace:
             await self._set(f'{path}.ItemCount', ua.Variant(max(count, 0), ua.VariantType.UInt32))
 
     async def show_alarms(self, alarms: Iterable[Alarm]) -> None:
-        """Send a condition for each alarm that has changed, also for one that is gone."""
+        """Send a condition event for each alarm that has changed or was removed."""
         now = {f'{each.source} {each.reason}': each for each in alarms}
         for name in self._alarms.keys() | now.keys():
             if self._alarms.get(name) != now.get(name):
@@ -306,7 +306,7 @@ class LaneSpace:
         self._alarms = now
 
     async def refresh(self) -> None:
-        """Send all alarms again."""
+        """Send the condition events of all alarms again."""
         for name, alarm in self._alarms.items():
             await self._condition(name, alarm, True)
 

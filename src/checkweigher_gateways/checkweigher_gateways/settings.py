@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of the gateways: one file with a section for each."""
+"""Settings of the gateways, in a file with one section for each gateway."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,61 +14,61 @@ _ADDRESS = '127.0.0.1'
 
 @dataclass(frozen=True)
 class MetricsSettings(Settings):
-    """Section of the gateway for Prometheus."""
+    """Settings of the metrics gateway."""
 
-    host: str = parameter(_ADDRESS, 'address that is served')
-    port: int = parameter(9464, 'port; 0 for a free one', minimum=0, maximum=65535)
-    certificate: str = parameter('', 'certificate for TLS, PEM; empty for no TLS')
-    key: str = parameter('', 'its key, PEM')
-    clients: str = parameter('', 'certificates of the clients, or of who signs them, PEM')
+    host: str = parameter(_ADDRESS, 'address at which the server listens')
+    port: int = parameter(9464, 'port; 0 selects a free port', minimum=0, maximum=65535)
+    certificate: str = parameter('', 'PEM file of the server certificate; empty without TLS')
+    key: str = parameter('', 'PEM file of the private key')
+    clients: str = parameter('', 'PEM file with certificates of clients or authorities')
 
 
 @dataclass(frozen=True)
 class MqttSettings(Settings):
-    """Section of the gateway for MQTT."""
+    """Settings of the MQTT gateway."""
 
     host: str = parameter(_ADDRESS, 'address of the broker')
-    port: int = parameter(1883, 'its port; 8883 is usual for TLS', minimum=1, maximum=65535)
-    user: str = parameter('', 'user at the broker; empty for none')
+    port: int = parameter(1883, 'broker port; usually 8883 with TLS', minimum=1, maximum=65535)
+    user: str = parameter('', 'user name at the broker; empty without login')
     password_file: str = parameter('', 'file with the password of the user')
-    authority: str = parameter('', 'certificate of the authority of the broker, PEM, for TLS')
-    certificate: str = parameter('', 'certificate of this client, PEM')
-    key: str = parameter('', 'its key, PEM')
-    prefix: str = parameter('checkweigher', 'first element of the topics with JSON')
-    node: str = parameter('', 'name of this computer; empty for its host name')
-    site: str = parameter('', 'group of Sparkplug B; empty for JSON only')
-    commands: bool = parameter(False, 'whether the broker may select products and batches and zero')
-    store: str = parameter('', 'file of the items that wait; empty for one in the state folder')
-    limit: int = parameter(1_000_000, 'largest number of items that wait', minimum=1)
+    authority: str = parameter('', 'PEM file with the authority of the broker; enables TLS')
+    certificate: str = parameter('', 'PEM file of the certificate of this gateway')
+    key: str = parameter('', 'PEM file of the private key')
+    prefix: str = parameter('checkweigher', 'first level of the JSON topics')
+    node: str = parameter('', 'name of this computer; empty selects its host name')
+    site: str = parameter('', 'Sparkplug B group; empty to publish only JSON')
+    commands: bool = parameter(False, 'whether hosts may select products, begin batches and zero')
+    store: str = parameter('', 'file of waiting items; empty selects one in the state folder')
+    limit: int = parameter(1_000_000, 'largest number of waiting items', minimum=1)
 
 
 @dataclass(frozen=True)
 class OpcuaSettings(Settings):
-    """Section of the gateway for OPC UA."""
+    """Settings of the OPC UA gateway."""
 
-    host: str = parameter(_ADDRESS, 'address that is served')
-    port: int = parameter(4840, 'port; 0 for a free one', minimum=0, maximum=65535)
-    certificate: str = parameter('', 'certificate of the server, PEM; needed beyond loopback')
-    key: str = parameter('', 'its key, PEM')
-    clients: str = parameter('', 'folder with certificates of clients or of their authorities')
-    users: str = parameter('', 'users of the page; empty for the file of checkweigher user')
-    nodesets: str = parameter('', 'folder of the models; empty for that of setup/nodesets')
+    host: str = parameter(_ADDRESS, 'address at which the server listens')
+    port: int = parameter(4840, 'port; 0 selects a free port', minimum=0, maximum=65535)
+    certificate: str = parameter('', 'PEM file of the certificate; required beyond loopback')
+    key: str = parameter('', 'PEM file of the private key')
+    clients: str = parameter('', 'folder with certificates of clients or authorities')
+    users: str = parameter('', 'users file; empty selects the file of checkweigher user')
+    nodesets: str = parameter('', 'folder of the models; empty selects the one of setup/nodesets')
 
 
 @dataclass(frozen=True)
 class GatewaySettings(Settings):
-    """Settings of all gateways. A file runs the gateways whose sections it has."""
+    """Settings of all gateways. The line runs the gateways whose sections are in its file."""
 
-    metrics: MetricsSettings | None = parameter(None, 'Prometheus')
-    mqtt: MqttSettings | None = parameter(None, 'MQTT, with Sparkplug B')
-    opcua: OpcuaSettings | None = parameter(None, 'OPC UA')
+    metrics: MetricsSettings | None = parameter(None, 'gateway for Prometheus')
+    mqtt: MqttSettings | None = parameter(None, 'gateway for MQTT and Sparkplug B')
+    opcua: OpcuaSettings | None = parameter(None, 'gateway for OPC UA')
 
     @property
     def kinds(self) -> list[str]:
-        """Names of the sections that the file has."""
+        """Kinds of the gateways whose sections are in the file."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
 
 def read_gateways(path: Path | None) -> GatewaySettings:
-    """Return the settings of a file, the defaults without one; SettingsError if it is invalid."""
+    """Return the settings in a file, or defaults. Raises `SettingsError` if they are invalid."""
     return GatewaySettings() if path is None else read_settings(path, GatewaySettings)

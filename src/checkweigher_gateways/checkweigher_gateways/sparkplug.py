@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Payloads and topics of Sparkplug B 3.0.
 
-The payload is the message of Eclipse Tahu's sparkplug_b.proto; its descriptor is built here,
-without data sets, templates and properties, which this project does not use.
+The payload is the message Payload in sparkplug_b.proto of Eclipse Tahu. Its descriptor is built
+here without data sets, templates and properties, which the gateway does not use.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 NAMESPACE = 'spBv1.0'
 BD_SEQ, REBIRTH = 'bdSeq', 'Node Control/Rebirth'
-NUMBERS = 256  # of seq and bdSeq, which begin again at 0
+NUMBERS = 256  # seq and bdSeq count modulo this number
 
 _OPTIONAL, _REPEATED = 1, 3
 _DOUBLE, _UINT64, _BOOL, _STRING, _MESSAGE, _BYTES, _UINT32, _FLOAT = 1, 4, 8, 9, 11, 12, 13, 2
@@ -43,7 +43,7 @@ _VALUES = (
     ('boolean_value', 14, _BOOL),
     ('string_value', 15, _STRING),
 )
-# Number of the data type and field of the value, by the type in Python.
+# Sparkplug data type and payload field of each Python type.
 _TYPES: dict[type, tuple[int, str]] = {
     bool: (11, 'boolean_value'),
     int: (4, 'long_value'),
@@ -80,18 +80,18 @@ Payload: Any = _payload_class()
 def encode(
     metrics: Mapping[str, object], stamp: int, seq: int | None = None, *, historical: bool = False
 ) -> bytes:
-    """Return a payload.
+    """Return an encoded payload.
 
     Parameters
     ----------
     metrics : mapping
-        Values by name; NaN is null.
+        Values by metric name. NaN is encoded as null.
     stamp : int
-        Time of the values, ms since 1970.
+        Time of the values in ms since 1970.
     seq : int, optional
-        Sequence number, 0..255; None for an NDEATH.
+        Sequence number from 0 to 255, or None for an NDEATH.
     historical : bool
-        Whether the values are from before the birth.
+        Whether the values precede the birth message.
     """
     payload = Payload(timestamp=stamp)
     if seq is not None:
@@ -109,12 +109,12 @@ def encode(
 
 
 def decode(data: bytes | bytearray) -> dict[str, Any]:
-    """Return the values of a payload by name, None for null; ValueError if it is no payload."""
+    """Return the values of a payload by name, None for null. Raises ValueError if invalid."""
     payload = Payload()
     try:
         payload.ParseFromString(bytes(data))
-    except Exception as error:  # DecodeError, of a base class that depends on the implementation
-        raise ValueError(f'no payload of Sparkplug B: {error}') from None
+    except Exception as error:  # the base class of DecodeError depends on the implementation
+        raise ValueError(f'not a Sparkplug B payload: {error}') from None
     return {
         metric.name: getattr(metric, kind) if (kind := metric.WhichOneof('value')) else None
         for metric in payload.metrics
@@ -122,19 +122,19 @@ def decode(data: bytes | bytearray) -> dict[str, Any]:
 
 
 def element(text: str) -> str:
-    """Return a text as an element of a topic, which has no ``/``, ``+`` and ``#``."""
+    """Return a text as a topic level, in which dots replace ``/``, ``+`` and ``#``."""
     return re.sub(r'[/+#\0]', '.', text) or 'lane'
 
 
 class EdgeNode:
-    """Topics and sequence numbers of an edge node from birth to death."""
+    """Topics and sequence numbers of an edge node during one connection."""
 
     def __init__(self, group: str, node: str, bd_seq: int) -> None:
         self._group, self._node = element(group), element(node)
         self._bd_seq, self._seq = bd_seq, 0
 
     def topic(self, kind: str, device: str = '') -> str:
-        """Return the topic of a kind of message."""
+        """Return the topic of a kind of message, such as NBIRTH."""
         return '/'.join(filter(None, (NAMESPACE, self._group, kind, self._node, device)))
 
     def death(self, stamp: int) -> tuple[str, bytes]:
@@ -142,7 +142,7 @@ class EdgeNode:
         return self.topic('NDEATH'), encode({BD_SEQ: self._bd_seq}, stamp)
 
     def birth(self, metrics: Mapping[str, object], stamp: int) -> tuple[str, bytes]:
-        """Return topic and payload of the NBIRTH; sequence numbers begin again."""
+        """Return topic and payload of the NBIRTH, and restart the sequence numbers."""
         self._seq = 0
         own = {BD_SEQ: self._bd_seq, REBIRTH: False, **metrics}
         return self.topic('NBIRTH'), encode(own, stamp, 0)
@@ -156,7 +156,7 @@ class EdgeNode:
         *,
         historical: bool = False,
     ) -> tuple[str, bytes]:
-        """Return topic and payload of a DBIRTH, DDATA or DDEATH, with the next number."""
+        """Return topic and payload of a DBIRTH, DDATA or DDEATH, with the next sequence number."""
         self._seq = (self._seq + 1) % NUMBERS
         data = encode(metrics, stamp, self._seq, historical=historical)
         return self.topic(kind, element(device)), data

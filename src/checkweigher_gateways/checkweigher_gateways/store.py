@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items that wait for the broker, on disk."""
+"""Items that wait for the broker, stored on disk."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,23 +16,23 @@ CREATE TABLE IF NOT EXISTS items (
 CREATE INDEX IF NOT EXISTS waiting ON items (number) WHERE sent = 0;
 CREATE TABLE IF NOT EXISTS state (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
-_KNOWN = 20_000  # items whose keys are kept after they were sent
+_KNOWN = 20_000  # number of latest items that are kept although they were sent
 
 
 class Store:
-    """Items with a number each, kept until the broker has them.
+    """Numbered items, which wait until the broker has received them.
 
-    An item that comes again, such as one that a publisher of the line kept, is known by its key. At
-    most `limit` items wait; then the oldest are dropped and counted.
+    An item whose key is known is not added again, because a restarted gateway receives it twice. If
+    more than `limit` items wait, the oldest item is dropped and counted.
 
     Attributes
     ----------
     identity : str
-        Identity of the file, because numbers begin at 1 in another one.
+        Unique ID of the file, which distinguishes its numbers from those of another file.
     waiting : int
-        Items that wait.
+        Number of waiting items.
     dropped : int
-        Items that were dropped since the start.
+        Number of items dropped since the start.
     """
 
     def __init__(self, path: Path, limit: int) -> None:
@@ -53,7 +53,7 @@ class Store:
         return None if found is None else str(found[0])
 
     def next_number(self, name: str, count: int) -> int:
-        """Return the next number of a sequence modulo `count`, which is on the disk then."""
+        """Return the next number of a sequence modulo `count`, after writing it to the disk."""
         number = (int(self._value(name) or -1) + 1) % count
         self._database.execute('INSERT OR REPLACE INTO state VALUES (?, ?)', [name, str(number)])
         self.commit()
@@ -72,7 +72,7 @@ class Store:
             self.waiting, self.dropped = self.waiting - 1, self.dropped + 1
 
     def commit(self) -> None:
-        """Write what was added to the disk."""
+        """Write the added items to the disk."""
         self._database.commit()
 
     def _count(self) -> None:
@@ -80,7 +80,7 @@ class Store:
         self.waiting = int(counted.fetchone()[0])
 
     def after(self, number: int, count: int) -> Iterator[tuple[int, str, str]]:
-        """Return up to `count` waiting items after a number: number, lane and body."""
+        """Return number, lane and body of up to `count` waiting items after a number."""
         return self._database.execute(
             'SELECT number, lane, body FROM items WHERE sent = 0 AND number > ?'
             ' ORDER BY number LIMIT ?',
@@ -88,7 +88,7 @@ class Store:
         )
 
     def have_sent(self, number: int) -> None:
-        """Mark the items up to a number as sent, and forget those of long ago."""
+        """Mark the items up to a number as sent, and delete all but the latest sent items."""
         self._database.execute('UPDATE items SET sent = 1 WHERE sent = 0 AND number <= ?', [number])
         self._database.execute(
             'DELETE FROM items WHERE sent = 1 AND number <= ?', [number - _KNOWN]

@@ -184,7 +184,7 @@ async def _work(url: str, verdicts: Verdicts) -> None:
             call = node(preset, technician).call_method(add, 'a', 'b', '')
             assert await refusal(call) == ua.StatusCodes.BadInvalidState
             texts = lambda: [e.Message.Text for e in heard.events]  # noqa: E731
-            why = 'add product: the recipe file has the products'
+            why = 'add product: products are changed only in the recipe file'
             await until(lambda: why in texts())
         stranger = Client(url, PATIENCE, PATIENCE)
         stranger.set_user('anna')
@@ -266,7 +266,7 @@ def test_only_clients_with_a_trusted_certificate_come_in(tmp_path: Path, users: 
 def test_what_the_server_lacks_is_one_line(tmp_path: Path):
     for settings, why in (
         (OpcuaSettings(nodesets=str(tmp_path)), 'run setup/nodesets'),
-        (OpcuaSettings(host='0.0.0.0'), 'needs certificate, key and clients'),
+        (OpcuaSettings(host='0.0.0.0'), 'requires certificate, key and clients'),
     ):
         with pytest.raises(GatewayError, match=why) as error:
             asyncio.run(make(GatewaySettings(opcua=settings)).start())

@@ -42,7 +42,7 @@ def test_values_of_before_the_birth_are_marked():
 
 
 def test_what_is_no_payload_is_refused():
-    with pytest.raises(ValueError, match='no payload of Sparkplug B'):
+    with pytest.raises(ValueError, match='not a Sparkplug B payload'):
         decode(b'\xff\xff')
 
 

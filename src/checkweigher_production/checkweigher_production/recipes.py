@@ -244,7 +244,7 @@ def _parameters(given: Mapping[str, Any] | None) -> Changes:
             )
         if not isinstance(section, dict):
             raise SettingsError(
-                f'{section!r} is no mapping; write one "name: value" per line', 'parameters', node
+                f'{section!r} is not a mapping; write "name: value" lines', 'parameters', node
             )
         known, made[node] = NODES[node].entries(), {}
         for name, each in flatten(section).items():

@@ -144,7 +144,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
 @pytest.mark.parametrize(
     ('text', 'complaint'),
     [
-        ('', 'line 1: None is no table with products'),
+        ('', 'line 1: None is not a table with products'),
         ('products: {}', 'line 1: products: is missing'),
         ('products: [1]', r'line 1: products: \[1\] is not a table'),
         ('products: {a: {nominal: 0.1}}\nlines: 3', 'line 2: lines: no such key; .* products$'),
@@ -156,7 +156,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
         ('products: {7: {nominal: 0.1}}', r'products\.7: 7 is not .* put it in quotes'),
         ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'line 1: .* recursive'),
         (r'products: {"\e[2J": {nominal: 0.1}}', r"'\\x1b\[2J' is not one line of text"),
-        ('products: {a: 3}', r'products\.a: 3 is no table with nominal, tare'),
+        ('products: {a: 3}', r'products\.a: 3 is not a table with nominal, tare'),
         ('products: {? [1, 2] : {nominal: 0.1}}', 'line 1: bad YAML'),
     ],
 )
@@ -173,7 +173,7 @@ def test_a_file_of_a_newer_format_may_have_keys_that_are_not_known(tmp_path: Pat
     assert read_recipes(write(tmp_path, text)) == {
         'nuts': settings_of(Product, {'nominal': 0.2, 'filler': {'max_correction': 0.01}}, 'nuts')
     }
-    with pytest.raises(SettingsError, match=r'line 2: shop: no such key; it may have products$'):
+    with pytest.raises(SettingsError, match=r'line 2: shop: no such key; valid keys are products$'):
         read_recipes(write(tmp_path, text.replace('format: 2', 'format: 1')))
 
 

@@ -108,7 +108,7 @@ def test_without_the_node_that_has_the_log_nothing_is_changed(line: Line):
     line.spinner.remove(line.product)
     result = set_limit(line, 0.14)
     assert (result.successful, limit(line)) == (False, 0.13)
-    assert 'no answer of the node product' in result.reason
+    assert 'the node product did not answer' in result.reason
 
 
 def test_what_was_announced_and_not_made_is_found(line: Line):

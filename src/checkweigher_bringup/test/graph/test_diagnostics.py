@@ -163,7 +163,7 @@ def test_who_publishes_or_subscribes_with_another_qos_is_named(spinner: Spinner)
     assert 'reliable subscription' in told.aspect(name)[1]
     assert hint == f'change the QoS of /{LANE}/others to that of docs/topics.md'
     told.node.destroy_publisher(publisher)
-    wait_for(lambda: 'does not fit' not in told.aspect(name)[1])
+    wait_for(lambda: 'incompatible QoS' not in told.aspect(name)[1])
 
     # A subscriber that asks for more is only warned of.
     topic = ports.WEIGH_WINDOW
@@ -197,7 +197,7 @@ def test_a_message_that_cannot_be_used_is_told_of(spinner: Spinner):
     told = Told(spinner)
     spinner.add(RejectNode())
     publish(told.node, ports.LOAD_CELL_INFO, ports.LOAD_CELL_INFO.type())
-    text = '1 messages refused in the last minute, load_cell/info: load cell: sample_rate is 0'
+    text = '1 messages refused in the last minute: load_cell/info: load cell: sample_rate is 0'
     wait_for(lambda: text in str(told.bad))
     assert told.values('reject')['last warning'].startswith('refused a message on load_cell/info')
 

@@ -83,7 +83,7 @@ def test_a_line_that_could_not_go_back_accepts_nothing(line: Line):
 
     denoise.add_on_set_parameters_callback(once)
     answer = line.select('half_trained')
-    assert answer.message.endswith('and could not be put back: denoise: no more')
+    assert answer.message.endswith('the previous values could not be restored: denoise: no more')
     assert list(line.judge(0.2).reasons) == ['NoProduct']
     denoise.remove_on_set_parameters_callback(once)
     assert line.select('nuts').success

@@ -89,9 +89,9 @@ def changed(path: str, value: object) -> dict[str, Any]:
     [
         ('[', 'line 1: bad YAML'),
         ('hosts: {}\nhosts: {}', 'line 2: .* hosts is there twice'),
-        ('- 1', 'line 1: .* is no table with hosts, lanes, discovery'),
+        ('- 1', 'line 1: .* is not a table with hosts, lanes, discovery'),
         (changed('hosts', None), 'hosts: is missing'),
-        (changed('hots', {}), 'line 4: hots: no such key; it may have hosts, lanes, discovery'),
+        (changed('hots', {}), 'line 4: hots: no such key; valid keys are hosts, lanes, discovery'),
         (changed('hosts.hall', 'hall.local'), "hosts.hall: 'hall.local' is not an IP address"),
         (changed('hosts.hall', '10.75.0.2'), 'two hosts have the same address'),
         (changed('discovery', 'everywhere'), "discovery: 'everywhere' is not one of hosts, subnet"),

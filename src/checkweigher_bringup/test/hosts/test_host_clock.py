@@ -40,9 +40,9 @@ def test_the_bound_is_that_of_the_manual_of_chronyc():
 @pytest.mark.parametrize(
     ('text', 'level', 'said'),
     [
-        (LEADS, Level.OK, 'chrony follows this clock itself'),
+        (LEADS, Level.OK, 'this clock is its own reference'),
         (LOST, Level.WARN, 'not synchronised'),
-        (DRIFTING, Level.WARN, 'right to 150 ms'),
+        (DRIFTING, Level.WARN, 'accurate to 150 ms'),
         ('', Level.WARN, 'does not answer'),
         (FOLLOWS[:60], Level.WARN, 'does not answer'),
     ],
@@ -63,7 +63,7 @@ def test_a_clock_that_is_set_makes_one_step(monkeypatch: pytest.MonkeyPatch):
 
 def test_a_host_without_chrony_is_no_fault():
     finding = HostClock(('/nowhere/chronyc',)).finding(0.0)
-    assert (finding.level, finding.text) == (Level.OK, 'not checked: there is no chrony here')
+    assert (finding.level, finding.text) == (Level.OK, 'not checked: chrony is not installed')
 
 
 def answer(clock: HostClock) -> Finding:
@@ -111,4 +111,4 @@ def test_two_clocks_that_a_real_chrony_keeps():
         follower = stack.enter_context(chronyd(Path(other), *follows))
         wait_for(lambda: answer(HostClock(follower)).level == Level.OK)
         assert 0 < float(answer(HostClock(follower)).values['bound_ms']) < 0.1
-        assert answer(HostClock(leader)).text == 'chrony follows this clock itself (local)'
+        assert answer(HostClock(leader)).text == 'this clock is its own reference in chrony (local)'

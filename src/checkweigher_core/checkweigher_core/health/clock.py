@@ -11,24 +11,24 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 _MAX_BLOCKS = 20_000  # largest number of blocks from which rate and pace are computed
 RATE_SPAN = 10.0  # time in s over which rates are computed
 SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
-_REPLAY = 0.1  # relative difference of the pace from 1 above which a recording is replayed
-_CLOCK_BIN = 5.0  # time in s in which at least one message is not delayed by the machine
+_REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
+_CLOCK_BIN = 5.0  # duration of a bin in s, in which at least one message is not delayed
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
 _DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
-_JITTER_LIMIT = 0.5  # s
-_START = 5.0  # time in s after the first block in which delays are ignored, because nodes start
-_EYE_OFFSET_LIMIT = 0.1  # s
-_FEWEST_EDGES = 4
-_CLOCK_STEP = 0.5  # difference in s between stamp and index above which the clock was set
+_JITTER_LIMIT = 0.5  # largest jitter in s
+_START = 5.0  # time in s before jitter is measured, because nodes still start
+_EYE_OFFSET_LIMIT = 0.1  # largest delay in s between edges and samples
+_FEWEST_EDGES = 4  # smallest number of edges from which this delay is computed
+_CLOCK_STEP = 0.5  # difference in s between stamp and index, above which the clock was set
 
 
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their times of arrival.
 
     The delay of a block is the time from its last sample to its arrival. The shortest delay in a
-    few seconds is that of a message that did not wait, so it changes only if a clock drifts.
+    few seconds belongs to a message that did not wait, so it changes only if a clock drifts.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -79,10 +79,9 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return how fast the stamps advance relative to the clock of this machine, NaN if unknown.
+        """Return the rate of the stamps relative to the clock of this machine, NaN if unknown.
 
-        The shortest delays are used as soon as they are known, because blocks arrive too fast for a
-        while after a halt.
+        The shortest delays are preferred, because blocks arrive too fast for a while after a halt.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -130,24 +129,24 @@ class ClockWatch:
         if math.isnan(pace):
             return conclude('Clock', 'not known yet', values=values)
         if abs(pace - 1) > _REPLAY:
-            text = f'the stamps run at {pace:.2f} times real time, as those of a replay do'
+            text = f'the stamps advance at {pace:.2f} times real time, as in a replay'
             return conclude('Clock', text, values=values)
         side = 'later' if eye_offset > 0 else 'earlier'
         concerns = [
             warn_if(
                 abs(eye_offset) > _EYE_OFFSET_LIMIT,
-                f'edges come {abs(eye_offset):.2f} s {side} than samples of the same stamp',
-                'check that load cell and photo-eyes are stamped by one clock',
+                f'edges arrive {abs(eye_offset):.2f} s {side} than samples with the same stamp',
+                'check that one clock stamps the load cell and the photo-eyes',
             ),
             warn_if(
                 abs(drift) > _DRIFT_LIMIT,
-                f'the stamps drift by {1e6 * drift:.0f} ppm against this machine',
-                'check the sample rate in load_cell/info and what the stamps are made of',
+                f'the stamps drift by {1e6 * drift:.0f} ppm relative to this machine',
+                'check the sample rate in load_cell/info and the clock of the stamps',
             ),
             warn_if(
                 jitter > _JITTER_LIMIT,
-                f'blocks come up to {1e3 * jitter:.0f} ms late',
+                f'5 % of the blocks are at least {1e3 * jitter:.0f} ms late',
                 'check the load on this machine and the network to the driver',
             ),
         ]
-        return conclude('Clock', 'stamps and arrival agree', concerns, values)
+        return conclude('Clock', 'stamps and arrival times agree', concerns, values)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Room on the disk with the folder of a machine, and when there will be none."""
+"""Free space on the disk of the machine folder, and the time until it is used up."""
 
 from collections.abc import Callable
 import math
@@ -10,12 +10,12 @@ import shutil
 from checkweigher_core.health.findings import Finding, RecentValues, conclude, error_if, warn_if
 
 _ASPECT = 'Disk'
-_PERIOD = 600.0  # s between two looks
-_DAY = 86_400.0  # s
-_SHORTEST_SPAN = 6 * _PERIOD  # s, over which a trend is estimated
-_WARNING = 30.0  # days ahead
-_LEAST = 100e6  # bytes; a batch record of 100,000 items needs less
-_HINT = 'move kept items and passes to another disk, see docs/backup.md'
+_PERIOD = 600.0  # time in s between two readings
+_DAY = 86_400.0  # seconds per day
+_SHORTEST_SPAN = 6 * _PERIOD  # shortest time in s from which a trend is estimated
+_WARNING = 30.0  # time in days until the disk is full, below which a warning is shown
+_LEAST = 100e6  # smallest free space in bytes; a batch record of 100,000 items needs less
+_HINT = 'move recorded items and passes to another disk; see docs/backup.md'
 
 
 def free_bytes(folder: Path) -> float:
@@ -27,10 +27,10 @@ def free_bytes(folder: Path) -> float:
 
 
 class DiskWatch:
-    """Watch of the free bytes over the last two days. Times in s of a monotonic clock.
+    """Monitor of the free bytes over the last two days. Times are in s on a monotonic clock.
 
-    The trend is the median over all pairs, so a recording that is made and removed in a few hours
-    does not count.
+    The trend is the median slope over all pairs of readings, so a recording that is removed after a
+    few hours does not affect it.
     """
 
     def __init__(self, free: Callable[[], float]) -> None:
@@ -40,7 +40,7 @@ class DiskWatch:
         self._finding = conclude(_ASPECT, 'not known yet')
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Disk at `now`, s."""
+        """Return the finding Disk at time `now` in s."""
         if now - self._looked >= _PERIOD:
             self._looked = now
             self._values.forget(now)
@@ -56,8 +56,8 @@ class DiskWatch:
             _ASPECT,
             text,
             [
-                error_if(free < _LEAST, f'full: {text}', _HINT),
-                warn_if(days < _WARNING, f'full in {days:.0f} days: {text}', _HINT),
+                error_if(free < _LEAST, f'nearly full: {text}', _HINT),
+                warn_if(days < _WARNING, f'full in about {days:.0f} days: {text}', _HINT),
             ],
             {'free_gb': free / 1e9, 'days_left': days},
         )

@@ -16,8 +16,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-MINUTE = 60.0  # s
-_MAX_VALUES = 10_000
+MINUTE = 60.0  # seconds per minute
+_MAX_VALUES = 10_000  # largest number of entries
 
 
 class Level(IntEnum):
@@ -44,9 +44,9 @@ class Finding:
 
     aspect: str
     level: Level
-    text: str  # one sentence
+    text: str  # one line
     hint: str = ''  # advice for the technician; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # names end with the unit
+    values: Mapping[str, float | str] = field(default_factory=dict)  # a name ends with its unit
 
     @property
     def message(self) -> str:
@@ -70,7 +70,7 @@ def error_if(holds: bool, text: str, hint: str) -> Concern | None:
 def conclude(
     aspect: str, well: str, concerns: Iterable[Concern | None] = (), values: Values | None = None
 ) -> Finding:
-    """Return the finding on an aspect, which is its first concern of the highest level.
+    """Return the finding on an aspect, made from the first of its most severe concerns.
 
     The text of the finding is `well` if all `concerns` are None.
     """
@@ -83,7 +83,7 @@ T = TypeVar('T')
 
 
 class Recent(deque[tuple[float, T]]):
-    """Entries of the last `duration` s with their times, but at most `limit` entries."""
+    """Entries with their times: those of the last `duration` s, but at most `limit` entries."""
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         super().__init__(maxlen=limit)
@@ -96,7 +96,7 @@ class Recent(deque[tuple[float, T]]):
 
 
 class RecentValues(Recent[float]):
-    """Values of the last `duration` s. Without values, the statistics are NaN."""
+    """Values of the last `duration` s. Without values, the quantiles are NaN."""
 
     def add(self, time: float, value: float) -> None:
         """Add a value with its time in s. NaN and infinities are ignored."""
@@ -139,7 +139,7 @@ class RecentValues(Recent[float]):
 
     @property
     def slope(self) -> float:
-        """Theil-Sen slope of the values per second, NaN with fewer than two values.
+        """Theil-Sen slope of the values per second, NaN without two different times.
 
         The estimator is robust against up to 29 % outliers.
         """
@@ -153,7 +153,7 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Results of the last items, with the reasons of failures.
+    """Results of the last items, with the reasons for failures.
 
     The last `count` items are kept, each for at most `duration` s.
     """

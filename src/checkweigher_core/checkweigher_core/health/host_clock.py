@@ -15,7 +15,7 @@ _ASPECT = 'Host clock'
 _UNKNOWN = 'not known yet'
 _PERIOD = 30.0  # time in s between two calls of chronyc
 _PATIENCE = 10.0  # longest wait in s for the output of chronyc
-_LARGEST_BOUND = 0.1  # s
+_LARGEST_BOUND = 0.1  # largest bound of the clock error in s
 _STEP = 0.5  # smallest change of the clock in s that is a step; two readings are never that late
 _OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
 
@@ -50,7 +50,7 @@ class HostClock:
         self._asked = -math.inf
         self._question: subprocess.Popen[str] | None = None
         self._finding = conclude(
-            _ASPECT, _UNKNOWN if self._exists else 'not checked: there is no chrony here'
+            _ASPECT, _UNKNOWN if self._exists else 'not checked: chrony is not installed'
         )
 
     @property
@@ -94,12 +94,12 @@ def tracking_finding(text: str) -> Finding:
         hint = 'check that chronyd runs, and that chronyc tracking works for this user'
         return Finding(_ASPECT, Level.WARN, 'chrony does not answer', hint)
     if reference == 0 or leap == 'Not synchronised':
-        hint = 'check chronyc sources, and the network to them'
-        return Finding(_ASPECT, Level.WARN, 'it is not synchronised', hint)
+        hint = 'check chronyc sources, and the network to the time servers'
+        return Finding(_ASPECT, Level.WARN, 'the clock is not synchronised', hint)
     if reference == _OWN_CLOCK:
-        return conclude(_ASPECT, 'chrony follows this clock itself (local)')
-    text = f'right to {1e3 * bound:.3g} ms by chrony'
-    hint = 'check chronyc sources; times of other hosts cannot be compared with those of here'
+        return conclude(_ASPECT, 'this clock is its own reference in chrony (local)')
+    text = f'accurate to {1e3 * bound:.3g} ms according to chrony'
+    hint = 'check chronyc sources; times cannot be compared with those of other hosts'
     return conclude(
         _ASPECT, text, [warn_if(bound > _LARGEST_BOUND, text, hint)], {'bound_ms': 1e3 * bound}
     )

@@ -21,10 +21,10 @@ from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # time in s that the nodes of a line need to start
 _SILENCE = 1.0  # longest time in s without samples
-_SILENT_BLOCKS = 5.0  # the same time as a number of blocks, which counts if blocks are long
-_RATE_TOLERANCE = 0.005  # relative
-_LONGEST_BLOCKED = 10.0  # s
-_ONE_EYED = 10  # edges of one eye after which the other eye must have switched
+_SILENT_BLOCKS = 5.0  # longest time without samples in blocks; the longer of the two applies
+_RATE_TOLERANCE = 0.005  # largest relative difference of the sample rate
+_LONGEST_BLOCKED = 10.0  # longest time in s for which an eye is blocked
+_ONE_EYED = 10  # number of edges of one eye after which the other eye must have switched
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Name of each count, with the noun for its unit in messages.
@@ -38,19 +38,19 @@ _COUNTED = {
 _WARNINGS = {
     _GAPS: (
         '{samples_lost} lost in {gaps}',
-        'check the load on the machine, cable and network',
+        'check processor load, cable and network',
     ),
     _AGAIN: (
-        '{blocks_doubled_or_late} came twice or too late',
+        '{blocks_doubled_or_late} arrived twice or too late',
         'check whether two drivers run, and the network between driver and segmenter',
     ),
     _RESTARTS: (
-        'the source started again {source_restarts}',
+        'the source restarted {source_restarts}',
         'check the power of the load cell, and whether two drivers run',
     ),
     _SATURATED: (
         '{samples_saturated} at the limit of the converter',
-        'check overload and load-cell wiring',
+        'check for overload, and check the load-cell wiring',
     ),
 }
 
@@ -64,7 +64,7 @@ class SampleWatch:
         self._last = -math.inf
         self._end: int | None = None
         self._last_stamp = 0
-        self._block = 0.0  # s
+        self._block = 0.0  # duration of the latest block in s
         self._arrivals = RecentValues(RATE_SPAN)
         self._counts = dict.fromkeys(_COUNTED, 0)
         self._recent = {what: RecentValues() for what in _COUNTED}
@@ -130,7 +130,7 @@ class SampleWatch:
         return [
             error_if(
                 age > max(_SILENCE, _SILENT_BLOCKS * self._block) and waited > PATIENCE,
-                'no samples have come' if age == math.inf else f'no samples for {age:.1f} s',
+                'no samples have arrived' if age == math.inf else f'no samples for {age:.1f} s',
                 'check that the driver runs, and the cable and power of the load cell',
             ),
             *(
@@ -139,8 +139,8 @@ class SampleWatch:
             ),
             warn_if(
                 abs(rate - nominal) > _RATE_TOLERANCE * nominal,
-                f'{rate:.1f} samples/s by their stamps, load_cell/info says {nominal:g}',
-                'check the rate set in the load cell against load_cell/info',
+                f'{rate:.1f} samples/s by their stamps, but {nominal:g} in load_cell/info',
+                'compare the sample rate of the load cell with load_cell/info',
             ),
         ]
 

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records that the stages exchange: frozen dataclasses, in one module for each owner.
+"""Records that the stages exchange, as frozen dataclasses with one module for each subject.
 
-Stamps are integers in ns on the clock of the samples, so that no stage rounds them. An unknown
-stamp is None, an unknown number is NaN. `checkweigher_core.ros.conversion` converts between records
-and messages.
+Stamps are integers in ns, so that no stage rounds them. Most are on the clock of the samples; the
+docstrings name those on the system clock. An unknown stamp is None, an unknown number is NaN.
+`checkweigher_core.ros.conversion` converts between records and messages.
 """
 
 from checkweigher_core.records.machine import (

@@ -51,7 +51,7 @@ class LoadCell:
     Raises
     ------
     ValueError
-        If a value is impossible for a load cell; the message names the field.
+        If a value is impossible for a load cell. The message names the field.
     """
 
     sample_rate: float
@@ -69,20 +69,20 @@ class LoadCell:
             value = getattr(self, name)
             magnitude = abs(value) if name == 'counts_per_kg' else value
             span = f'{least:g}..{most:g} {unit}'
-            _require(least <= magnitude <= most, f'{name} is {value:g}, must be within {span}')
+            _require(least <= magnitude <= most, f'{name} is {value:g}, but must be within {span}')
         lower, upper, zero = self.min_counts, self.max_counts, self.zero_counts
         _require(lower < upper, f'min_counts {lower} is not below max_counts {upper}')
         span = f'min_counts..max_counts, {lower}..{upper}'
-        _require(lower <= zero <= upper, f'zero_counts is {zero:g}, must be within {span}')
+        _require(lower <= zero <= upper, f'zero_counts is {zero:g}, but must be within {span}')
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
-        """Return a load cell whose fields are attributes of `parameters`, or given by `others`."""
+        """Return a load cell with the attributes of `parameters`; `others` take precedence."""
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
 
 
-# Minimum, maximum and unit of each field. The range of counts_per_kg is that of its absolute value.
+# Minimum, maximum and unit of each field. The range of counts_per_kg applies to its absolute value.
 _POSSIBLE = {
     'sample_rate': (1.0, MAX_SAMPLE_RATE, 'Hz'),
     'counts_per_kg': (1e-3, 1e9, '/kg'),
@@ -122,7 +122,7 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Known mass of an item in kg. `stamp` is the time at which the item entered the belt.
+    """Known mass of an item in kg. `stamp` is its t1, when it begins to enter the belt.
 
     Raises
     ------
@@ -135,17 +135,17 @@ class Reference:
 
     def __post_init__(self) -> None:
         if not 0 <= self.mass <= MAX_MASS:
-            raise ValueError(f'a reference mass of {self.mass:g} kg, must be 0..{MAX_MASS:g} kg')
+            raise ValueError(f'reference mass is {self.mass:g} kg, but must be 0..{MAX_MASS:g} kg')
 
 
 @dataclass(frozen=True, slots=True)
 class StreamStatus:
     """Progress of the driver or of the segmenter in a stream of samples.
 
-    `stream` is the number of the stream, and `stamp` the stamp of the last sample. The driver
-    counts the `samples` and `edges` that it has sent. The segmenter counts the `samples` and
-    `edges` that it has processed, and the `items` that it has sent on. The segmenter has announced
-    all items with edges up to `last_edge`. `text` is a fault message, empty without a fault.
+    `stream` is the stream number, and `stamp` the stamp of the latest block. The driver counts the
+    `samples` and `edges` that it has sent. The segmenter counts those that it has processed, and
+    the `items` of all streams whose windows it has sent. `last_edge` is the latest edge that the
+    segmenter has assigned to an item. `text` is a fault message of the driver, or empty.
     """
 
     stamp: Stamp
@@ -160,10 +160,10 @@ class StreamStatus:
 
 @dataclass(frozen=True, slots=True)
 class MachineConditions:
-    """Conditions since `stamp` for which the machine has to stop, as its inputs show them.
+    """Conditions that require a stop, as the machine inputs have shown them since `stamp`.
 
-    `conditions` are values of `StopReason`. `inputs` has the name of the input of each condition.
-    If the inputs cannot be read, `known` is false, and every condition must be assumed.
+    `conditions` are values of `StopReason`. `inputs` contains the name of the input that shows each
+    condition. If the inputs cannot be read, `known` is false, and every condition must be assumed.
     """
 
     stamp: Stamp

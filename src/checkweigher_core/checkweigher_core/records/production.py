@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of products and batches."""
+"""Records of products, batches, performance tests and alarms."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -22,11 +22,11 @@ class PerformanceState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ProductOnLine:
-    """Product and batch on the line since `stamp`, with the limits and rules for their items.
+    """Product and batch on the line since `stamp` (system clock), with the limits of their items.
 
     Masses are in kg and include the packaging. Lengths are in m, speeds in m/s. `product` is empty
-    if no product is selected; if a product is `needed`, no item is then accepted. The fields
-    `batch_items` to `batch_surplus` are the counts (see `BatchTally`) with which the batch goes on.
+    while no product is selected; if a product is `needed`, no item is then accepted. The fields
+    `batch_items` to `batch_surplus` are the counts of the batch so far (see `BatchTally`).
     """
 
     stamp: Stamp
@@ -52,11 +52,12 @@ class ProductOnLine:
 
 @dataclass(frozen=True, slots=True)
 class PerformanceTest:
-    """Performance test of a recipe: its state since `stamp`, and the result of the last test.
+    """State of the performance test of a recipe. Stamps are on the system clock.
 
-    Masses are in kg. `errors` has the weighing error of each pass so far, or NaN for a pass without
-    a mass. The test passes if all errors are within `limit`. `who` is the person who made the test.
-    `last` is the time of the last test that passed.
+    `stamp` is the beginning of the state, or the last pass of a running test. `who` is the tester.
+    `last` is the time of the last passed test. Masses are in kg. `errors` contains the weighing
+    error of each pass, NaN for a pass without a mass. A test is passed if all errors are within
+    `limit`.
     """
 
     stamp: Stamp
@@ -78,13 +79,13 @@ class PerformanceTest:
 class Statistics:
     """Statistics of one product in one batch. Masses are in kg, without tare.
 
-    `stamp` is the largest t3 of the items. `reason_counts` has the number of items for each of
-    `reasons`. `length_faults` and `speed_faults` count items outside the ranges of the recipe.
-    `tu1` and `tu2` are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean
-    minus `nominal`), `below_tu1` (including items below TU2), `below_tu2` and `share_below_tu1`
-    (0..1) refer to the accepted items. `throughput` is the number of items per minute since the
-    beginning of the stream. `tu1_quota` is the largest allowed share of items below TU1, NaN
-    without such a rule. If `mean_value` is set, the mean of a batch must not be below `nominal`.
+    `stamp` is the largest t3 of the items. `reason_counts` contains the number of items with each
+    of the `reasons`. `length_faults` and `speed_faults` count items outside the ranges of the
+    recipe. `tu1` and `tu2` are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway`
+    (mean minus `nominal`), `below_tu1` (including items below TU2), `below_tu2` and
+    `share_below_tu1` (0..1) refer to the accepted items. `throughput` is in items per minute since
+    the first item of the stream. `tu1_quota` is the largest allowed share of items below TU1, NaN
+    without a quota. If `mean_value` is true, the batch mean must be at least `nominal`.
     """
 
     stamp: Stamp | None
@@ -118,9 +119,9 @@ class Statistics:
 class FillerFeedback:
     """Correction of the filler after a subgroup of items. Masses are in kg, without tare.
 
-    `stamp` and `item_id` are those of the last item in the subgroup. The filler has to add `step`
-    to its set point. `correction` is the sum of all steps. `limited` is true if the step was
-    reduced to the limit of the recipe.
+    `stamp` and `item_id` are those of the last item in the subgroup. The filler must add `step` to
+    its set point. `correction` is the sum of all steps. `limited` is true if a limit of the recipe
+    has reduced the step.
     """
 
     stamp: Stamp | None
@@ -136,13 +137,13 @@ class FillerFeedback:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Alarm, which is kept until its cause is over and a person has acknowledged it.
+    """Alarm, which is kept until its cause has ended and a person has acknowledged it.
 
-    `source` is ``stop`` for a stop request, ``fault`` for an item, or ``node`` for a node that was
-    restarted. `reason` is the reason of the stop request or of the fault, or the name of the node.
-    The alarm was raised `count` times, at `first` for the first time. `last` is the time of the
-    latest change of `active`. Before `last`, the alarm was active for `duration` s in total.
-    `acknowledged_by` is empty until a person has acknowledged the alarm.
+    `source` is ``stop`` for a stop request, ``fault`` for an item, ``node`` for a restarted node.
+    `reason` is the reason of the stop request or of the fault, or the name of the node. The alarm
+    was raised `count` times, first at `first`. `last` is when it was last raised, or its cause
+    ended. Before `last`, the alarm was active for `duration` s in total. `acknowledged_by` is empty
+    until a person has acknowledged the alarm. Stamps are on the system clock.
     """
 
     source: str
@@ -157,13 +158,13 @@ class Alarm:
 
     @property
     def over(self) -> bool:
-        """Whether the cause is over and a person has acknowledged the alarm."""
+        """Whether the cause has ended and a person has acknowledged the alarm."""
         return bool(self.acknowledged_by) and not self.active
 
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """Alarms of a lane at `stamp`, in the order in which they were first raised."""
+    """Alarms of a lane at `stamp` (system clock), in the order in which they were raised."""
 
     stamp: Stamp
     alarms: tuple[Alarm, ...]
@@ -171,7 +172,7 @@ class Alarms:
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """End of a batch at `stamp`, with the file of its record and the SHA-256 of that file."""
+    """End of a batch at `stamp` (system clock), with path and SHA-256 of its record."""
 
     stamp: Stamp
     batch: str

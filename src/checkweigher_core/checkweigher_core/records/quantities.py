@@ -8,12 +8,12 @@ from typing import Annotated
 
 # After a restart, the segmenter numbers items from the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
-GRAMS = 1000.0  # in a kilogram
-NANOSECONDS = 1_000_000_000  # in a second
-MAX_SAMPLE_RATE = 1e6  # Hz; data with a larger sample rate would need too much memory
-MAX_MASS = 1e6  # kg
+GRAMS = 1000.0  # grams per kilogram
+NANOSECONDS = 1_000_000_000  # nanoseconds per second
+MAX_SAMPLE_RATE = 1e6  # largest sample rate in Hz, limited by the memory
+MAX_MASS = 1e6  # largest mass in kg
 MAX_WINDOW = 2**16  # largest number of samples in a window or a message
-Stamp = Annotated[int, 'ns']  # time in ns on the clock of the samples
+Stamp = Annotated[int, 'ns']  # time in ns since 1970
 
 
 def utc(stamp: int) -> str:

@@ -24,10 +24,10 @@ class Verdict:
     """Verdict on one item. Masses and limits are in kg.
 
     `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The
-    pulse of the rejector begins at `reject_at`; the verdict is `late` if it was given after that
-    time. The fields `batch_items` to `batch_surplus` are the counts of the batch (see `BatchTally`)
-    with this item. If `station` is not 0, the item is sorted at that station, whose pulse begins at
-    `station_at`.
+    signal to the rejector is due at `reject_at`. If `station` is not 0, that station removes the
+    item instead, and its signal is due at `station_at`. A verdict that was given after that time is
+    `late`. The fields `batch_items` to `batch_surplus` are the counts of the batch including this
+    item (see `BatchTally`).
     """
 
     item_id: int
@@ -56,7 +56,8 @@ class Verdict:
 class StopRequest:
     """Request to stop the line.
 
-    `stamp` and `item_id` identify the item that caused the request. `text` has further details.
+    `item_id` is the number of the item that caused the request, or 0. `stamp` is its reject time,
+    or the time of a missed external reject. `text` contains further details.
     """
 
     reason: StopReason

@@ -52,11 +52,11 @@ class VerificationStep:
 
 @dataclass(frozen=True, slots=True)
 class VerificationProgress:
-    """Progress of a guided verification at `stamp`, and its question to the operator.
+    """Progress of a guided verification at `stamp` (system clock), with the present question.
 
-    An answer has to repeat the number `question`. `folder` has the plans and the reports.
-    `results` has one line for each of `steps`, empty before the step was performed. `step` is the
-    index of the present step, and `lines` are its results so far.
+    An answer must repeat the number `question`. `folder` contains the plans and the reports.
+    `results` contains one line for each of the `steps`, empty before the step is performed. `step`
+    is the index of the present step, and `lines` are its results so far.
     """
 
     stamp: Stamp

@@ -17,13 +17,13 @@ class Item:
 
     The segmenter publishes an item when no later edge can change its number, and once more when its
     edges are final and `complete` is set. `stamp` is the first known of `t1`, `t2` and `t3`.
-    `line_speed` is the speed of the item in m/s or, if an edge is missing, the speed of the last
-    item without a missing edge. `stream` is the number of the stream of samples.
+    `line_speed` is the speed of the item in m/s or, if t1 or t3 is unknown, the speed of the last
+    item with all edges. `stream` is the number of the stream of samples.
     """
 
     stamp: Stamp | None
     stream: int
-    item_id: int  # counted from 1 in order of entry
+    item_id: int  # number of the item from 1, in order of entry
     t1: Stamp | None = None  # the item begins to enter the belt
     t2: Stamp | None = None  # the item is fully on the belt
     t3: Stamp | None = None  # the item begins to leave the belt
@@ -36,24 +36,24 @@ class Item:
 class WeighWindow:
     """Signal of one item, with its times, speed and length from the photo-eyes.
 
-    `counts` has the readings from before t2 until after t3, and is empty for a fault. `denoised`
-    has the denoised signal in kg of the same shape, and is empty before the stage denoise.
+    `counts` contains the valid readings from before t1 until after t3, and is empty for a fault.
+    `denoised` contains the denoised signal in kg, and is empty before the stage denoise.
     """
 
-    item_id: int  # counted from 1 in order of entry
+    item_id: int  # number of the item from 1, in order of entry
     t1: Stamp | None  # the item begins to enter the belt
     t2: Stamp | None  # the item is fully on the belt
     t3: Stamp | None  # the item begins to leave the belt
     belt_speed: float = math.nan  # speed in m/s, weigh_length / (t3 - t1)
     product_length: float = math.nan  # length in m, belt_speed * (t2 - t1)
-    line_speed: float = math.nan  # belt_speed or, if an edge is missing, that of an earlier item
-    sample_rate: float = math.nan  # Hz
+    line_speed: float = math.nan  # belt_speed, or that of an earlier item if an edge is missing
+    sample_rate: float = math.nan  # sample rate in Hz
     counts_per_kg: float = math.nan  # sensitivity of the static calibration
     zero_counts: float = math.nan  # zero of the static calibration
-    zero: float = math.nan  # reading in counts of the latest empty belt before t1
-    zero_std_dev: float = math.nan  # counts, with the uncertainty of a lag behind the edges
+    zero: float = math.nan  # tracked zero before t1 in counts
+    zero_std_dev: float = math.nan  # in counts, including the effect of the lag
     first_index: int = 0  # index of counts[0] in the stream
-    stamp: Stamp = 0  # time of counts[0] on the clock of the photo-eyes, corrected for the lag
+    stamp: Stamp = 0  # time of counts[0] minus the lag of the load behind the edges
     empty_begin: int = 0  # position in counts of the first sample after the previous item has left
     window_begin: int = 0  # position in counts of the first sample at or after t2
     window_end: int = 0  # position in counts of the first sample at or after t3
@@ -85,8 +85,8 @@ class WeighWindow:
 class MassEstimate:
     """Mass of one item with its standard deviation, or the reasons why it has no mass.
 
-    `mass`, `std_dev`, `b1` and `zero` (relative to the zero of the calibration) are in kg, and mass
-    = b1 / (1 + a1 + a2). `natural_frequency` is in Hz. `line_speed` is copied from the window.
+    `mass`, `std_dev`, `b1` and `zero` (relative to the zero of the calibration) are in kg.
+    `natural_frequency` is in Hz. Coefficients that the estimator does not identify are NaN.
     """
 
     item_id: int
@@ -115,7 +115,7 @@ class MassEstimate:
 
 @dataclass(frozen=True, slots=True)
 class ZeroChange:
-    """Change of the zero by the service `zero`. The fields are in kg.
+    """Change of the zero by the service `zero`. Masses are in kg.
 
     `zero` and `previous` are the new and the previous zero relative to the calibration, and
     `std_dev` is the standard deviation of the new zero. `stamp` is the end of the measurement.

@@ -21,7 +21,7 @@ def _set_log_folder() -> None:
         os.environ['ROS_LOG_DIR'] = str(folder / 'log')
 
 
-# The environment is set before rclpy makes a context. A node that is connected by DDS can stop a
+# rclpy reads the environment when it creates a context. A node that is connected by DDS can stop a
 # line and change its limits, so nodes on other computers can connect only if the user allows it.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 _set_log_folder()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Client for entries in the audit log, which a node writes before it makes a change."""
+"""Client of the audit log, to which a node writes an entry before it makes a change."""
 
 import json
 import time
@@ -16,7 +16,7 @@ from checkweigher_core.ros.line_parameters import in_time
 
 _PATIENCE = 2.0  # longest wait for the answer of the service in s
 _DISCOVERY = 3.0  # time in s after the start of the node within which DDS discovers the service
-_LOOK_PERIOD = 0.1  # s
+_LOOK_PERIOD = 0.1  # time in s between two checks for the service
 TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time from an entry to its change in s
 
 
@@ -41,7 +41,7 @@ class ChangeRecord:
         self._needed = self._needed or self._client.service_is_ready()
 
     async def write(self, kind: str, subject: str, value: object) -> str:
-        """Write an entry; return why the change must not be made, empty if it may be made."""
+        """Write an entry. Returns why the change must not be made, or an empty string."""
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:
             await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
@@ -58,5 +58,5 @@ class ChangeRecord:
             self._client.remove_pending_request(future)
         # A late answer is invalid, because the log may have further entries by now.
         if answer is None or time.monotonic() - asked > _PATIENCE:
-            return f'not in the audit log: no answer of the node product for {_PATIENCE:g} s'
+            return f'not in the audit log: the node product did not answer within {_PATIENCE:g} s'
         return '' if answer.success else f'not in the audit log: {answer.message}'

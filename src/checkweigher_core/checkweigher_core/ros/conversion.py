@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of records to messages and back.
 
-Fields of the same name correspond, with the exceptions in `_FORMS`. Messages of rclpy and of
-readers of bags can be converted. Every field is written in its exact Python type, because rclpy
-does not check types, and a numpy scalar in a field aborts the process at serialisation.
+Fields of the same name correspond, with the exceptions in `_FORMS`. Messages of rclpy and of bags
+can be converted to records. Every field is written in its exact Python type, because rclpy does not
+check types, and a numpy scalar in a field aborts the process at serialisation.
 """
 
 import array
@@ -57,8 +57,8 @@ def _with_text(message: Any, request: records.StopRequest) -> records.StopReques
     return replace(request, text=message.hint.removeprefix(request.reason.hint).removeprefix(': '))
 
 
-_WEIGHED = 1  # value of status in the message MassEstimate
-_RUN = 1  # value of state in the message StopRequest if no stop is requested
+_WEIGHED = 1  # status of a MassEstimate message with a mass
+_RUN = 1  # state of a StopRequest message without a request
 _MOST = 10_000  # largest number of characters of a string, or of elements of a list
 _item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
@@ -105,7 +105,7 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 
 
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
-    """Return the fields of the message of a record by name.
+    """Return the message fields of a record by name.
 
     The header and all times are mappings. Arrays are contiguous and have the type of the message.
     Nested records are messages of rclpy. All other fields are built-in Python types.
@@ -144,7 +144,7 @@ def _record(kind: Any, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill in an empty message, because a message is constructed more slowly from its parts."""
+    """Fill an empty message, which is faster than to construct a message from its fields."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
@@ -223,7 +223,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if hint == records.Stamp:
         return stamp_from
     if hint == records.Stamp | None:
-        return lambda time: stamp_from(time) or None  # 0 means that it is unknown
+        return lambda time: stamp_from(time) or None  # a stamp of 0 is unknown
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
@@ -272,7 +272,7 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 def _bounded(field: Any, most: int = _MOST) -> Any:
     """Return a string or list of a message. Raises ValueError if it is too long."""
     if len(field) > most:
-        raise ValueError(f'{len(field)} values in a field of a message, at most {most}')
+        raise ValueError(f'{len(field)} values in a message field, but at most {most} are allowed')
     return field
 
 

@@ -16,8 +16,8 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import DIAGNOSTICS
 from checkweigher_core.ros.status_board import HOST
 
-_PERIOD = 1.0  # s
-_LOG_PERIOD = 1.0  # s
+_PERIOD = 1.0  # time in s between two messages
+_LOG_PERIOD = 1.0  # shortest time in s between two equal warnings in the log
 
 
 class Diagnostics:
@@ -79,7 +79,7 @@ class Diagnostics:
             return list(look())
         except Exception as error:  # diagnostics must not stop the line
             text = f'{type(error).__name__}: {error}'
-            hint = 'a defect of the diagnostics; report it'
+            hint = 'report this defect of the diagnostics'
             return [Finding(aspect, Level.ERROR, text, hint)]
 
     def _summary(self, findings: list[Finding]) -> Finding:

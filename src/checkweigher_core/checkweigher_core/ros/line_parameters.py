@@ -18,11 +18,11 @@ Values = dict[str, object]
 
 
 class RefusedError(Exception):
-    """Error of a node that refused a parameter or did not answer. The message has the reason."""
+    """Raised if a node refuses a parameter or does not answer. The message states the reason."""
 
 
 class HalfSetError(RefusedError):
-    """Error of a node that refused a change while the change of another node remains in force."""
+    """Raised if a node refuses a change, and an earlier change cannot be undone."""
 
 
 class LineParametersClient:
@@ -52,7 +52,7 @@ class LineParametersClient:
         """Return some parameters of a node. Raises `RefusedError` if one of them is missing."""
         answer = await self.answer(node, self._client(node).get_parameters(names))
         if len(answer.values) != len(names):
-            raise RefusedError(f'{node}: does not have all of {", ".join(names)}')
+            raise RefusedError(f'{node}: lacks one or more of {", ".join(names)}')
         return dict(zip(names, map(python_value, answer.values), strict=True))
 
     async def set(self, changes: Mapping[str, Values]) -> None:
@@ -78,11 +78,11 @@ class LineParametersClient:
             raise
 
     async def _put_back(self, node: str, values: Values) -> str:
-        """Restore the parameters of a node; return the reason of a failure, empty without one."""
+        """Restore the parameters of a node; return the reason of a failure, or an empty string."""
         try:
             await self._set_one(node, values)
         except RefusedError as error:
-            return f'and could not be put back: {error}'
+            return f'the previous values could not be restored: {error}'
         return ''
 
     async def _set_one(self, node: str, values: Values) -> None:
@@ -95,7 +95,7 @@ class LineParametersClient:
         """Return the answer of a node. Raises `RefusedError` if the node does not answer."""
         answer = await in_time(self._node, self._group, future, self._patience)
         if answer is None:
-            raise RefusedError(f'{node}: has not answered for {self._patience:g} s')
+            raise RefusedError(f'{node}: did not answer within {self._patience:g} s')
         return answer
 
     def _client(self, node: str) -> AsyncParameterClient:
@@ -116,7 +116,7 @@ class LineNodes:
         self._known: set[bytes] = set()
 
     def started(self) -> set[str]:
-        """Return the nodes that have been started since the last call."""
+        """Return the nodes that have started since the previous call."""
         found = set()
         domain = self._node.context.get_domain_id()
         for each in self._node.get_publishers_info_by_topic('/parameter_events'):

@@ -52,7 +52,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """Release the resources that `configure` has acquired."""
 
     def begin(self) -> None:
-        """Configure the node if it starts by itself.
+        """Configure the node if ``autostart`` is true.
 
         Raises `ParameterError` if that fails; the node is then destroyed.
         """
@@ -66,7 +66,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
             raise ParameterError(self._failure)
 
     def start(self) -> None:
-        """Activate the node if it starts by itself."""
+        """Activate the node if ``autostart`` is true."""
         super().start()
         if getattr(self.parameters, 'autostart', True) and self.state == 'inactive':
             self.trigger_activate()

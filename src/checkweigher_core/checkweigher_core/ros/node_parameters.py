@@ -75,7 +75,7 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
 def _declare_list(
     node: Node, name: str, entry: 'Field[Any]', default: list[float], *, read_only: bool
 ) -> None:
-    """Declare a list of numbers, so that an empty one has that type, too.
+    """Declare a list of numbers, which keeps this type if it is empty.
 
     rcl reads an empty list in a parameter file as a parameter without a value.
     """

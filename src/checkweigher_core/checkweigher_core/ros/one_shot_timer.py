@@ -16,7 +16,7 @@ class OneShotTimer:
 
     All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
     The thread holds the lock of the process while it calls the function. Callers of the other
-    methods hold the lock, too, so a timer does not fire after it was cleared.
+    methods must hold the lock, too, so a timer does not fire after it was cleared.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class OneShotTimer:
         _thread.serve(self, due)
 
     def set_by(self, due: int) -> None:
-        """Set the time in ns at which the timer fires, unless it fires earlier."""
+        """Set the time in ns at which the timer fires, unless an earlier time is set."""
         if self.due is None or due < self.due:
             self.set(due)
 

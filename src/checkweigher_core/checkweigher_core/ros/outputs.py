@@ -24,7 +24,7 @@ from checkweigher_core.ros.ports import Port, fits
 # that reads the samples. The lock ensures that only one callback runs at a time.
 LOCK = threading.RLock()
 Callback = Callable[[Any], None]  # function that processes a record
-_POLL_PERIOD = 0.02  # s
+_POLL_PERIOD = 0.02  # time in s between two searches for a consumer
 _CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as the consumer
 _SETTLE_TIME = 0.2  # time in s without a new subscriber after which records are sent
 _MAX_HELD = 10_000  # largest number of records that are kept for a consumer
@@ -60,7 +60,7 @@ class Output:
                 taker.take(record)
 
     def connected(self) -> None:
-        """Allow the output to send, because all takers in this process are known."""
+        """Notify the output that all its takers in this process are connected."""
 
     def count(self) -> int:
         """Return the number of subscribers, in this process and over DDS."""
@@ -71,8 +71,8 @@ class HeldOutput(Output):
     """Output that keeps its records until a consumer has been discovered.
 
     The nodes of a line discover each other in any order. A record that is sent too early would be
-    lost, and its item would get no verdict. After the first consumer was found, records are always
-    sent at once. An input in the same process is a consumer. A subscriber in another process is a
+    lost, and its item would get no verdict. After a consumer has been discovered, records are sent
+    immediately. An input in the same process is a consumer. A subscriber in another process is a
     consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
     no consumer. If `answer` is None, or if no consumer has appeared after some time, any subscriber
     counts as a consumer.
@@ -120,11 +120,11 @@ class HeldOutput(Output):
 
     def _has_consumer(self, matched: int) -> bool:
         readers = self._node.get_subscriptions_info_by_topic(self.topic_name)
-        # The graph may list a subscriber that is not connected yet.
+        # Wait until all subscribers in the graph are connected.
         if matched < len(readers):
             return False
         if self._answer is None:
-            # A restarted node discovers one subscriber after the other.
+            # Wait for further subscribers, which a restarted node discovers one by one.
             return time.monotonic() - self._matched[1] > _SETTLE_TIME
         return any(
             self._answer.message_type

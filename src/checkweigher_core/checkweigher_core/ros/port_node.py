@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Node with inputs and outputs, whose callbacks hold the lock of the process."""
+"""Node with inputs and outputs, and with callbacks that hold the lock of the process."""
 
 from collections.abc import Callable, Generator
 from functools import partial
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class PortNode(Node):
-    """Node with inputs and outputs. Each of its callbacks holds the lock of the process.
+    """Node with inputs and outputs. Callbacks of inputs, timers and services hold the process lock.
 
     The node receives records after `checkweigher_core.ros.outputs.connect` was called with it.
     `spinner` runs its callbacks.
@@ -61,7 +61,7 @@ class PortNode(Node):
         return entry
 
     def received(self, port: Port) -> None:
-        """Process the arrival of a record."""
+        """Notify the node that a record has arrived."""
 
     def refuse(self, port: Port, error: Exception) -> None:
         """Log a record whose callback has failed. The node goes on."""
@@ -89,7 +89,7 @@ class PortNode(Node):
         raw: bool = False,
         **options: Any,
     ) -> Subscription:
-        """Create a subscription. A malformed message is logged, and so is an exception.
+        """Create a subscription. Malformed messages and exceptions of the callback are logged.
 
         For a malformed message, rclpy would raise an exception in its executor, and the callback
         group would stay blocked. With `raw` the callback gets the bytes of the message.

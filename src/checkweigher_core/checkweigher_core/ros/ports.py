@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of the ports of a lane: each topic with its message, publisher and subscribers.
+"""Table of the topics ("ports") of a lane, with message, publisher and subscribers.
 
 Nodes, QoS checks, recordings and docs use this table. All names except /diagnostics are relative,
 because each lane has its own namespace. The import of this module does not import ROS.
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 
-# Nodes of the line with their modules, in the order of their shutdown. Executables have the same
-# names.
+# Nodes of the line with their modules, in the order of their shutdown. The executables have the
+# names of the nodes.
 NODES = {
     'driver': 'checkweigher_driver.driver_node',
     'product': 'checkweigher_production.nodes.product',
@@ -28,7 +28,7 @@ NODES = {
     'identifier': 'checkweigher_dsp.nodes.identifier',
     'reject': 'checkweigher_dsp.nodes.reject',
 }
-# Nodes that weigh the items and decide on them.
+# Nodes that weigh the items and give the verdicts.
 STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
 
 
@@ -55,14 +55,14 @@ RESULTS = History(1000, latched=True)
 # Periodic messages: only the latest message is valid.
 MOMENT = History(1)
 FRESH_TIME = 0.35  # time in s after which a periodic message expires
-_PROMISED = 0.75  # deadline of the publisher, as a fraction of this time
+_PROMISED = 0.75  # deadline of the publisher, as a fraction of `Port.holds`
 
 
 @dataclass(frozen=True)
 class Port:
     """Topic with its message, publisher and subscribers."""
 
-    name: str  # relative to the namespace of the lane, unless it begins with a slash
+    name: str  # name relative to the lane, or absolute name with a slash
     message_type: str  # ROS name, such as std_msgs/msg/Empty
     record: type | None  # class of the records; None if the messages themselves are passed
     history: History
@@ -157,126 +157,125 @@ def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
 LOAD_CELL_INFO = Port(
     'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', records.LoadCell, STATE,
     'driver', ('segmenter', 'reject', 'product', 'users'), ('driver',),
-    'What the load cell is; a bag describes itself by it')
+    'Properties and calibration of the load cell, which also make a bag readable')
 LOAD_CELL_SAMPLES = Port(
     'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', records.SampleBlock, STREAM,
     'driver', ('segmenter',), ('driver', 'segmenter'),
     'Blocks of raw readings; a jump of `first_index` means lost samples')
 PHOTO_EYES = Port(
     'photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
-    'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'), 'Edges of the two eyes')
+    'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'), 'Edges of the photo-eyes')
 REFERENCE_MASS = Port(
     'reference_mass', 'checkweigher_msgs/msg/ReferenceMass', records.Reference, STREAM,
-    'driver', ('users',), (), 'True masses, where a bag or the simulator knows them')
+    'driver', ('users',), (), 'True masses of the items, if a bag or the simulator provides them')
 DRIVER_STATUS = Port(
     'load_cell/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'driver', ('segmenter', 'reject'), (),
-    'How much has been sent, how the stream ended, and what is wrong with the machine while it '
-    'runs')
+    'Numbers of samples and edges sent, state of the stream, and faults of the machine')
 ITEMS = Port(
     'items', 'checkweigher_msgs/msg/Item', records.Item, ITEM_HISTORY,
     'segmenter', ('reject', 'driver', 'users'), ('segmenter', 'reject'),
-    'Each item with its number, once when it has entered and once when it is complete')
+    'Each item twice: when its number is final, and when its edges are final')
 WEIGH_WINDOW = Port(
     'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'segmenter', ('denoise',), ('segmenter', 'denoise'),
-    'One for each item, without signal if it cannot be weighed')
+    'Signal of each item, which is empty if the item cannot be weighed')
 ZERO_SETTING = Port(
     'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', records.ZeroChange, STATE,
     'segmenter', ('product', 'reject', 'users'), (),
-    'The last change of the zero by the service `zero`')
+    'Latest change of the zero by the service `zero`')
 SEGMENTER_STATUS = Port(
     'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'segmenter', ('driver', 'reject'), (),
-    'How much has been taken; paces a replay. Comes with the samples, when an item begins to '
-    'leave, and whenever the driver asks by sending its own again')
+    'Numbers of samples, edges and items processed, which pace a replay. Sent with the samples, '
+    'when an item begins to leave, and after each repeated `load_cell/status`')
 DENOISED_WINDOW = Port(
     'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'denoise', ('identifier',), ('denoise', 'identifier'),
-    'The same with the denoised signal beside the raw one')
+    'Weigh window with raw and denoised signal')
 MASS_ESTIMATE = Port(
     'mass_estimate', 'checkweigher_msgs/msg/MassEstimate', records.MassEstimate, RESULTS,
     'identifier', ('reject', 'product', 'users'), ('identifier', 'reject'),
-    'Mass, standard deviation, or the reasons why there is none')
+    'Mass and standard deviation of each item, or the reasons why it has no mass')
 VERDICT = Port(
     'verdict', 'checkweigher_msgs/msg/Verdict', records.Verdict, RESULTS,
-    'reject', ('line', 'driver', 'product'), ('reject',), 'Exactly one for each item')
+    'reject', ('line', 'driver', 'product'), ('reject',), 'One verdict for each item')
 REJECT_EYE = Port(
     'reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
     'machine', ('reject',), (),
-    'Edges of an eye that only rejected items pass; `eye` does not matter')
+    'Edges of an eye that only rejected items pass; the field `eye` is ignored')
 STOP_REQUEST = Port(
     'stop_request', 'checkweigher_msgs/msg/StopRequest', records.StopRequest, STATE,
     'reject', ('line', 'driver', 'product'), (),
-    'Whether the line should stop, and why; stays until `reset_stop_request`')
+    'Whether the line must stop, and why; `reset_stop_request` clears a request')
 PERMISSION = Port(
     'permission', 'checkweigher_msgs/msg/Permission', records.Permission, MOMENT,
     'reject', ('line', 'driver'), (),
-    'Leave to run, ten times a second; the line stops when it is false or does not come',
+    'Permission to run, ten times a second; the line stops if it is false or does not arrive',
     holds=FRESH_TIME, recorded=False)
 # The segmenter needs no such topic, because its status serves the same purpose.
 ALIVE = {
     stage: Port(
         f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
-        'A sign of life every 0.2 s, for a `reject` in another process', recorded=False)
+        'Heartbeat every 0.2 s for a `reject` in another process', recorded=False)
     for stage in ('denoise', 'identifier')
 }
 EXTERNAL_REJECT = Port(
     'external_reject', 'checkweigher_msgs/msg/ExternalReject', records.ExternalReject, STREAM,
     'machine', ('reject',), (),
-    'An item that metal detector, X-ray or vision rejects; the driver publishes what its inputs '
-    'show')
+    'Item that a metal detector, an X-ray or a vision inspection rejects; the driver publishes '
+    'the rejects that its inputs show')
 MACHINE_CONDITIONS = Port(
     'machine_conditions', 'checkweigher_msgs/msg/MachineConditions', records.MachineConditions,
     STATE, 'driver', ('reject',), (),
-    'Guards, air, bins and inspection devices by their inputs, where the driver reads such inputs')
+    'Faults of guards, air, bins and inspection devices, if the driver reads such inputs')
 PRODUCT_ON_LINE = Port(
     'product_on_line', 'checkweigher_msgs/msg/ProductOnLine', records.ProductOnLine, STATE,
     'product', ('reject', 'users'), (),
-    'Product, batch, limits and counts for the reject node, where there are recipes; again with '
-    'each verdict')
+    'Product, batch, limits and counts for the reject node, if the line has recipes; repeated '
+    'with each verdict')
 PRODUCT_IN_USE = Port(
     'product_in_use', 'checkweigher_msgs/msg/ProductOnLine', records.ProductOnLine, STATE,
     'reject', ('product', 'users'), (),
-    'Limits by which items are judged, without counts: those of `product_on_line`, or of the '
-    'parameters until that has come')
+    'Limits that the reject node applies, without counts: those of `product_on_line` or, before '
+    'its first message, those of the parameters')
 PERFORMANCE_TEST = Port(
     'performance_test', 'checkweigher_msgs/msg/PerformanceTest', records.PerformanceTest, STATE,
     'product', ('reject', 'users'), (),
-    'When the performance test of the recipe is due, and what came of the last one')
+    'Due time of the performance test of the recipe, and result of the last test')
 STATISTICS = Port(
     'statistics', 'checkweigher_msgs/msg/Statistics', records.Statistics, STATE,
     'product', ('users',), (),
-    'Counts, mean, giveaway of this product in this batch, with each verdict')
+    'Counts, mean and giveaway of the present product and batch, with each verdict')
 VERIFICATION = Port(
     'verification', 'checkweigher_msgs/msg/VerificationStep', records.VerificationStep, STATE,
-    'verify', ('users',), (), 'Plan and steps of a verification, while one is made')
+    'verify', ('users',), (), 'Plan and steps of a running verification')
 FILLER_FEEDBACK = Port(
     'filler_feedback', 'checkweigher_msgs/msg/FillerFeedback', records.FillerFeedback, STATE,
     'product', ('filler', 'users'), (),
-    'Correction of the set point of the filler, in kg, after each subgroup of items; where the '
-    'recipe asks for it')
+    'Correction of the filler set point in kg after each subgroup of items, if the recipe '
+    'requires it')
 BATCH_RESULT = Port(
     'batch_result', 'checkweigher_msgs/msg/BatchResult', records.BatchResult, STATE,
-    'product', ('users',), (), 'The batch that has ended, and the file of its record')
+    'product', ('users',), (), 'Latest ended batch, with the path of its record')
 ALARMS = Port(
     'alarms', 'checkweigher_msgs/msg/Alarms', records.Alarms, STATE,
     'product', ('users',), (),
-    'What went wrong, each until it is over and a person has acknowledged it')
+    'Alarms whose cause lasts or that are not acknowledged')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
-    'every node', ('users',), (), 'Once a second: see [Diagnostics](reasons.md#diagnostics)')
+    'every node', ('users',), (), 'Status once a second; see [Diagnostics](reasons.md#diagnostics)')
 # The node dynamic_setting is not part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
-    'Passes, what was recorded, the file, and why something failed')
+    'State of the dynamic setting: recorded passes, learned file, or cause of a failure')
 # The node verifier is not part of the line.
 VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
-    'How far a verification is that is guided at the page, and what it asks')
-# All topics of a lane. The replay of a bag publishes only the first four.
+    'Progress of a verification that the page guides, and its question to the operator')
+# All topics of a lane. A replay reads only the first four from its bag.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
@@ -290,7 +289,7 @@ PAGE_RESULTS = (
     FILLER_FEEDBACK, STOP_REQUEST, ALARMS,
 )
 PAGE_SIGNALS = (LOAD_CELL_SAMPLES, DENOISED_WINDOW)
-# Of a lane, for the gateways into the plant, which take diagnostics as well.
+# Topics of a lane to which the gateways subscribe, in addition to /diagnostics.
 GATEWAY_RECORDS = (
     LOAD_CELL_INFO, VERDICT, STOP_REQUEST, PRODUCT_IN_USE, STATISTICS, ALARMS, ZERO_SETTING,
 )
@@ -309,7 +308,7 @@ RESTART_LINE = 'restart_line'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services whose types have the same names.
+# Services with types of their own, except acknowledge_alarms.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 RECORD_PASSES = 'record_passes'

@@ -60,7 +60,7 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # rclpy calls getframeinfo for each log message. The first call takes 0.1 s or more.
+        # The first call, which takes 0.1 s or more, must not delay the first log message of rclpy.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -70,7 +70,7 @@ def run_all(
         print(f'checkweigher: {one_line(error)}', file=sys.stderr)
         raise SystemExit(CANNOT_START) from None
     except (Exception, KeyboardInterrupt):
-        # C++ code may have turned the KeyboardInterrupt into another exception.
+        # After a signal, ignore any exception: C++ code may have converted KeyboardInterrupt.
         if not stopping.is_set():
             raise
     finally:
@@ -92,7 +92,7 @@ def run_all(
 def _on_signals(stop: Callable[..., None]) -> None:
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as under nohup
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, stop)
 
 

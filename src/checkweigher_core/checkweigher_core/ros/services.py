@@ -17,7 +17,7 @@ VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 # Nodes that publish diagnostics although they are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
-# Nodes by which gateways act for persons and hosts, with the clients of the page.
+# Nodes with which gateways call the services that the page also calls.
 GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
@@ -44,73 +44,74 @@ LIFE_CYCLE_SERVICES = (
 class Service(NamedTuple):
     """Service of a lane."""
 
-    name: str  # relative to the namespace of the lane
+    name: str  # name relative to the namespace of the lane
     kind: str  # ROS name of the type
     server: str  # node with the server
     callers: tuple[str, ...]  # nodes with clients
     text: str  # effect of a call
-    condition: str = ''  # parameter that enables the service; empty if it always exists
-    changes_line: bool = True  # whether the page logs calls with the name of the user
+    condition: str = ''  # parameter or option that enables the service, or empty
+    changes_line: bool = True  # whether the audit log names the calling user
 
 
 # fmt: off
 SERVICES = (
     Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK, VERIFY),
-            'takes the next empty belt at rest for the zero'),
+            'sets the zero by the next empty belt at rest'),
     Service(ports.RESET_OUTPUTS, _TRIGGER, 'driver', (),
-            'forgets products that the rejector can have missed; `reset_stop_request` does so as '
-            'well', 'outputs'),
+            'clears the stop after products that the rejector may have missed, as '
+            '`reset_stop_request` does', 'outputs'),
     Service(ports.FORGET_LEARNED, _TRIGGER, 'identifier', (),
-            'forgets what was learned from products of unknown mass; their masses are by the '
-            'estimator alone until it is learned again'),
+            'deletes what was learned from products of unknown mass; masses are not corrected by '
+            'learning until enough is learned again'),
     Service(ports.RESET_STOP_REQUEST, _TRIGGER, 'reject', (PAGE_WORK,),
-            'takes a stop request back, unless what is wrong with driver, guards, air, bins, '
-            'inspection or performance test lasts; counts rejects from 0 again'),
+            'clears the stop request and the count of consecutive rejects; a cause that persists '
+            '(driver, input, performance test, publisher, zero step) requests a stop again'),
     Service(ports.CALIBRATE_ZERO, _TRIGGER, 'driver', (PAGE_WORK,),
             'reads the empty belt at rest for a [calibration](#calibration)'),
     Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (PAGE_WORK,),
-            'reads a known mass at rest'),
+            'reads a known mass at rest for a calibration'),
     Service(ports.FINISH_CALIBRATION, 'checkweigher_msgs/srv/FinishCalibration', 'driver',
             (PAGE_WORK,),
-            'zero and sensitivity from what was read: written as the next version of '
-            '`calibration.file`, and used at once'),
-    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,), 'forgets what was read'),
+            'computes zero and sensitivity from the readings, writes them as the next version of '
+            '`calibration.file`, and applies them'),
+    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,), 'cancels the calibration'),
     Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (PAGE_WORK,),
             'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
-    Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (PAGE_WORK,), 'trains on all that was recorded'),
+    Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (PAGE_WORK,), 'trains on all recorded passes'),
     Service(ports.CANCEL_PASSES, _TRIGGER, SETTING, (PAGE_WORK,),
-            'ends recording or training, what was weighed is kept; else drops what was learned '
-            'and waits'),
+            'ends recording or training, and keeps the recorded passes; if neither runs, deletes '
+            'the learned parameters'),
     Service(ports.SHOW_TUNED, _TRIGGER, SETTING, (PAGE_WORK,),
-            'how accurate what was learned is, on passes that were held out; a line for each '
+            'returns the accuracy of the learned parameters on held-out passes, one line for each '
             'estimator and speed', changes_line=False),
-    Service(ports.ACCEPT_TUNED, _TRIGGER, SETTING, (PAGE_WORK,), 'takes over what was learned'),
+    Service(ports.ACCEPT_TUNED, _TRIGGER, SETTING, (PAGE_WORK,),
+            'writes the learned parameters to the parameter file, which the next start reads'),
     Service(ports.RESTART_LINE, _TRIGGER, SETTING, (PAGE_WORK,),
-            'ends the nodes of the line in order and starts them again, with the parameter files '
-            'as they are then', '`run --folder`'),
+            'ends the nodes of the line in order and starts them again; they then read the '
+            'parameter files', '`run --folder`'),
     Service(ports.BEGIN_VERIFICATION, 'checkweigher_msgs/srv/BeginVerification', VERIFIER,
-            (PAGE_WORK,), 'begins a [verification](verification.md#on-the-page) by a plan'),
+            (PAGE_WORK,), 'begins a [verification](verification.md#on-the-page) with a plan'),
     Service(ports.ANSWER_VERIFICATION, 'checkweigher_msgs/srv/AnswerVerification', VERIFIER,
-            (PAGE_WORK,), 'make the step that is asked for, skip it, or go on after one that '
-            'failed'),
+            (PAGE_WORK,), 'performs or skips the requested step, or goes on after a failed '
+            'step'),
     Service(ports.CANCEL_VERIFICATION, _TRIGGER, VERIFIER, (PAGE_WORK,),
-            'breaks the verification off; its report has the steps that were made'),
+            'cancels the verification; its report contains the completed steps'),
     Service(ports.SELECT_PRODUCT, 'checkweigher_msgs/srv/SelectProduct', 'product', (PAGE_WORK,),
-            'set the parameters of `denoise`, `identifier` and `reject` to those of a product, '
-            'all or none'),
+            'sets the parameters of `denoise`, `identifier` and `reject` for a product, all of '
+            'them or none'),
     Service(ports.NEW_BATCH, 'checkweigher_msgs/srv/NewBatch', 'product', (PAGE_WORK,),
-            'begin a batch of another name; returns the statistics of the one that ends'),
+            'begins a batch with a new name; returns the statistics of the previous batch'),
     Service(ports.RESET_STATISTICS, 'checkweigher_msgs/srv/ResetStatistics', 'product', (),
-            'count this product in this batch from 0; returns what was counted'),
+            'resets the counts of the present product and batch; returns the previous counts'),
     Service(ports.BEGIN_TEST, 'checkweigher_msgs/srv/BeginTest', 'product', (PAGE_WORK,),
-            'begins the [performance test](production.md#the-performance-test) of the product, or '
-            'breaks it off'),
+            'begins or cancels the [performance test](production.md#the-performance-test) of the '
+            'product'),
     Service(ports.ACKNOWLEDGE_ALARMS, _TRIGGER, 'product', (PAGE_WORK,),
-            'acknowledges all [alarms](topics.md#alarms); those that are over are gone'),
+            'acknowledges all [alarms](topics.md#alarms), and removes those that have ended'),
     Service(ports.RECORD_CHANGE, 'checkweigher_msgs/srv/RecordChange', 'product',
-            (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK, VERIFY),
-            'writes a change into the audit log before it is made; the other nodes of the lane '
-            'call it', '`audit_log`', changes_line=False),
+             (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK, VERIFY),
+             'writes an entry to the audit log; a node or the page calls it before it makes a '
+             'change', '`audit_log`', changes_line=False),
 )
 # fmt: on
 

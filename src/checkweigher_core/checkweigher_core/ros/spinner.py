@@ -14,7 +14,7 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.ros.outputs import LOCK, connect
 from checkweigher_core.ros.port_node import PortNode
 
-_PATIENCE = 10.0  # s
+_PATIENCE = 10.0  # longest wait for the thread in s
 
 
 class Spinner:
@@ -99,7 +99,7 @@ class Spinner:
                 except ExternalShutdownException:
                     break
                 except Exception as error:
-                    # The cause is a malformed request or response, or a task.
+                    # Go on after a failed task, or a malformed request or response.
                     if not rclpy.ok() or not self._nodes:
                         self.error = error
                         raise

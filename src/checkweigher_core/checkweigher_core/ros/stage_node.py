@@ -113,7 +113,7 @@ class StageNode(PortNode, Generic[P]):
         super().fail(error, what)
 
     def item_failed(self, item_id: int, error: Exception) -> None:
-        """Log and count an exception of the stage, by which one item is lost."""
+        """Log and count an exception of the stage, which loses one item."""
         self.get_logger().error(''.join(traceback.format_exception(error)))
         self.fail(error, f'item {item_id}: the stage failed')
 

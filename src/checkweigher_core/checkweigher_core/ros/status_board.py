@@ -13,9 +13,9 @@ from checkweigher_core.printable import counted, one_line
 from checkweigher_core.records import Decision
 from checkweigher_core.ros.ports import NODES, STAGES
 
-HOST = 'host'  # key of the host name in the first status of a node
+HOST = 'host'  # key of the host name in the first status of a message
 _SILENCE = 3.0  # time in s without diagnostics after which a node counts as silent
-_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # in increasing order
+_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # levels in increasing order
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class StatusBoard:
             self._expected[lane] = now
 
     def hosts(self) -> dict[str, set[str]]:
-        """Return the names of the hosts of the nodes of each lane."""
+        """Return the host names of the nodes of each lane."""
         found: dict[str, set[str]] = {}
         with self._lock:
             for node, (_, rows) in self._nodes.items():
@@ -84,7 +84,7 @@ class StatusBoard:
         for lane in known | expected.keys() or {self._namespace}:
             silence = 0.0 if lane in known else now - expected.get(lane, now)
             overdue = silence if silence > _SILENCE else 0.0
-            text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'
+            text = 'has sent no diagnostics; start it in this namespace and ROS_DOMAIN_ID'
             found += [
                 Row(node, '', Level.STALE, text, silence=overdue)
                 for node in (f'{lane}/{name}'.lstrip('/') for name in STAGES)
@@ -96,7 +96,7 @@ class StatusBoard:
 def _rows_of(node: str, heard: float, rows: list[Row], now: float) -> list[Row]:
     """Return the rows of a node, or one row if it is silent since time `heard` in s."""
     if now - heard > _SILENCE:
-        text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
+        text = f'silent for {now - heard:.0f} s; its process hangs or has ended; restart it'
         return [Row(node, '', Level.STALE, text, silence=now - heard)]
     # The first row is left out if it only repeats the worst of the other rows.
     return [row for row in rows if row.aspect or row.level > worst(rows[1:])]
@@ -113,7 +113,7 @@ class LaneRow:
 
     lane: str  # namespace; '/' if it is empty
     level: Level
-    verdicts: tuple[tuple[str, str], ...]  # decisions and their numbers
+    verdicts: tuple[tuple[str, str], ...]  # decisions, with the numbers of items
     worst: str  # node, aspect and message of the worst row; empty if there is no problem
 
     @property
@@ -133,7 +133,7 @@ def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
 
 
 def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
-    first = rows[0]  # the worst
+    first = rows[0]  # the worst row
     text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
     verdicts = tuple(
         (key, value)

@@ -44,7 +44,7 @@ def test_the_message_has_the_days():
     values = iter(20e9 - number * 20e9 / (10 * 144) for number in range(145))
     watch = DiskWatch(lambda: next(values))
     found = [watch.finding(number * 600.0) for number in range(145)][-1]
-    assert found.text == 'full in 9 days: 18.0 GB are free'
+    assert found.text == 'full in about 9 days: 18.0 GB are free'
     assert found.values['days_left'] == pytest.approx(9)
 
 

@@ -66,7 +66,7 @@ def test_samples_that_stop_are_an_error_until_they_go_on():
 def test_nothing_is_missed_before_the_line_had_time_to_start():
     watch = SampleWatch(CELL)
     assert watch.finding(4.0, 4.0).level == Level.OK
-    assert watch.finding(6.0, 6.0).text == 'no samples have come'
+    assert watch.finding(6.0, 6.0).text == 'no samples have arrived'
 
 
 def test_a_gap_is_warned_of_for_a_minute_and_counted_for_ever():
@@ -150,7 +150,7 @@ def test_a_driver_that_catches_up_after_a_halt_is_no_replay():
     finding = watch.clock.finding(0.0)
     assert finding.values['pace_of_stamps'] == pytest.approx(1.0, abs=0.01)
     assert finding.level == Level.WARN
-    assert finding.text.startswith('blocks come up to')
+    assert finding.text.startswith('5 % of the blocks are at least')
 
 
 @pytest.mark.parametrize(

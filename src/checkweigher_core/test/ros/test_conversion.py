@@ -197,5 +197,5 @@ def test_a_line_that_may_run_is_no_stop_request():
     ],
 )
 def test_what_is_too_long_for_a_line_is_refused(port, values):
-    with pytest.raises(ValueError, match='in a field of a message, at most'):
+    with pytest.raises(ValueError, match='in a message field, but at most'):
         to_record(port, port.type(**values))

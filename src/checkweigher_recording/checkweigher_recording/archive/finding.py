@@ -57,7 +57,7 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
         names = {bag: '/'.join(parts[bag][max(above[bag] - more, 0) :]) for bag in found}
         if len(set(names.values())) == len(names):
             return names
-    raise BagError('bags have the same place but for its spelling; weigh them one by one')
+    raise BagError('places of bags differ only in spelling; weigh the bags one by one')
 
 
 def _spelled_out(bag: str) -> str:

@@ -21,7 +21,7 @@ _STORE = get_typestore(Stores.EMPTY)
 
 
 class BagError(ValueError):
-    """Error for a bag that cannot be used. The message names the bag, the fault and a remedy."""
+    """Raised if a bag cannot be used. The message names the bag and the fault."""
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def _parts(field: Any) -> Iterator[str]:
 def serialize(port: Port, record: Any, stamp: int) -> bytes:
     """Return the CDR message of a record.
 
-    If the record has no time stamp, the header of the message has the time `stamp` in ns.
+    If the record has no time stamp, the header of the message gets the time `stamp` in ns.
     """
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)
@@ -99,9 +99,9 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
 def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
     """Return the record of a CDR message of a port.
 
-    `store` has the definition of the message. By default, the installed definition is used.
+    `store` contains the definition of the message. By default, the installed definition is used.
 
-    Raises an exception if `data` is not such a message, or a value of it is not valid.
+    Raises an exception if `data` is not such a message, or contains an invalid value.
     """
     message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
@@ -114,7 +114,7 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
     """Raise `BagError` unless a connection has the message type and the definition of `port`."""
     if connection.msgtype != port.message_type:
         raise BagError(
-            f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
+            f'{path}: topic {connection.topic} holds {connection.msgtype}, but must hold '
             f'{port.message_type}'
         )
     here = typestore([port]).hash_rihs01(port.message_type)
@@ -153,7 +153,7 @@ def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the hash of a definition from a bag, or an empty text if there is no definition."""
+    """Return the hash of a definition from a bag, or an empty string without a definition."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)

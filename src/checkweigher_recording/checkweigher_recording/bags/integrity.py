@@ -19,7 +19,7 @@ from checkweigher_recording.bags.definitions import BagError, bag_errors
 MAGIC = b'\x89MCAP0\r\n'
 # Layouts of the last two records of an MCAP file: opcode, length and content.
 _DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
-_PIECE = 1 << 20  # bytes that are read at once
+_PIECE = 1 << 20  # number of bytes that are read at a time
 
 
 def check_file(path: Path, name: Path | None = None) -> None:
@@ -41,7 +41,7 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check the first and last bytes and the check sums of a file. A check sum of 0 is unknown."""
+    """Check the first and last bytes and the check sums of a file. A check sum of 0 is ignored."""
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         raise BagError(f'{name}: empty; the recording has not begun')

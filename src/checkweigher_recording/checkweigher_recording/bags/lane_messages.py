@@ -21,14 +21,14 @@ _LATE = 60 * NANOSECONDS  # largest delay in ns of a message behind a message wi
 
 
 class OutOfOrderError(BagError):
-    """Error for a message that belongs to a stretch that was already returned."""
+    """Raised if a message belongs to a stretch that was already returned."""
 
 
 class LaneMessages:
     """Buffer for the messages of a lane that are not part of a returned stretch yet.
 
-    `path` is the path of the bag, which is used in error messages. `numbers` has the number of
-    messages by topic.
+    `path` is the path of the bag, which is used in error messages. `numbers` counts the messages of
+    each topic.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,7 +60,7 @@ class LaneMessages:
         self._samples, self._since, self._bytes = [], 0, 0
 
     def take_cell(self, data: bytes) -> None:
-        """Add a message on the load cell. A bag may have several equal ones."""
+        """Add a load-cell message. A bag may contain several equal messages."""
         try:
             cell: LoadCell = deserialize(LOAD_CELL_INFO, data)
         except ValueError as error:
@@ -96,7 +96,7 @@ class LaneMessages:
         return self._recording(complete, events)
 
     def rest(self) -> Recording:
-        """Return all events that were not part of a stretch. The exceptions are as in `stretch`."""
+        """Return all remaining events. Raises `BagError` if there is no load cell or no sample."""
         self._decode()
         blocks = self._sorted()
         recording = self._recording(blocks, self._events)
@@ -125,6 +125,6 @@ class LaneMessages:
         first += [event.stamp for event in self._events[:1]]
         if self._end is not None and first and min(first) < self._end:
             raise OutOfOrderError(
-                f'{self._path}: has messages that came more than {_LATE // NANOSECONDS} s late'
+                f'{self._path}: contains messages that are more than {_LATE // NANOSECONDS} s late'
             )
         return blocks

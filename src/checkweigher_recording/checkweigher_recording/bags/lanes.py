@@ -24,7 +24,7 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
     found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
         return None
-    # The longest name is the right one: load_cell/status is not the status of a lane "load_cell".
+    # Choose the longest name: load_cell/status is not the topic status of a lane load_cell.
     port = max(found, key=lambda port: len(port.name))
     return name.removesuffix(port.name).removesuffix('/'), port
 

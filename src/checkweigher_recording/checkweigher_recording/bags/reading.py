@@ -46,12 +46,12 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Raises
     ------
     BagError
-        If the bag is missing, damaged or not of a checkweigher.
+        If the bag is missing or damaged, or contains no lane of a checkweigher.
 
     Notes
     -----
-    Check sums are verified if the file has them. The numbers of messages in ``metadata.yaml``, in
-    the files and as read must agree.
+    Check sums are verified if the file contains them. For each topic, the numbers of messages that
+    are stated in ``metadata.yaml``, stated in the files and read must agree.
     """
     (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording
@@ -62,10 +62,10 @@ def read_stretches(
 ) -> Iterator[Recording]:
     """Read one lane of a bag in parts ("stretches") of about one minute, in limited memory.
 
-    If `whole` is True, the bag is a single part. Together, the parts have the events that
-    `read_bag` returns, in the same order. The first part has samples, and the last part has the
-    `warning`. An error that is raised after the last part may concern all parts. The other
-    parameters and exceptions are as in `read_bag`.
+    If `whole` is True, the bag is a single part. Together, the parts contain the events that
+    `read_bag` returns, in the same order. The first part contains samples, the last part contains
+    the `warning`. Missing messages are detected only before the last part, and may concern all
+    parts. The other parameters and exceptions are as in `read_bag`.
 
     Raises `OutOfOrderError` if a message was logged more than one minute after another message with
     a later time stamp. `read_bag` can read such a bag.
@@ -109,9 +109,9 @@ def over_stretches(
 
 
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
-    """Return the first message on the load cell, wherever it is in the bag, or None."""
+    """Return the first load-cell message of the whole lane, or None."""
     cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
-    # For an empty list of connections, rosbags would return all messages.
+    # Skip the call without connections, for which rosbags would return all messages.
     return next((data for _, _, data in bag.messages(cells)), None) if cells else None
 
 
@@ -163,7 +163,7 @@ def _parts(reader: Reader) -> list[Any]:
 
 
 def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
-    """Return a warning for the user in one line, or an empty text."""
+    """Return a one-line warning for the user, or an empty string."""
     if isinstance(bag, UnfinishedBag):
         return (
             f'{path}: the recording broke off, or is still going on; read up to '
@@ -171,7 +171,7 @@ def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
         )
     if any(part.path.suffix == '.db3' for part in _parts(bag)):
         return (
-            f'{path}: an SQLite bag has no check sums: damage may show as another mass; record '
+            f'{path}: an SQLite bag has no check sums, so damage may falsify a mass; record '
             'MCAP (ros2 bag record -s mcap)'
         )
     return ''
@@ -183,14 +183,14 @@ def _check_numbers(
     """Check that no messages were lost.
 
     The number of messages of each topic must be the same in ``metadata.yaml``, in the files, and in
-    `read`, which has the numbers of messages that were read.
+    `read`, which counts the messages that were read.
     """
     stated = _numbers(reader.connections)
     stored = _numbers(one for part in _parts(reader) for one in part.connections)
     for name in sorted(stated.keys() | stored.keys()):
         if stated[name] != stored[name]:
             raise BagError(
-                f'{path}: damaged: metadata.yaml says {stated[name]} messages on {name}, the '
+                f'{path}: damaged: metadata.yaml says {stated[name]} messages on {name}, but the '
                 f'files say {stored[name]}; restore it or run "ros2 bag reindex"'
             )
     for name in topics:

@@ -50,5 +50,5 @@ def _only_lane(source: Path, found: Mapping[str, Lane]) -> str:
     ]
     if len(lanes) != 1:
         what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
-        raise BagError(f'{source}: {what}; there is nothing to recover')
+        raise BagError(f'{source}: {what}; it cannot be recovered')
     return lanes[0]

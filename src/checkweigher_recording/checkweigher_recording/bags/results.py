@@ -16,7 +16,7 @@ from checkweigher_recording.bags.reading import open_bag
 def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
     """Return the records of the `wanted` topics of an MCAP bag, by topic name and in log order.
 
-    Raises `BagError` if the bag is damaged or is not of a checkweigher, or if a topic occurs in
+    Raises `BagError` if the bag is damaged or is not an MCAP bag, or if a topic occurs in
     several lanes.
     """
     found: dict[str, list[Any]] = {port.name: [] for port in wanted}
@@ -29,7 +29,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
             connection.id: (port, definitions_of(path, connection, port))
             for connection, port in pairs
         }
-        # For an empty list of connections, rosbags would return all messages.
+        # Skip the call without connections, for which rosbags would return all messages.
         messages = bag.messages([connection for connection, _ in pairs]) if pairs else ()
         for connection, _, data in messages:
             port, store = ports[connection.id]

@@ -36,7 +36,7 @@ def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
-    """Decode all messages that have the layout of the first one.
+    """Decode all messages that have the layout of the first message.
 
     `messages` are n > 0 messages of the same size. Returns a mask of the decoded messages, (n,)
     bool, and their blocks.

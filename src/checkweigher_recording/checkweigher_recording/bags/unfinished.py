@@ -27,7 +27,7 @@ from checkweigher_recording.bags.integrity import MAGIC
 
 _PART_NUMBER = re.compile(r'_(\d+)$')
 _HEAD_SIZE = 9  # size in bytes of the opcode and the length of a record
-_PIECE = 1 << 20  # bytes that are read at once
+_PIECE = 1 << 20  # number of bytes that are read at a time
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
     'ros2idl': MessageDefinitionFormat.IDL,
@@ -44,7 +44,7 @@ class UnfinishedBag:
     """Readable messages of an incomplete recording.
 
     `parts` are the files in the order in which they were written. The end of the last file is
-    missing. `connections` has the connections of all files, with their numbers of messages. A
+    missing. `connections` contains the connections of all files, with their message counts. A
     killed process leaves a file that is cut off at some place. If the files have another fault,
     `damage` describes it, otherwise `damage` is empty. Messages after a fault are ignored.
 
@@ -110,8 +110,8 @@ class _Part:
 
     `ended` is True if the data section is complete. `damage` describes a fault that cannot result
     from a killed process or a power loss, such as a wrong check sum that other data follow; it is
-    empty if there is no such fault. Messages after a fault are ignored. `times` has the earliest
-    and the latest log time in ns; it is empty if there are no messages.
+    empty if there is no such fault. Messages after a fault are ignored. `times` contains the
+    earliest and the latest log time in ns; it is empty if there are no messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -198,7 +198,7 @@ class _Part:
 
 
 def _is_empty(head: bytes, file: BinaryIO) -> bool:
-    """Return whether all bytes from a head on are 0.
+    """Return whether a record head and all following bytes of the file are 0.
 
     Some file systems leave such bytes after a power loss, because they had reserved the space.
     """

@@ -81,8 +81,8 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
 
     Notes
     -----
-    The file has check sums of each chunk, of the data section and of the summary, so that damage is
-    detected. The mcap package is used because rosbags does not write check sums.
+    The file contains check sums of each chunk, of the data section and of the summary, so that
+    damage is detected. The mcap package is used because rosbags does not write check sums.
     """
 
     def __init__(
@@ -155,9 +155,9 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             raise output_error(self._path, error) from None
         try:
             self._file = (self._folder / _FILE).open('xb')
-            # By default, the writer omits the check sum of the data section.
+            # Enable the check sum of the data section, which the writer omits by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # The default name of the library contains its version, which would change the bytes.
+            # Set the name of the library, because the default contains a version.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:
@@ -174,7 +174,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         except OSError as error:
             text = str(output_error(self._path, error))
             if self._in_place and self._folder.exists():
-                text += '; what was recorded before is there'
+                text += '; the earlier messages are kept'
             raise OutputError(text) from None
 
     def _topic(self, port: Port) -> str:

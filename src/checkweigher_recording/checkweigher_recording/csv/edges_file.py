@@ -21,19 +21,19 @@ class EdgesFile:
     # For each edge: the eye, the row of the log, and whether the eye is blocked from that row on.
     switches: tuple[tuple[Eye, float, bool], ...]
     masses: tuple[float, ...]  # true masses of the items in kg, in order of entry, or empty
-    sample_rate: float | None  # Hz
+    sample_rate: float | None  # sample rate in Hz
 
 
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     """Read an edges file for a log that has `rows` rows.
 
-    The file is a JSON object. `keys` has the key of each eye. The value of that key is a list of
+    The file is a JSON object. `keys` maps each eye to its key. The value of that key is a list of
     pairs ``[row, level]``. The eye is blocked from that row on if the level is 1, and clear if it
     is 0. The first pair is the state at the start of the log, and the others are edges. The
-    optional key ``sample_rate_hz`` has the sample rate. The optional key ``mass_g`` has the true
-    mass of all items, or a list with the true mass of each item.
+    optional key ``sample_rate_hz`` states the sample rate. The optional key ``mass_g`` states the
+    true mass of all items, or lists that of each item.
 
-    Raises `CsvError` if the file cannot be read or has another form.
+    Raises `CsvError` if the file cannot be read or has a different form.
     """
     text = read_text(path, 'utf-8')
     try:

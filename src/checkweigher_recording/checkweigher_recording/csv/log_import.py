@@ -43,28 +43,28 @@ class ImportParameters(Parameters):
 
     node: ClassVar[str] = 'import'
 
-    signal: str = parameter('', 'column of the signal; empty takes the only column')
-    time: str = parameter('', 'column of the time in s; empty counts by sample_rate')
+    signal: str = parameter('', 'column of the signal; empty selects the only column')
+    time: str = parameter('', 'column of the time in s; if empty, sample_rate is used')
     sample_rate: float = parameter(
         0.0,
-        'samples a second; 0 takes it from the time column or the edges file',
+        'sample rate; 0 selects the rate of the edges file or time column',
         unit='Hz',
         minimum=0.0,
         maximum=1e6,
     )
-    delimiter: str = parameter(',', 'between columns', choices=(',', ';', 'tab', 'space'))
+    delimiter: str = parameter(',', 'separator of columns', choices=(',', ';', 'tab', 'space'))
     decimal: str = parameter('.', 'decimal mark', choices=('.', ','))
-    infeed: str = parameter('', 'column of the infeed eye; empty if there is an edges file')
-    outfeed: str = parameter('', 'column of the outfeed eye; empty if there is an edges file')
-    threshold: float = parameter(0.5, 'an eye is blocked above this value of its column')
-    blocked_below: bool = parameter(False, 'an eye is blocked below the threshold instead')
+    infeed: str = parameter('', 'column of the infeed eye; empty with an edges file')
+    outfeed: str = parameter('', 'column of the outfeed eye; empty with an edges file')
+    threshold: float = parameter(0.5, 'value of an eye column above which the eye is blocked')
+    blocked_below: bool = parameter(False, 'whether an eye is blocked below the threshold')
     infeed_key: str = parameter('ftc1', 'key of the infeed eye in the edges file')
     outfeed_key: str = parameter('ftc2', 'key of the outfeed eye in the edges file')
     scale: float = parameter(
-        1.0, 'counts per unit of the signal, large enough to lose nothing by whole counts'
+        1.0, 'counts per unit of the signal; rounding to whole counts limits the resolution'
     )
-    slope: float = parameter(0.0, 'of the calibration, g per unit of the signal', unit='g')
-    offset: float = parameter(0.0, 'of the calibration: mass at signal 0', unit='g')
+    slope: float = parameter(0.0, 'slope of the calibration: mass per unit of the signal', unit='g')
+    offset: float = parameter(0.0, 'offset of the calibration: mass at signal 0', unit='g')
     counts_per_kg: float = parameter(0.0, 'static sensitivity, instead of slope', unit='1/kg')
     zero_counts: float = parameter(0.0, 'reading of the empty belt, instead of offset')
     min_counts: int = parameter(
@@ -73,16 +73,16 @@ class ImportParameters(Parameters):
     max_counts: int = parameter(
         int(_INT32.max), 'upper limit of the converter', minimum=_INT32.min, maximum=_INT32.max
     )
-    capacity: float = parameter(10.0, 'of the load cell', unit='kg', minimum=1e-6)
+    capacity: float = parameter(10.0, 'capacity of the load cell', unit='kg', minimum=1e-6)
     weigh_length: float = parameter(
         0.2, 'distance between infeed and outfeed eye', unit='m', minimum=0.001, maximum=100.0
     )
-    model: str = parameter('', 'of the load cell')
-    serial_number: str = parameter('', 'of the load cell')
-    samples_per_block: int = parameter(10, 'samples in one block', minimum=1, maximum=10_000)
+    model: str = parameter('', 'model of the load cell')
+    serial_number: str = parameter('', 'serial number of the load cell')
+    samples_per_block: int = parameter(10, 'samples per block', minimum=1, maximum=10_000)
     start_time: int = parameter(
         1_700_000_000,
-        'stamp of the first sample, since 1970',
+        'time of the first sample since 1970',
         unit='s',
         minimum=0,
         maximum=2_000_000_000,
@@ -91,13 +91,13 @@ class ImportParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.slope == 0) == (self.counts_per_kg == 0):
-            raise ParameterError('import.slope: give either slope or counts_per_kg, not 0')
+            raise ParameterError('import.slope: give either slope or counts_per_kg, but not 0')
         if self.scale == 0:
-            raise ParameterError('import.scale: 0, the signal would be lost')
+            raise ParameterError('import.scale: is 0, but must differ from 0')
         if bool(self.infeed) != bool(self.outfeed):
-            raise ParameterError('import.infeed: give a column of each of the two eyes, or of none')
+            raise ParameterError('import.infeed: give the columns of both eyes, or of neither')
         if self.decimal == self.delimiter:
-            raise ParameterError('import.decimal: the same as delimiter')
+            raise ParameterError('import.decimal: is the delimiter; choose another one')
 
     def load_cell(self, sample_rate: float) -> LoadCell:
         """Return the load cell with these parameters and a sample rate in Hz."""
@@ -143,7 +143,7 @@ def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = No
 class _Clock:
     """Sampling times of the rows of a log."""
 
-    sample_rate: float  # Hz
+    sample_rate: float  # sample rate in Hz
     index: NDArray[np.int64]  # sample index of each row, relative to the first row
     begin: int  # time of the first row in ns
 
@@ -164,10 +164,10 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
     time = table.columns.get('time')
     if time is None:
         if not rate:
-            raise ParameterError('import.sample_rate: not known; give it, or a time column')
+            raise ParameterError('import.sample_rate: unknown; give it, or a time column')
         return _Clock(rate, np.arange(rows), begin)
     if rows < 2:
-        raise CsvError(f'{table.path}: a single row, no signal')
+        raise CsvError(f'{table.path}: a single row is not a signal')
     step = np.diff(time)
     backward = np.flatnonzero(step <= 0)
     if len(backward):
@@ -177,8 +177,8 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
     double = np.flatnonzero(samples == 0)
     if len(double):
         raise CsvError(
-            f'{table.place(int(double[0]) + 1)}: only {step[double[0]]:g} s after the row before, '
-            'not evenly sampled'
+            f'{table.place(int(double[0]) + 1)}: only {step[double[0]]:g} s after the row above; '
+            'sample the signal evenly'
         )
     index = np.concatenate(([0], np.cumsum(samples)))
     return _Clock(rate or float(index[-1] / (time[-1] - time[0])), index, begin)

@@ -15,7 +15,7 @@ from checkweigher_core.input_files import read_input
 
 
 class CsvError(ValueError):
-    """Error for a file that cannot be imported. The message names the file and the fault."""
+    """Raised if a file cannot be imported. The message names the file and the fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ def read_table(
 ) -> Columns:
     """Read columns of a CSV file. The first row is a header unless all its cells are numbers.
 
-    `columns` has the name of the column for each use, or its number, which counts from 0. An empty
-    name stands for the only column of the file. If `delimiter` is None, columns are separated by
+    `columns` maps each use to the name or the number (from 0) of its column. An empty name stands
+    for the only column of the file. If `delimiter` is None, columns are separated by
     white space. `decimal` is the decimal mark.
 
     Raises `CsvError` if the file cannot be read, a column is missing, or a value is not a finite
@@ -91,11 +91,11 @@ def _column(path: Path, use: str, name: str, header: list[str], width: int) -> i
     listed = ', '.join(header) if header else f'0 to {width - 1}, without names'
     if not name:
         if width != 1:
-            raise CsvError(f'{path}: which column is the {use}? It has {listed}')
+            raise CsvError(f'{path}: no column is named for the {use}; the file has {listed}')
         return 0
     if name in header:
         if header.count(name) > 1:
-            raise CsvError(f'{path}: has several columns {name!r}; give the number from 0')
+            raise CsvError(f'{path}: has several columns {name!r}; choose one by its number from 0')
         return header.index(name)
     if name.isdecimal() and int(name) < width:
         return int(name)
@@ -122,7 +122,7 @@ def _parse(
             rows(), delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
-        # The message of numpy names the number of the row and not that of the line.
+        # Find the line of the error, because numpy names only the number of the row.
         for number, row in zip(numbers, rows(), strict=True):
             if problem := _problem(_cells(row, delimiter), places):
                 raise CsvError(f'{path}:{number + 1}: {problem}') from None
@@ -132,7 +132,7 @@ def _parse(
 def _problem(cells: list[str], places: list[int]) -> str:
     for place in places:
         if place >= len(cells):
-            return f'{len(cells)} columns, needs {place + 1}'
+            return f'{len(cells)} columns, but at least {place + 1} are needed'
         if not _is_number(cells[place], '.'):
             return f'{cells[place]!r} is not a number'
     return ''

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated weigh belt."""
+"""Simulation of a line with products of known mass."""

@@ -28,7 +28,7 @@ STEADY = Variation(speed=0.0, length=0.0, spacing=0.0)
 class Pass:
     """Passage of one product over the weigh belt."""
 
-    mass: float  # kg
+    mass: float  # mass of the product in kg
     t1: float  # time in s at which the product begins to enter the belt
     t2: float  # time in s at which the product is completely on the belt
     t3: float  # time in s at which the product begins to leave the belt
@@ -36,7 +36,7 @@ class Pass:
     travel: float  # travel of the belt at t1 in m
     impact: float  # standard normal random number to which the impact at entry is proportional
     length: float  # length of the product in m
-    number: int  # from 0
+    number: int  # number of the product, from 0
 
 
 class BeltTravel:
@@ -72,10 +72,10 @@ class BeltTravel:
     ) -> None:
         """Create the belt of a line.
 
-        `variation` has the standard deviations of speed, length and spacing; the spacing is limited
-        so that products do not overlap. `random` supplies the random speeds, and `products` the
-        random lengths and spacings. `next_mass` returns the mass of the next product in kg; by
-        default, the masses of `line` are used cyclically.
+        `variation` contains the standard deviations of speed, length and spacing; the last is
+        limited so that products do not overlap. `random` supplies the random speeds, and
+        `products` the random lengths and spacings. `next_mass` returns the mass of the next product
+        in kg; by default, the masses of `line` are used cyclically.
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
@@ -98,7 +98,7 @@ class BeltTravel:
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Remove passes that end before `begin`, and return new ones up to `end`, both in s."""
+        """Remove passes that end before `begin`, and return new passes up to `end`, both in s."""
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:
             del self._times[0], self._travels[0]
@@ -131,8 +131,8 @@ class BeltTravel:
     def load_steps(self, time: Array, travel: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the mass on the belt, as in `load`, rounded to a piecewise constant function.
 
-        The first array has the indices at which the mass changes, (m + 1,) from 0 to n, and the
-        second array has the masses between them, (m,) in kg.
+        The first array contains the indices at which the mass changes, (m + 1,) from 0 to n. The
+        second array contains the masses between them, (m,) in kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:

@@ -13,7 +13,7 @@ from checkweigher_recording.simulation.simulator import Simulation
 
 
 def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
-    """Yield the events of a line, and pass each correction of the feedback to the filler at once.
+    """Yield the events of a line, and pass each correction of the feedback to the filler.
 
     `product` is the recipe of the line. Raises `ValueError` if the recipe has no feedback.
     """

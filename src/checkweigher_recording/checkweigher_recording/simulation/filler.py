@@ -13,7 +13,7 @@ class Filler:
     """Filler that determines the masses of the products of a line.
 
     `masses` are the set points in kg, which are used cyclically. `drift` is the change of the mass
-    from one product to the next in kg, and `spread` is its standard deviation in kg. `delay` is the
+    per product in kg, and `spread` is the standard deviation of the mass in kg. `delay` is the
     number of products between filler and scale. The attribute `correction`, in kg, is added to the
     set points of the products that are filled next.
     """
@@ -33,7 +33,7 @@ class Filler:
         self._on_the_way: deque[float] = deque()
 
     def next_mass(self) -> float:
-        """Return the mass in kg of the next product on the scale, which is never negative."""
+        """Return the mass of the next product on the scale in kg, at least 0."""
         while len(self._on_the_way) <= self._delay:
             self._on_the_way.append(self._fill())
         return self._on_the_way.popleft()

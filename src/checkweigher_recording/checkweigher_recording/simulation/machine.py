@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Family of belt scales with random properties. The profile ``machine:SEED`` draws one of them.
 
-A drawn machine has disturbances that a `Profile` does not have. Each cause of disturbance is a
+A drawn machine has more causes of disturbance than a `Profile`. Each cause of disturbance is a
 field of `Machine`, and `Machine.without` removes causes. The ranges of the properties are typical
 of belt scales for products of up to a few kilograms; they are not fitted to a particular machine.
 Forces are in kg, that is, divided by g.
@@ -64,9 +64,9 @@ _even, _ratio, _sign = (partial(_range, draw) for draw in (_Draw.even, _Draw.rat
 class Mode:
     """Mode of vibration of the platform, which is a mass on a spring and a damper."""
 
-    natural_frequency: float = _ratio(18.0, 50.0)  # value of the empty platform in Hz
+    natural_frequency: float = _ratio(18.0, 50.0)  # of the empty platform, in Hz
     damping_ratio: float = _ratio(0.025, 0.1)
-    moving_mass: float = _even(1.5, 4.0)  # kg
+    moving_mass: float = _even(1.5, 4.0)  # moving mass of the empty platform in kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class Transfer:
     strike: float = _sign(0.002, 0.03)  # mean peak force of a strike per kg and belt speed, in s/m
     strike_spread: float = _ratio(0.002, 0.02)  # standard deviation of the peak force, in s/m
     duration: float = _ratio(0.003, 0.012)  # duration of a strike in s
-    tipping: float = _sign(0.01, 0.06)  # mean force of tipping with half the product on the belt
+    tipping: float = _sign(0.01, 0.06)  # mean tipping force per kg with half the product on it
     tipping_spread: float = _ratio(0.003, 0.03)
     power: float = _even(0.8, 1.4)
 
@@ -107,8 +107,8 @@ class Bounce:
     """Bounce of a product after its entry: a damped oscillation that differs from pass to pass."""
 
     size: float = _ratio(0.002, 0.015)  # standard deviation of amplitude per kg and speed, in s/m
-    frequency: float = _ratio(8.0, 40.0)  # mean frequency in Hz, with a deviation of a tenth
-    decay: float = _ratio(0.02, 0.08)  # s
+    frequency: float = _ratio(8.0, 40.0)  # mean frequency in Hz; the standard deviation is 10 %
+    decay: float = _ratio(0.02, 0.08)  # time constant in s
     power: float = _even(0.8, 1.4)  # exponent of the mass, as in `Transfer`
 
 
@@ -116,7 +116,7 @@ class Bounce:
 class Roller:
     """Unbalanced roller, which vibrates at its rotation frequency and the harmonics."""
 
-    diameter: float  # m
+    diameter: float  # diameter in m
     amplitudes: tuple[float, ...]  # amplitudes by order from 1, per belt speed, in kg s/m
     wander: float  # standard deviation of the phase from uniform rotation in rad
     growth: float  # relative increase of the amplitude with the load in 1/kg
@@ -127,8 +127,8 @@ class Roller:
 class Joint:
     """Joint of the belt, which strikes the rollers at both ends once per revolution."""
 
-    belt_length: float  # m
-    width: float  # m
+    belt_length: float  # length of the belt in m
+    width: float  # width of the joint in m
     size: float  # peak force per belt speed, in kg s/m
 
 
@@ -136,25 +136,25 @@ class Joint:
 class Floor:
     """Vibration of the floor: noise from 4 Hz to 12 Hz, and sines with slowly varying phases."""
 
-    noise: float  # standard deviation in kg
+    noise: float  # standard deviation of the noise in kg
     lines: tuple[tuple[float, float], ...]  # frequency in Hz and amplitude in kg of each sine
     wander: float  # standard deviation of the phase of a sine in rad
 
 
 @dataclass(frozen=True, slots=True)
 class Amplifier:
-    """Low-pass filter of the amplifier, of the Butterworth type."""
+    """Butterworth low-pass filter of the amplifier."""
 
     order: int
-    cutoff: float  # Hz
+    cutoff: float  # cut-off frequency in Hz
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
     """Drift of the zero."""
 
-    rate: float = _sign(3e-6, 5e-5)  # kg/s
-    wander: float = _ratio(2e-5, 2e-4)  # standard deviation from a constant rate in kg
+    rate: float = _sign(3e-6, 5e-5)  # drift rate in kg/s
+    wander: float = _ratio(2e-5, 2e-4)  # standard deviation of the zero from a constant drift in kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +169,8 @@ class Creep:
 class EyeErrors:
     """Position errors of the photo-eyes, and time errors of their edges."""
 
-    infeed: float = _even(-0.003, 0.003)  # m
-    outfeed: float = _even(-0.003, 0.003)  # m
+    infeed: float = _even(-0.003, 0.003)  # position error in m
+    outfeed: float = _even(-0.003, 0.003)  # position error in m
     jitter: float = _ratio(2e-5, 3e-4)  # standard deviation of the time of an edge in s
 
 
@@ -180,7 +180,7 @@ class Variation:
 
     speed: float = _ratio(1e-3, 5e-3)  # relative standard deviation of the belt speed
     length: float = _ratio(2e-3, 8e-3)  # relative standard deviation of the product length
-    spacing: float = _even(0.02, 0.07)  # m
+    spacing: float = _even(0.02, 0.07)  # standard deviation of the spacing in m
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,11 +196,11 @@ class NoiseLevels:
 class Setup:
     """Values of a machine for fields of `SimulationParameters`."""
 
-    sample_rate: float  # Hz
+    sample_rate: float  # sample rate in Hz
     counts_per_kg: float
-    product_length: float  # m
-    weigh_length: float  # m
-    spacing: float  # m
+    product_length: float  # length of a product in m
+    weigh_length: float  # distance between the photo-eyes in m
+    spacing: float  # distance between leading edges in m
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +224,7 @@ class Machine:
     noise: NoiseLevels | None
 
     def without(self, *causes: str) -> Self:
-        """Return the same machine without some causes, which are names of fields."""
+        """Return the same machine without some causes of disturbance, given by field name."""
         absent: dict[str, Any] = dict.fromkeys(causes)
         return replace(self, **absent)
 

@@ -65,7 +65,7 @@ def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Ar
 def roller_force(
     roller: Roller, phases: Array, wander: Wander, travel: Array, load: Array, speed: float
 ) -> Array:
-    """Return the force of a roller, (n,) in kg. `phases` has the phase of each order in rad."""
+    """Return the force of a roller, (n,) in kg. `phases` are the phases of the orders in rad."""
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
     lines = zip(roller.amplitudes, phases, strict=True)
@@ -108,7 +108,7 @@ class MachineSignal:
     ) -> None:
         """Create the signal of an empty platform at rest. `step` is the integration step in s."""
         self._machine, self._belt, self._step = machine, belt, step
-        self._weigh_length = weigh_length  # m
+        self._weigh_length = weigh_length  # distance between the photo-eyes in m
         drawn, broadband, floor, electronic, passes = seed.spawn(5)
         self._broadband, self._electronic = generator(broadband), generator(electronic)
         self._passes = int(passes.generate_state(1)[0])

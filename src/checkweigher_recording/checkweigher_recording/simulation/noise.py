@@ -20,7 +20,7 @@ _WAVES = 12  # number of sines
 def white(density: float, step: float, steps: int, random: np.random.Generator) -> Array:
     """Return white noise, (steps,), at intervals of `step` s.
 
-    `density` is the square root of the one-sided power spectral density per Hz.
+    `density` is the square root of the one-sided power spectral density.
     """
     # The variance is the power density times the bandwidth, which is half the sampling rate.
     return density * math.sqrt(1 / step / 2) * random.standard_normal(steps)

@@ -19,7 +19,7 @@ class PlatformDynamics:
     The reading y is the displacement times stiffness / g, and f is the force divided by g, both in
     kg. If the mass is constant and the force is constant during each step, the solution
 
-        y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k) v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
+        y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k), v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
 
     is exact, where v is the derivative of y. When the mass changes, y and v are continuous. The
     solution is computed as the filter

@@ -44,12 +44,12 @@ from checkweigher_recording.simulation.noise import Array, FloorNoise, white
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
 OVERSAMPLING = 8  # integration steps per sample
-ROLLER_DIAMETER = 0.032  # m
+ROLLER_DIAMETER = 0.032  # diameter of a roller in m
 MIN_COUNTS, MAX_COUNTS = -(2**23), 2**23 - 1  # range of a 24-bit converter
-CAPACITY = 7.2  # kg
+CAPACITY = 7.2  # capacity of the load cell in kg
 MOVING_MASS = 2.5  # moving mass of the empty platform in kg
 DAMPING_RATIO = 0.06  # damping ratio of the empty platform
-IMPACT_DURATION = 0.0035  # s
+IMPACT_DURATION = 0.0035  # duration of the impact at entry in s
 
 _CHUNK_DURATION = 1.0  # duration in s of the signal that is computed at once
 
@@ -59,17 +59,17 @@ class Profile:
     """Platform and disturbances of a machine. A force in kg is the force in N divided by g."""
 
     natural_frequency: float = 38.0  # natural frequency of the empty platform in Hz
-    speed_jitter: float = 0.001  # relative standard deviation of the belt speed between products.
+    speed_jitter: float = 0.001  # relative standard deviation of the belt speed between products
     # Standard deviation of the peak force at entry, per product mass and belt speed, in s/m.
     impact: float = 0.03
     # Amplitudes of the roller vibration and its harmonics, per belt speed, in kg s/m.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)
     motor: float = 0.5e-3  # amplitude of the motor vibration per belt speed, in kg s/m
-    motor_frequency: float = 31.0  # frequency of the motor vibration per belt speed, in 1/m.
+    motor_frequency: float = 31.0  # frequency of the motor vibration per belt speed, in 1/m
     # Square root of the one-sided power density of the noise, per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = 0.033e-3
     floor: float = 0.05e-3  # standard deviation of the floor vibration in kg
-    electronic: float = 0.05e-3  # standard deviation of the white noise of the converter in kg.
+    electronic: float = 0.05e-3  # standard deviation of the white noise of the converter in kg
 
 
 # `paper` resembles the machine of Long et al.: with a good estimator, the standard deviation of the
@@ -114,18 +114,18 @@ class SimulationParameters(Parameters):
 
     profile: str = parameter(
         'paper',
-        f'machine and its disturbances: {", ".join(PROFILES)}, or machine:SEED, '
-        'which draws one of a family; machine:SEED-CAUSE-CAUSE is the same without causes',
+        f'machine with its disturbances: {", ".join(PROFILES)}, or machine:SEED '
+        'for a random machine; machine:SEED-CAUSE-CAUSE removes causes of disturbance',
     )
     speed: float = parameter(1.0, 'belt speed', unit='m/s', minimum=0.01, maximum=5.0)
     masses: tuple[float, ...] = parameter(
         (0.0745, 0.1345, 0.1645, 0.1945, 0.2545),
-        'masses of the products, taken in turn',
+        'masses of the products, used cyclically',
         unit='kg',
         minimum=0.0,
         maximum=CAPACITY,
     )
-    count: int = parameter(25, 'number of products; 0 is an endless line', minimum=0)
+    count: int = parameter(25, 'number of products; 0 for an endless line', minimum=0)
     spacing: float = parameter(
         0.66,
         'distance between the leading edges of successive products',
@@ -140,57 +140,55 @@ class SimulationParameters(Parameters):
         0.2, 'distance between infeed and outfeed eye', unit='m', minimum=0.01, maximum=10.0
     )
     zero_drift: float = parameter(
-        0.0, 'drift of the empty belt', unit='kg/s', minimum=-0.01, maximum=0.01
+        0.0, 'drift rate of the zero', unit='kg/s', minimum=-0.01, maximum=0.01
     )
     filler_drift: float = parameter(
         0.0,
-        'drift of the filler from one product to the next',
+        'change of the filled mass from product to product',
         unit='kg',
         minimum=-0.01,
         maximum=0.01,
     )
     filler_spread: float = parameter(
         0.0,
-        'standard deviation of the filler from product to product',
+        'standard deviation of the filled mass',
         unit='kg',
         minimum=0.0,
         maximum=1.0,
     )
     filler_delay: int = parameter(
-        0, 'products that are filled and not yet on the belt', minimum=0, maximum=10_000
+        0, 'number of filled products before the belt', minimum=0, maximum=10_000
     )
     lead_in: float = parameter(
-        2.0, 'empty belt before the first product', unit='s', minimum=0.0, maximum=3600.0
+        2.0, 'time of empty belt before the first product', unit='s', minimum=0.0, maximum=3600.0
     )
     run_out: float = parameter(
-        1.0, 'empty belt after the last product', unit='s', minimum=0.0, maximum=3600.0
+        1.0, 'time of empty belt after the last product', unit='s', minimum=0.0, maximum=3600.0
     )
-    seed: int = parameter(1, 'seed of all that is random', minimum=0)
+    seed: int = parameter(1, 'seed of all random numbers', minimum=0)
     start_time: int = parameter(
         1_700_000_000,
-        'stamp of the first sample, since 1970',
+        'time of the first sample since 1970',
         unit='s',
         minimum=0,
         maximum=2_000_000_000,
     )
-    sample_rate: float = parameter(
-        960.0, 'samples a second', unit='Hz', minimum=100.0, maximum=20_000.0
-    )
-    samples_per_block: int = parameter(10, 'samples in one block', minimum=1, maximum=10_000)
+    sample_rate: float = parameter(960.0, 'sample rate', unit='Hz', minimum=100.0, maximum=20_000.0)
+    samples_per_block: int = parameter(10, 'samples per block', minimum=1, maximum=10_000)
     counts_per_kg: float = parameter(
         500_000.0, 'static sensitivity', unit='1/kg', minimum=-1e6, maximum=1e6
     )
     zero_counts: float = parameter(
-        1_250_000.0, 'reading of the empty belt', minimum=MIN_COUNTS, maximum=MAX_COUNTS
+        1_250_000.0, 'reading of the empty belt in counts', minimum=MIN_COUNTS, maximum=MAX_COUNTS
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_profile(self.profile)
         if not self.masses:
-            raise ParameterError('simulator.masses: empty, must name at least one mass')
+            raise ParameterError('simulator.masses: is empty, but at least one mass is needed')
         if self.counts_per_kg == 0:
-            raise ParameterError('simulator.counts_per_kg: 0, a load would not be seen')
+            raise ParameterError('simulator.counts_per_kg: is 0, but must differ from 0')
         if self.spacing <= self.product_length:
             raise ParameterError(
                 f'simulator.spacing: {self.spacing:g} m is not above product_length '
@@ -200,19 +198,19 @@ class SimulationParameters(Parameters):
 
 @dataclass(frozen=True)
 class OperationParameters(Parameters):
-    """Settings of a simulated machine that an operator may change while it runs."""
+    """Parameters of a simulated machine that an operator may change while it runs."""
 
     node: ClassVar[str] = 'simulator.now'
 
-    feed: bool = parameter(True, 'whether products come')
+    feed: bool = parameter(True, 'whether products enter the belt')
     speed: float = parameter(
-        0.0, 'belt speed; 0: simulator.speed', unit='m/s', minimum=0.0, maximum=5.0
+        0.0, 'belt speed; 0 selects simulator.speed', unit='m/s', minimum=0.0, maximum=5.0
     )
     mass: float = parameter(
-        0.0, 'mass of each product; 0: simulator.masses', unit='kg', minimum=0.0, maximum=CAPACITY
+        0.0, 'product mass; 0 selects simulator.masses', unit='kg', minimum=0.0, maximum=CAPACITY
     )
     load: float = parameter(
-        0.0, 'mass that stands on the belt', unit='kg', minimum=0.0, maximum=CAPACITY
+        0.0, 'mass that rests on the belt', unit='kg', minimum=0.0, maximum=CAPACITY
     )
 
 
@@ -230,9 +228,9 @@ def own_values(profile: str) -> dict[str, float]:
 class Simulation:
     """Iterable over the events of a simulated line in canonical order.
 
-    Each iteration yields the same events from the start. If the parameter ``count`` is 0, the
-    iteration does not end. Events are not kept in memory. The first products do not depend on the
-    number of products.
+    Each iteration begins with the first product, and yields the same events if the attributes do
+    not change. If the parameter ``count`` is 0, the iteration does not end. Events are not kept in
+    memory. The first products do not depend on the number of products.
 
     Attributes
     ----------
@@ -307,7 +305,7 @@ class Simulation:
 def simulate(parameters: SimulationParameters) -> Recording:
     """Return the recording of a simulated line. Equal parameters give equal recordings.
 
-    The recording has one reference mass for each product.
+    The recording contains one reference mass for each product.
 
     Raises `ParameterError` if the number of products is not limited.
     """
@@ -356,7 +354,7 @@ class _Machine:
         """Return the counts of the samples from `first` to before `end`, and the new passes.
 
         `first` must be the end of the previous call. If the line ends before `end`, there are fewer
-        samples. The passes have the times that the photo-eyes report.
+        samples. The passes contain the times that the photo-eyes report.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:
@@ -436,7 +434,7 @@ class _ProfileSignal:
         force += self._belt.speed * self._profile.motor * np.sin(angle)
 
     def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
-        """Add the impact of a product at its entry, which has the form of half a sine."""
+        """Add the impact of a product at its entry, whose form is a half sine."""
         size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
         begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
         phase = (time[begin:end] - entry.t1) / IMPACT_DURATION

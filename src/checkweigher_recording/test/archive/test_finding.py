@@ -115,5 +115,5 @@ def test_names_differ_where_bags_do():
 
 
 def test_bags_that_no_name_tells_apart_are_refused():
-    with pytest.raises(BagError, match='weigh them one by one'):
+    with pytest.raises(BagError, match='weigh the bags one by one'):
         result_names({bag: bag for bag in ('http://host/a/b', 'http://host/a/./b')})

@@ -63,7 +63,7 @@ def test_messages_that_are_too_late_for_stretches_are_read_as_a_whole(
     timed[late] = (timed[late][0], timed[-1][1])
     write_mcap(tmp_path / 'late.mcap', timed)
 
-    with pytest.raises(OutOfOrderError, match=r'late.mcap: has messages that came more than 60 s'):
+    with pytest.raises(OutOfOrderError, match=r'late.mcap: contains messages that are more than'):
         list(read_stretches(tmp_path / 'late.mcap'))
     assert same(read_bag(tmp_path / 'late.mcap'), long_recording)
 

@@ -200,7 +200,10 @@ def test_a_folder_whose_file_is_gone(bag):
     ('topic', 'parts'),
     [
         ('/scan', ('not of a checkweigher', '/scan')),
-        ('/load_cell/samples', (f'holds std_msgs/msg/String, must hold {SAMPLES.message_type}',)),
+        (
+            '/load_cell/samples',
+            (f'holds std_msgs/msg/String, but must hold {SAMPLES.message_type}',),
+        ),
     ],
 )
 def test_a_type_that_no_topic_of_a_checkweigher_has(tmp_path, messages, topic, parts):
@@ -232,7 +235,7 @@ def _with_cell(messages, **content):
     [
         (lambda all_: all_[1:], 'no load_cell/info'),
         (lambda all_: [*all_, _with_cell(all_, zero_counts=1.0)], 'load_cell/info changes'),
-        (lambda all_: [_with_cell(all_, counts_per_kg=0.0)], 'counts_per_kg is 0, must be within'),
+        (lambda all_: [_with_cell(all_, counts_per_kg=0.0)], 'counts_per_kg is 0, but must be'),
         (lambda all_: [m for m in all_ if m.message_type != SAMPLES.message_type], 'no samples'),
     ],
 )

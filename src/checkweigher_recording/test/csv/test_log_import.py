@@ -169,20 +169,20 @@ def test_other_keys_fractions_of_a_row_and_a_list_of_masses(tmp_path):
     [
         ('', {}, r'log\.csv: empty'),
         ('force\n', {}, r'log\.csv: no rows below the header'),
-        ('a,b\n1,2\n', {}, r'log\.csv: which column is the signal\? It has a, b'),
-        ('1,2\n1,2\n', {}, r'It has 0 to 1, without names'),
+        ('a,b\n1,2\n', {}, r'log\.csv: no column is named for the signal; the file has a, b'),
+        ('1,2\n1,2\n', {}, r'the file has 0 to 1, without names'),
         ('a,b\n1,2\n', {'signal': 'c'}, r"no column 'c' for the signal; it has a, b"),
         ('a,b\n1,2\n', {'signal': '2'}, r"no column '2' for the signal"),
         ('a,a\n1,2\n', {'signal': 'a'}, r"several columns 'a'"),
         ('a\n1\n\n2\nx\n', {}, r"log\.csv:5: 'x' is not a number"),
-        ('a,b\n1,2\n3\n', {'signal': 'b'}, r'log\.csv:3: 1 columns, needs 2'),
+        ('a,b\n1,2\n3\n', {'signal': 'b'}, r'log\.csv:3: 1 columns, but at least 2'),
         ('a\n1\n\nnan\n', {}, r'log\.csv:4: a value is not finite'),
         ('a\n1\n3e9\n', {}, r'log\.csv:3: 3e\+09 counts do not fit into 32 bits'),
         ('t,s\n0,1\n1,1\n1,1\n', {'signal': 's', 'time': 't'}, r'log\.csv:4: the time does not'),
         (
             't,s\n0,1\n1,1\n2,1\n2.1,1\n3,1\n',
             {'signal': 's', 'time': 't', 'sample_rate': 1.0},
-            r'log\.csv:5: only 0\.1 s after the row before',
+            r'log\.csv:5: only 0\.1 s after the row above',
         ),
         ('t,s\n0,1\n', {'signal': 's', 'time': 't'}, r'log\.csv: a single row'),
     ],
@@ -260,7 +260,7 @@ def test_parameters_that_do_not_fit_the_files(tmp_path):
     with pytest.raises(ParameterError, match='min_counts 5 is not below'):
         import_csv(log, limits, edges)
     edges = _edges_file(tmp_path, sample_rate_hz=...)
-    with pytest.raises(ParameterError, match='not known'):
+    with pytest.raises(ParameterError, match='unknown'):
         import_csv(log, ImportParameters(counts_per_kg=1.0), edges)
 
 

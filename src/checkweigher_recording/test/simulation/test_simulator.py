@@ -212,12 +212,12 @@ def test_a_long_line_needs_no_more_memory_than_a_short_one():
     ('values', 'message'),
     [
         ({'profile': 'worn'}, "simulator.profile: 'worn' is not one of paper, roller"),
-        ({'masses': ()}, 'simulator.masses: empty'),
+        ({'masses': ()}, 'simulator.masses: is empty'),
         ({'masses': (-1.0,)}, r'simulator.masses: -1.0 is not in 0\.\.7\.2 kg'),
         ({'spacing': 0.1}, 'simulator.spacing: 0.1 m is not above product_length 0.1 m'),
         ({'speed': 0.0}, r'simulator.speed: 0.0 is not in 0\.01\.\.5 m/s'),
         ({'zero_drift': 0.1}, 'simulator.zero_drift'),
-        ({'counts_per_kg': 0.0}, 'simulator.counts_per_kg: 0'),
+        ({'counts_per_kg': 0.0}, 'simulator.counts_per_kg: is 0'),
         ({'seed': -1}, 'simulator.seed'),
     ],
 )

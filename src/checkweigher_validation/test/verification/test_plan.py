@@ -88,7 +88,7 @@ def test_a_plan_of_a_newer_format_may_have_keys_that_are_not_known():
         'mass_g: 74.50', 'mass_g: 74.50\n    box: 3'
     )
     assert read_plan(newer).passes_in_motion == read_plan(EXAMPLE).passes_in_motion
-    with pytest.raises(SettingsError, match='line 2: climate: no such key; it may have machine, '):
+    with pytest.raises(SettingsError, match='line 2: climate: no such key; valid keys are '):
         read_plan(newer.replace('format: 2', 'format: 1'))
 
 

@@ -13,7 +13,7 @@ from checkweigher_core.ros.outputs import Input, Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port, fits, misfit
 
-_PATIENCE = 5.0  # longest time in s that the nodes of a line need to discover each other
+_PATIENCE = 5.0  # longest time in s in which the nodes of a line discover each other
 
 
 class Connections:
@@ -53,10 +53,10 @@ class Connections:
                 found.append(Concern(level, f'no {other} of {end.topic_name}', hint))
         values['messages refused in the last minute'] = len(self._refused)
         if len(self._refused):
-            text = f'{len(self._refused)} messages refused in the last minute, {self._refusal}'
-            hint = 'check which node publishes there and with which version of the messages'
+            text = f'{len(self._refused)} messages refused in the last minute: {self._refusal}'
+            hint = 'check which node publishes this topic, and its message version'
             found.append(Concern(Level.WARN, text, hint))
-        return conclude('Connections', 'all there', found, values)
+        return conclude('Connections', 'all connected', found, values)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
         """Yield a concern for each endpoint at the other end with an incompatible QoS."""
@@ -66,7 +66,7 @@ class Connections:
             if why := misfit(*pair):
                 who = full_name(other)
                 does = 'publishes' if is_input else 'subscribes to'
-                text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
+                text = f'{who} {does} {end.topic_name} with an incompatible QoS ({why})'
                 if text not in self._logged:
                     self._logged.add(text)
                     self._node.get_logger().warning(text)

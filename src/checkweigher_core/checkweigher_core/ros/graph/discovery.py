@@ -20,14 +20,14 @@ import stat
 PARTICIPANTS = 64  # largest number of processes at each address
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
-# The folder of the profiles is empty after each restart of the computer.
+# Folder of the profiles. It is in memory, so old profiles do not outlive a restart of the computer.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 _PLACE = '      <!-- peers -->\n'
 
 
 def set_profiles() -> None:
-    """Make Fast DDS use these profiles, unless the user has set other profiles."""
+    """Make Fast DDS use the profiles of this module, unless the user has set other profiles."""
     given = [os.environ.get(name, '') for name in ('FASTDDS_DEFAULT_PROFILES_FILE', _FILE)]
     ours = (str(_PACKAGED), f'{_FOLDER}/')
     if any(each and not each.startswith(ours) for each in given):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Lanes that run, as the graph shows them."""
+"""Running lanes in the ROS graph."""
 
 from rclpy.node import Node
 
@@ -10,7 +10,7 @@ from checkweigher_core.ros import ports
 def running_lanes(node: Node) -> set[str]:
     """Return the namespaces, without slashes, in which verdicts are published.
 
-    A lane that is only awaited does not run: its command `run` subscribes before it starts nodes.
+    A topic without a publisher is ignored, because `run` subscribes to it before its nodes start.
     """
     kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
     return {

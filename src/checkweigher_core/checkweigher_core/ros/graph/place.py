@@ -58,7 +58,7 @@ class Place:
         try:
             holder.bind(_address(self._domain, self._name, participant))
         except OSError as error:
-            # A system without abstract names cannot prevent a second node.
+            # Go on without a place on a system without abstract names.
             return error.errno != errno.EADDRINUSE
         return True
 
@@ -73,7 +73,7 @@ def participant_of(node: Node) -> bytes:
 
 
 def is_held(domain: int, name: str, participant: bytes = b'') -> bool:
-    """Return whether a node holds its place and, if given, has signed with a participant."""
+    """Return whether a node holds its place and, if given, has registered `participant`."""
     with _socket() as probe:
         return probe.connect_ex(_address(domain, name, participant)) == 0
 
@@ -83,7 +83,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # may be too long for an address of 107 bytes
+    text = f'{domain} {name} {participant.hex()}'  # longer than an address of 107 bytes may be
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

@@ -24,7 +24,7 @@ LINE = 'line'  # enclave of a process with all nodes of a lane
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which nodes outside the table of ports subscribe. The page uses this table, too.
+# Topics to which nodes subscribe in addition to the table of ports.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
@@ -108,7 +108,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
     Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
-    page is one process for all lanes, with one enclave.
+    page and each gateway serve all lanes from one process, with one enclave each.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
