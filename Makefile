@@ -13,10 +13,14 @@ IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 comma := ,
 PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/) $(wildcard docs/)
 
-.PHONY: help setup demo test soak bench coverage docs site deb image release lint format clean
+PYTHONS = python3.11 python3.12 python3.13
+# What bloom can release; checkweigher_msgs has no tests of its own.
+RELEASED = checkweigher_core checkweigher_dsp checkweigher_production checkweigher_driver
+
+.PHONY: help setup demo test test-pythons test-noble soak bench coverage docs site deb image release lint format clean
 
 help: ## Show this list.
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
 setup: ## Make the environment (.venv) and build the workspace; PYTHON=python3.12 chooses the Python.
 	@setup/bootstrap
@@ -30,6 +34,18 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
 	  PYTHONDONTWRITEBYTECODE= python3 -m pytest -n 3 --dist worksteal $(PYTEST_ARGS)
+
+test-pythons: ## Run `make test` of the latest commit with each of PYTHONS, in log/python3.11 and so on.
+	@for python in $(PYTHONS); do \
+	  rm -rf log/$$python; git clone --quiet --shared . log/$$python; \
+	  PYTHON=$$python $(MAKE) --directory log/$$python test; \
+	done
+
+test-noble: ## Run the tests of the packages for bloom with the packages of Ubuntu 24.04 (requirements/noble.in).
+	@$(IN_ENVIRONMENT) python3 -m pip install --quiet --upgrade --no-deps --require-hashes --only-binary :all: \
+	  --target log/noble -r requirements/noble.lock
+	@$(IN_ENVIRONMENT) PYTHONPATH=$$PWD/log/noble:$$PYTHONPATH ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+	  python3 -m pytest -n 3 $(RELEASED:%=src/%/test) $(PYTEST_ARGS)
 
 soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \

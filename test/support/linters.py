@@ -11,13 +11,7 @@ UNDOCUMENTED = 'D100', 'D101', 'D102', 'D103', 'D104', 'D105', 'D106', 'D107'
 LINTERS = {
     'ament_flake8': ['--config', str(Path(__file__).with_name('ament_flake8.ini'))],
     # In numpydoc's convention. ament_flake8 checks D401 as well, but lets properties be nouns.
-    'ament_pep257': [
-        '--convention',
-        'numpy',
-        '--add-ignore',
-        *(f'D10{n}' for n in range(8)),
-        'D401',
-    ],
+    'ament_pep257': ['--convention', 'numpy', '--add-ignore', 'D401', *UNDOCUMENTED],
     'ament_xmllint': [],
 }
 

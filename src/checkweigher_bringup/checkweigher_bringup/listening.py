@@ -97,8 +97,8 @@ def _forget_oldest(unpaired: dict[int, Any]) -> None:
 class EchoNode(ResultListener):
     """Node that receives the results and the known masses of a lane."""
 
-    def __init__(self) -> None:
-        super().__init__('echo')
+    def __init__(self, name: str = 'echo') -> None:
+        super().__init__(name)
         self.create_timer(_ESTIMATE_PATIENCE / 2, self._pair_overdue)
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
         self.listen(ports.REFERENCE_MASS, self._references.append)

@@ -20,6 +20,7 @@ from checkweigher_core.records import GRAMS, Decision, Reference, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.graph.policy import OBSERVER
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
@@ -147,7 +148,7 @@ def record(
     with (
         asked_to_end() as asked,
         BagWriter(path, recorded, namespace, in_place=True) as bag,
-        spinning(namespace) as spinner,
+        spinning(namespace, OBSERVER) as spinner,
     ):
         node = RecorderNode(recorded, passes)
         spinner.add(node)

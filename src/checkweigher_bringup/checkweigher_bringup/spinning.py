@@ -25,13 +25,16 @@ _PROCESS_PATIENCE = 5.0  # time in s in which a process must end by itself
 
 
 @contextmanager
-def spinning(namespace: str = '') -> Iterator[Spinner]:
+def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
     """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
 
+    With security on, the process has the enclave of this name in the namespace.
     Ctrl-C raises KeyboardInterrupt in the block, which can finish its work while the nodes still
     exist. The nodes log only warnings, because a command shows its own results.
     """
     arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
+    if enclave:
+        arguments += enclave_arguments(namespace, enclave)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)

@@ -181,7 +181,6 @@ def make_page(kept):
         package='checkweigher_web',
         executable='page',
         condition=IfCondition(LaunchConfiguration('page')),
-        ros_arguments=enclave_arguments('', 'page'),
         **kept,
     )
 
@@ -194,7 +193,6 @@ def make_gateways(context, kept):
             package='checkweigher_gateways',
             executable='gateway',
             arguments=[kind, '--settings', file],
-            ros_arguments=enclave_arguments('', f'gateway_{kind}'),
             **kept,
         )
         for kind in (read_gateways(Path(file)).kinds if file else ())

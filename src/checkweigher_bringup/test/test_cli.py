@@ -11,6 +11,7 @@ import pytest
 from running import BAGS, run_command
 
 from checkweigher_bringup.cli import COMMANDS, build_parser
+from checkweigher_core.ros.graph.policy import enclaves
 from checkweigher_recording.csv.log_import import ImportParameters
 
 
@@ -67,20 +68,32 @@ def test_an_output_that_cannot_be_written_is_one_line():
     assert done.stderr == 'checkweigher weigh: the output: No space left on device\n'
 
 
-@pytest.mark.parametrize('words', [('status', '--count', '1'), ('run',), ('page', '--port', '0')])
-def test_security_that_cannot_be_used_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+@pytest.mark.parametrize(
+    ('words', 'enclave'),
+    [
+        (('status', '--count', '1'), 'observer'),
+        (('echo', '--namespace', 'lane1'), 'lane1/observer'),
+        (('record', '--namespace', 'lane1', '--output', 'bag'), 'lane1/observer'),
+        (('run', '--namespace', 'lane1'), 'lane1/run'),
+        (('page', '--port', '0'), 'page'),
+        (('gateway', 'metrics', '--settings', 'gateways.yaml'), 'gateway_metrics'),
+    ],
+)
+def test_each_command_takes_its_enclave_and_says_in_one_line_that_it_cannot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], enclave: str
 ):
     monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
     monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
     monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path / 'none'))
+    (tmp_path / 'gateways.yaml').write_text('metrics: {port: 0}')
 
-    done = run_command(*words)
+    done = run_command(*words, cwd=tmp_path)
 
-    (line,) = done.stderr.splitlines()
+    line = done.stderr.splitlines()[-1]
     assert line.startswith(f'checkweigher {words[0]}: ROS_SECURITY_ENABLE=true: ')
-    assert line.endswith(f"SECURITY ERROR: directory '{tmp_path}/none/enclaves' does not exist")
+    assert line.endswith(f"directory '{tmp_path}/none/enclaves/{enclave}' does not exist")
     assert (done.returncode, done.stdout) == (2, '')
+    assert enclave in {path.strip('/') for path in enclaves(['lane1'])}
 
 
 def test_a_line_starts_without_what_only_a_source_or_a_report_needs():

@@ -17,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from checkweigher_core.health.findings import Finding
+from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_gateways import KINDS
 from checkweigher_gateways.listening import Intake, Taken
@@ -83,7 +84,8 @@ def serve(kind: str, settings: GatewaySettings, namespace: str | None = None) ->
     """
     module: Any = import_module(f'checkweigher_gateways.{kind}')
     gateway: Gateway = module.make(settings)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    own = ['--ros-args', *enclave_arguments('', f'gateway_{kind}')]
+    rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         spinner = Spinner()

@@ -23,6 +23,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 import uvicorn
 
+from checkweigher_core.ros.graph.policy import PAGE, enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
@@ -84,7 +85,8 @@ def serve(
         If the site cannot be served.
     """
     with _listen(site.checked()) as (listener, access, app), ExitStack() as stack:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        own = ['--ros-args', *enclave_arguments('', PAGE)]
+        rclpy.init(args=[*sys.argv, *own], signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown)
         if keep is not None and not access.users.now():
             raise PageError('--keep: needs a user: checkweigher user add NAME --role R')

@@ -22,7 +22,7 @@ from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.changes import VERIFICATION
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.services import VERIFY
+from checkweigher_core.ros.services import VERIFIER, VERIFY
 from checkweigher_core.whole_file import check_new, make_output_folder, write_whole
 from checkweigher_production.audit_chain import read_chain
 from checkweigher_recording.archive.copying import local_bag
@@ -52,12 +52,12 @@ def verify(arguments: argparse.Namespace) -> str:
         if arguments.bags:
             procedure_of_bags(plan, text, arguments.bags, parameters, identity, bag)
             return
-        with spinning(namespace) as spinner:
+        with spinning(namespace, VERIFIER) as spinner:
             procedure_on_line(spinner, plan, text, identity, bag, Terminal())
 
     verdict = report_on(make, folder, arguments.audit)
     if not arguments.bags and arguments.audit is not None:
-        with spinning(namespace) as spinner:
+        with spinning(namespace, VERIFIER) as spinner:
             node = rclpy.create_node(VERIFY)
             spinner.add(node)
             return verdict + note_result(node, folder, plan, verdict)

@@ -29,6 +29,7 @@ from checkweigher_bringup.supervision.service_manager import Watchdog, supervise
 from checkweigher_core.parent_process import CANNOT_START
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import Place
+from checkweigher_core.ros.graph.policy import RUN
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.services import GATEWAYS
 from checkweigher_gateways.settings import read_gateways
@@ -77,8 +78,8 @@ def run_line(
             **_gateway_commands(gateways, namespace),
         }
         processes = _processes(commands)
-        with spinning(namespace) as spinner, closing(ItemTable()) as table:
-            node = EchoNode()
+        with spinning(namespace, RUN) as spinner, closing(ItemTable()) as table:
+            node = EchoNode(RUN)
             lane = node.get_namespace().rstrip('/')
             names = (*ports.NODES, *processes)
             whole = processes.get('line')
@@ -111,7 +112,7 @@ def run_host(line: LineDescription, host: str) -> int:
     """Run the nodes of a host until SIGINT, SIGTERM or SIGHUP, and return the exit status."""
     shares = line.shares(host)
     os.environ.update(line.environment())
-    with ExitStack() as stack, asked_to_end() as asked, spinning() as spinner:
+    with ExitStack() as stack, asked_to_end() as asked, spinning(enclave=RUN) as spinner:
         processes: dict[str, SupervisedProcess] = {}
         process_of: dict[str, SupervisedProcess] = {}
         for share in shares:
@@ -123,7 +124,7 @@ def run_host(line: LineDescription, host: str) -> int:
             processes[share.name] = process
             process_of |= {f'/{share.lane}/{name}': process for name in share.nodes}
         print(f'{host}: {", ".join(processes) or "nothing to run"}', file=sys.stderr, flush=True)
-        node = PortNode('run')
+        node = PortNode(RUN)
         watchdog = _listen(node, process_of)
         spinner.add(node)
         return _supervise(processes, watchdog, asked, partial(time.sleep, _POLL_PERIOD))

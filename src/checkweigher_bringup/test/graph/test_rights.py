@@ -85,7 +85,7 @@ def test_who_looks_on_does_no_more_than_its_policy_allows(tmp_path: Path):
     gateways = tmp_path / 'gateways.yaml'
     gateways.write_text('metrics: {port: 0}')
     commands = {
-        'line': node_command('checkweigher_bringup.line', LANE),
+        'run': command_line('run', '--namespace', LANE),
         'page': command_line('page', '--port', 0),
         'status': command_line('status'),
         'gateway': command_line('gateway', 'metrics', '--settings', gateways),
@@ -94,7 +94,7 @@ def test_who_looks_on_does_no_more_than_its_policy_allows(tmp_path: Path):
     }
     places = {
         'page': '/', 'status': '/', 'echo': f'/{LANE}', 'record': f'/{LANE}',
-        'page_results': f'/{LANE}', 'gateway_metrics_board': '/',
+        'run': f'/{LANE}', 'page_results': f'/{LANE}', 'gateway_metrics_board': '/',
         'gateway_metrics_lane': f'/{LANE}',
     }  # fmt: skip
     with running_processes(commands), spinning() as spinner:

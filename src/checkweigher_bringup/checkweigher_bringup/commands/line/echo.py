@@ -26,10 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.output import ItemTable
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
+    from checkweigher_core.ros.graph.policy import OBSERVER
 
     check_positive(arguments, 'count', 'duration')
     count, end = arguments.count or math.inf, time.monotonic() + (arguments.duration or math.inf)
-    with spinning(check_namespace(arguments.namespace)) as spinner, closing(ItemTable()) as table:
+    with (
+        spinning(check_namespace(arguments.namespace), OBSERVER) as spinner,
+        closing(ItemTable()) as table,
+    ):
         node = EchoNode()
         spinner.add(node)
         with suppress(KeyboardInterrupt):

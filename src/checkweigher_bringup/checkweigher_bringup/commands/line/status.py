@@ -43,6 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.spinning import spinning
     from checkweigher_core.health.findings import Level
     from checkweigher_core.ros import ports
+    from checkweigher_core.ros.graph.policy import OBSERVER
     from checkweigher_core.ros.port_node import PortNode
     from checkweigher_core.ros.status_board import StatusBoard, worst
 
@@ -50,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError('--all: shows all lanes, so leave out --namespace')
     check_positive(arguments, 'count', 'duration')
     board = StatusBoard(check_namespace(arguments.namespace))
-    with spinning() as spinner:
+    with spinning(enclave=OBSERVER) as spinner:
         node = PortNode('status')
         node.subscribe(ports.DIAGNOSTICS, lambda m: board.add(time.monotonic(), m.status))
         spinner.add(node)

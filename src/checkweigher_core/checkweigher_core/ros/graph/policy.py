@@ -21,6 +21,8 @@ from checkweigher_core.ros.services import (
 )
 
 LINE = 'line'  # enclave of a process with all nodes of a lane
+RUN = 'run'  # the command that starts and watches a line
+OBSERVER = 'observer'  # enclave of commands that only subscribe
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
@@ -29,6 +31,7 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
+    RUN: (ports.DIAGNOSTICS, ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     PAGE: (ports.DIAGNOSTICS,),
     'segmenter': (ports.DIAGNOSTICS,),  # the diagnostics of other hosts show their clocks
     'page_results': ports.PAGE_RESULTS,
@@ -108,7 +111,8 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
     Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
-    page and each gateway serve all lanes from one process, with one enclave each.
+    page and each gateway serve all lanes from one process, with one enclave each. The commands
+    `status` and `run --line` are in no lane.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
@@ -118,7 +122,10 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
             found[f'{space}/{node}'] = [(lane, node)]
         found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # runs in the same process
         found[f'{space}/{LINE}'] = [(lane, node) for node in NODES]
-        found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
+        found[f'{space}/{OBSERVER}'] = [(lane, node) for node in OBSERVERS]
+        found[f'{space}/{RUN}'] = [(lane, RUN)]
+    found.setdefault(f'/{OBSERVER}', [('', node) for node in OBSERVERS])
+    found.setdefault(f'/{RUN}', [('', RUN)])
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]
     found[f'/{PAGE}'] = [('', PAGE), *of_lanes]
     for name in GATEWAYS:
