@@ -15,7 +15,7 @@ from checkweigher_core.parameters import Parameters
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.errors import ConditionResult, distinct
 from checkweigher_validation.accuracy.tables import coverage_table
-from checkweigher_validation.tuning.tuner import Tuned
+from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned
 
 _WIDTH = 100
 _SAME_MASS = 1e-6  # kg
@@ -55,6 +55,12 @@ def parameter_file(
         '# A = |mean error| + 3 sigma, averaged over the masses, after gain and offset, in g; held',
         '# out: each pass weighed by what other passes taught. Much more than trained would mean',
         '# that the parameters fit these passes and not the machine.',
+        *(
+            f'# {line}'
+            for name, each in tuned.items()
+            if name != UNTRAINED
+            for line in _coverage_lines(each)
+        ),
         '#',
         f'# {"estimator":<14}{"m/min":>7}{"passes":>8}{"A trained":>11}{"A held out":>12}',
         *(
@@ -63,7 +69,6 @@ def parameter_file(
             for name, each in (compared or tuned).items()
             for speed in each.speeds
         ),
-        *(f'# {line}' for each in tuned.values() for line in _coverage_lines(each)),
         *((f'# chosen: {reason}',) if reason else ()),
     ]
     content = {
@@ -115,10 +120,9 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 def accuracy_lines(text: str) -> list[str]:
     """Return the lines of the table of accuracies in a parameter file.
 
-    The first line has the headings. After that, there is a line for each estimator at each speed,
-    the coverage of the stated intervals by speed and mass if there are several masses, and the line
-    ``chosen: REASON`` if the file has a reason for its choice. The list is empty if the file has no
-    table.
+    The first line has the headings. After that, there is a line for each estimator at each speed
+    and, if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if
+    the file has no table.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))
