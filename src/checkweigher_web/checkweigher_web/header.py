@@ -77,21 +77,27 @@ class _Facts:
     def show(self) -> None:
         """Show the present state."""
         lane, nodes = self._look.drawing.lane, self._look.nodes()
-        known, still = lane.statistics, standstill(nodes)
         waiting = sum(not each.acknowledged_by for each in lane.alarms)
         stop = '' if lane.stop is None else f'STOP {lane.stop.reason}'
-        self._set('product', (known and known.product) or 'no product')
-        self._set('batch', f'batch {known.batch}' if known and known.batch else 'no batch')
-        self._set('state', stop or still or 'running', 'ERROR' if stop else 'WARN' if still else '')
-        alarms = counted(waiting, 'alarm') if waiting else 'no alarms'
-        self._set('alarms', alarms, 'WARN' if waiting else '')
+        known, still = lane.statistics, standstill(nodes)
+        product, batch = (known.product, known.batch) if known else ('', '')
+        self._set('product', product or 'no product')
+        self._set('batch', f'batch {batch}' if batch else 'no batch')
+        self._set('state', stop or still or 'running', _level(stop, still))
+        self._set(
+            'alarms', counted(waiting, 'alarm') if waiting else 'no alarms', _level('', waiting)
+        )
         self.silence = silence(nodes)
         self.wakes = f'{lane.version} {waiting} {stop}'
 
     def _set(self, name: str, text: str, level: str = '') -> None:
         label = self._labels[name]
         label.set_text(text)
-        label.classes(replace=f'fact {name} {f"level-{level}" if level else ""}')
+        label.classes(replace=f'fact {name} {level}')
+
+
+def _level(error: object, warning: object) -> str:
+    return 'level-ERROR' if error else 'level-WARN' if warning else ''
 
 
 def hint_to_users(access: Access) -> None:

@@ -3,6 +3,7 @@
 """View of the latest item, or of the reason why the lane does not weigh."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 import time
 
@@ -88,30 +89,42 @@ def _scale(
     """Return a scale with the limits and masses as positions from 0 to 1, or None without any."""
     of = verdict.product, verdict.batch
     limits = limits_of(*of, verdict, statistics)
-    shown = [each for each in latest if of == (each.product, each.batch)]
-    masses = [GRAMS * each.mass for each in shown if math.isfinite(each.mass)]
-    places = [*limits.values()] if len(limits) > 1 else [*limits.values(), *masses]
+    weighed = [each for each in latest if math.isfinite(each.mass)]
+    shown = [each for each in weighed if of == (each.product, each.batch)]
+    ruler = _ruler([*limits.values()], [GRAMS * each.mass for each in shown])
+    if ruler is None:
+        return None
+    labels = {f'{name} {mass:g}': ruler.at(mass) for name, mass in limits.items()}
+    rows = stacked({name: _NARROWEST * place for name, place in labels.items()})
+    dots = [(each, ruler.at(GRAMS * each.mass)) for each in shown]
+    return {
+        'label': f'scale of {ruler.low:.1f} to {ruler.high:.1f} g with the latest items',
+        'accepted': [ruler.at(GRAMS * each) for each in (verdict.lower_limit, verdict.upper_limit)],
+        'limits': [[name, place, rows[name]] for name, place in labels.items()],
+        'dots': [[place, each.decision.name] for each, place in dots if each is not verdict],
+        'at': next((place for each, place in dots if each is verdict), None),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Ruler:
+    """Scale from `low` to `high` in g."""
+
+    low: float
+    high: float
+
+    def at(self, mass: float) -> float:
+        """Return the position of a mass in g, from 0 to 1."""
+        return round(min(max((mass - self.low) / (self.high - self.low), 0.0), 1.0), 4)
+
+
+def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
+    """Return the scale for limits in g, or for masses in g as well without two limits."""
+    places = limits if len(limits) > 1 else [*limits, *masses]
     if not places:
         return None
     room = _ROOM * ((max(places) - min(places)) or 1.0)
-    low, high = min(places) - room, max(places) + room
-
-    def at(mass: float) -> float:
-        return round(min(max((mass - low) / (high - low), 0.0), 1.0), 4)
-
-    labels = {f'{name} {mass:g}': at(mass) for name, mass in limits.items()}
-    rows = stacked({name: _NARROWEST * place for name, place in labels.items()})
-    return {
-        'label': f'scale of {low:.1f} to {high:.1f} g with the latest items',
-        'accepted': [at(GRAMS * verdict.lower_limit), at(GRAMS * verdict.upper_limit)],
-        'limits': [[name, place, rows[name]] for name, place in labels.items()],
-        'dots': [
-            [at(GRAMS * each.mass), each.decision.name]
-            for each in shown
-            if math.isfinite(each.mass) and each is not verdict
-        ],
-        'at': at(GRAMS * verdict.mass) if math.isfinite(verdict.mass) else None,
-    }
+    return _Ruler(min(places) - room, max(places) + room)
 
 
 def about(item: ShownItem) -> str:
