@@ -29,7 +29,7 @@ MS = 1_000_000  # ns
 COUNT, MISSING, EARLY, SATURATED = 60, 24, 36, 48  # items; of the faults their places
 # Name, size in px, how often "previous fault" is pressed, and the parts that are shown.
 SHOTS: Sequence[tuple[str, tuple[int, int], int, str]] = (
-    ('page', (1280, 900), 0, 'body'),
+    ('page', (1280, 1400), 0, 'body'),
     ('page_missing_edge', (1280, 900), 3, '.panel[aria-label=Signal]'),
     ('page_edge_mismatch', (1280, 900), 2, '.panel[aria-label=Signal]'),
     ('page_phone', (390, 780), 3, 'body'),
@@ -57,6 +57,8 @@ def shoot(page: Chrome, name: str, size: tuple[int, int], faults: int, part: str
         button = page.find_element(By.XPATH, '//button[normalize-space()="previous fault"]')
         button.send_keys(Keys.ENTER)
         until(page, lambda before=before: text_of(page, '.where') != before)
+    number = text_of(page, '.where').partition(' of')[0]
+    until(page, lambda: text_of(page, '.signal .about').startswith(f'{number} at'))
     until(page, lambda: bool(text_of(page, '.marks')) == bool(faults))
     drawn = 'return document.querySelectorAll(".chart canvas").length'
     until(page, lambda: page.execute_script(drawn) == 6)

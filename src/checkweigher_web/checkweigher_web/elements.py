@@ -33,6 +33,11 @@ def heading(text: str) -> Element:
     return label
 
 
+def menu_entry(text: str, click: Callable[[], object]) -> Element:
+    """Add an entry to a menu."""
+    return ui.menu_item(text, click).props('role=menuitem')
+
+
 class _FromText(ui.element):
     """Element that shows the JSON text in its property `_of`.
 

@@ -10,7 +10,7 @@ from nicegui import ui
 from checkweigher_core.printable import counted
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
-from checkweigher_web.elements import Pulse, heading
+from checkweigher_web.elements import Pulse, heading, menu_entry
 from checkweigher_web.views.item import silence, standstill
 from checkweigher_web.views.view import Look
 
@@ -50,8 +50,8 @@ def header(
         time_of_line = ui.label('').classes('clock')
         with ui.button('Menu').props('outline aria-haspopup=menu'), ui.menu():
             work()
-            ui.menu_item('Dark or light', lambda: pulse.run_method('theme'))
-            ui.menu_item('Full screen', lambda: pulse.run_method('full'))
+            menu_entry('Dark or light', lambda: pulse.run_method('theme'))
+            menu_entry('Full screen', lambda: pulse.run_method('full'))
 
     def update() -> None:
         link.set_visibility(others())

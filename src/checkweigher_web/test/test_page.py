@@ -88,7 +88,7 @@ def test_everything_can_be_seen_and_has_a_name_at_any_width(browser: Chrome, por
     until(browser, lambda: len(rows_of(browser)) >= 1)
     if theme not in browser.execute_script('return document.body.className'):
         for name in ('Menu', 'Dark or light'):
-            path = f'//*[self::button or @role="listitem"][normalize-space()="{name}"]'
+            path = f'//*[self::button or @role="menuitem"][normalize-space()="{name}"]'
             until(browser, lambda path=path: browser.find_elements(By.XPATH, path))
             browser.find_element(By.XPATH, path).click()
     until(browser, lambda: theme in browser.execute_script('return document.body.className'))

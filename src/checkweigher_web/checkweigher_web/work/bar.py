@@ -7,9 +7,11 @@ from functools import partial
 import math
 
 from nicegui import ui
+from nicegui.element import Element
 
 from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
+from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.views.item import standstill
 from checkweigher_web.views.view import Look
@@ -70,13 +72,13 @@ def work_menu(desk: Desk, look: Look) -> None:
     """Add an entry to a menu for each action that has no button of its own."""
     for label, open_dialog in look.work.items():
         if label not in _MAIN:
-            entry = ui.menu_item(label, open_dialog)
+            entry = menu_entry(label, open_dialog)
             if label == _SIMULATED:
                 entry.set_visibility(False)
                 ui.timer(_PERIOD, partial(_show_simulated, entry, desk.lane))
 
 
-def _show_simulated(entry: ui.menu_item, lane: Lane) -> None:
+def _show_simulated(entry: Element, lane: Lane) -> None:
     entry.set_visibility(_is_simulated(lane))
 
 
