@@ -27,12 +27,12 @@ from checkweigher_recording.bags.writing import write_bag  # noqa: E402
 
 MS = 1_000_000  # ns
 COUNT, MISSING, EARLY, SATURATED = 60, 24, 36, 48  # items; of the faults their places
-# Name, size in px, how often "next fault" is pressed, and the parts that are shown.
+# Name, size in px, how often "previous fault" is pressed, and the parts that are shown.
 SHOTS: Sequence[tuple[str, tuple[int, int], int, str]] = (
-    ('page', (1280, 900), 0, 'body'),
-    ('page_missing_edge', (1280, 900), 1, '.panel[aria-label=Signal]'),
+    ('page', (1280, 1400), 0, 'body'),
+    ('page_missing_edge', (1280, 900), 3, '.panel[aria-label=Signal]'),
     ('page_edge_mismatch', (1280, 900), 2, '.panel[aria-label=Signal]'),
-    ('page_phone', (390, 780), 1, 'body'),
+    ('page_phone', (390, 780), 3, 'body'),
 )
 
 
@@ -51,17 +51,14 @@ def shoot(page: Chrome, name: str, size: tuple[int, int], faults: int, part: str
     """Write one screenshot."""
     page.set_window_size(*size)
     page.refresh()
-    until(page, lambda: text_of(page, '.where').startswith(f'item 1 of {COUNT}'))
+    until(page, lambda: text_of(page, '.where').startswith(f'item {COUNT} of {COUNT}'))
     for _ in range(faults):
         before = text_of(page, '.where')
-        button = page.find_element(By.XPATH, '//button[normalize-space()="next fault"]')
+        button = page.find_element(By.XPATH, '//button[normalize-space()="previous fault"]')
         button.send_keys(Keys.ENTER)
         until(page, lambda before=before: text_of(page, '.where') != before)
-    if not faults:
-        slider = page.find_element(By.CSS_SELECTOR, '.slider')
-        slider.send_keys(Keys.END)
-        listed = '.items tbody tr'
-        until(page, lambda: text_of(page, listed).startswith(str(COUNT)))
+    number = text_of(page, '.where').partition(' of')[0]
+    until(page, lambda: text_of(page, '.signal .about').startswith(f'{number} at'))
     until(page, lambda: bool(text_of(page, '.marks')) == bool(faults))
     drawn = 'return document.querySelectorAll(".chart canvas").length'
     until(page, lambda: page.execute_script(drawn) == 6)
@@ -80,7 +77,7 @@ def main() -> None:
         write_bag(bag, recording.load_cell, recording)
         with served('--bag', str(bag)) as (_, port), open_browser(Path(folder) / 'c') as page:
             page.get(f'http://127.0.0.1:{port}/')
-            until(page, lambda: f'{COUNT} items' in text_of(page, '.in-a-row'))
+            until(page, lambda: f'{COUNT} items' in text_of(page, '.recording'))
             for shot in SHOTS:
                 shoot(page, *shot)
 

@@ -109,7 +109,8 @@ def until(driver: webdriver.Chrome, condition: Callable[[], object]) -> object:
 def text_of(driver: webdriver.Chrome, selector: str) -> str:
     """Return the text that a person sees of the first element of a selector, '' without one."""
     return str(driver.execute_script(  # in one step: the page changes
-        'return document.querySelector(arguments[0])?.innerText ?? ""', selector))  # fmt: skip
+        'const found = document.querySelector(arguments[0]);'
+        'return found?.checkVisibility() ? found.innerText : ""', selector))  # fmt: skip
 
 
 def rows_of(driver: webdriver.Chrome) -> list[list[str]]:

@@ -121,10 +121,27 @@ class Person:
         return {each.text.strip(): each for each in found}
 
     def press(self, name: str, where: str = '.dialog') -> None:
-        self.until(lambda: self.clicked(f'{where} button', name))
+        inside = where if where.endswith('.q-item') else f'{where} button'
+        self.until(lambda: self.clicked(inside, name))
+
+    def open_menu(self) -> None:
+        self.press('Menu', '.head')
+        self.until(lambda: self.text('.q-menu'))
+
+    def entries(self) -> list[str]:
+        """Return the entries of the menu."""
+        self.open_menu()
+        found = self.text('.q-menu').split('\n')
+        self.browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+        self.until(lambda: not self.text('.q-menu'))
+        return found
 
     def open(self, name: str) -> None:
-        self.press(name, '.work')
+        if name in self.buttons('.work'):
+            self.press(name, '.work')
+        else:
+            self.open_menu()
+            self.press(name, '.q-menu .q-item')
         self.until(lambda: self.text('.dialog h2') == name)
 
     def fill(self, label: str, text: str) -> None:

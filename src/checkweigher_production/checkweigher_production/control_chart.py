@@ -5,7 +5,7 @@
 The rules of ISO 7870-2:2013, 8.2, are quoted from memory, and were not compared with the standard.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SUBGROUP = 5  # items
+REFERENCE = 20 * SUBGROUP  # items of the reference period that sets the limits
 _RUN = 7  # successive points on one side of the centre line, or rising, or falling
 
 
@@ -28,16 +29,19 @@ class ControlChart:
     upper: float
     spread: float  # centre line of the standard deviations
     spread_upper: float  # upper limit of the standard deviations
-    marks: tuple[str, ...]  # rule that each mean violates, or an empty text
+    marks: tuple[str, ...]  # rule that a run of means violates, at its first mean; otherwise ''
 
 
-def control_chart(masses: Sequence[float]) -> ControlChart | None:
+def control_chart(
+    masses: Sequence[float], reference: Sequence[float] | None = None
+) -> ControlChart | None:
     """Return the control chart of masses in kg, which are in chronological order.
 
-    Returns None if there are fewer than two subgroups of `SUBGROUP` masses. A limit has a distance
-    of three standard deviations from the centre line. The standard deviation of a mean or of a
-    standard deviation of `SUBGROUP` values is estimated from the mean of the standard deviations
-    (A3 and B4 of ISO 7870-2, table 2).
+    Returns None if there are fewer than two subgroups of `SUBGROUP` masses. The masses of the
+    `reference` period, by default all masses, set the limits, so that these do not follow a process
+    that drifts. A limit has a distance of three standard deviations from the centre line. The
+    standard deviation of a mean or of a standard deviation of `SUBGROUP` values is estimated from
+    the mean of the standard deviations (A3 and B4 of ISO 7870-2, table 2).
 
     Examples
     --------
@@ -45,12 +49,13 @@ def control_chart(masses: Sequence[float]) -> ControlChart | None:
     >>> print(len(chart.means), round(chart.centre, 6), chart.marks)
     3 0.1 ('', '', '')
     """
-    count = len(masses) // SUBGROUP
-    if count < 2:
+    groups = _subgroups(masses)
+    of_reference = groups if reference is None else _subgroups(reference)
+    if min(len(groups), len(of_reference)) < 2:
         return None
-    groups = np.reshape(masses[: count * SUBGROUP], (count, SUBGROUP))
     means, std_devs = groups.mean(axis=1), groups.std(axis=1, ddof=1)
-    centre, spread = float(means.mean()), float(std_devs.mean())
+    centre = float(of_reference.mean())
+    spread = float(of_reference.std(axis=1, ddof=1).mean())
     # Expected standard deviation of SUBGROUP values from the standard normal distribution.
     c4 = math.sqrt(2 / (SUBGROUP - 1)) * math.gamma(SUBGROUP / 2) / math.gamma((SUBGROUP - 1) / 2)
     reach = 3 * spread / c4 / math.sqrt(SUBGROUP)
@@ -58,6 +63,19 @@ def control_chart(masses: Sequence[float]) -> ControlChart | None:
     spread_upper = spread * (1 + 3 * math.sqrt(1 - c4 * c4) / c4)
     marks = _marks(means, centre, lower, upper)
     return ControlChart(means, std_devs, centre, lower, upper, spread, spread_upper, marks)
+
+
+def _subgroups(masses: Sequence[float]) -> NDArray[np.float64]:
+    count = len(masses) // SUBGROUP
+    return np.reshape(masses[: count * SUBGROUP], (count, SUBGROUP))
+
+
+def begun(rules: Iterable[str]) -> tuple[str, ...]:
+    """Return the rules with only the first of successive equal ones; the others are empty."""
+    found = [*rules]
+    return tuple(
+        '' if rule == before else rule for before, rule in zip(['', *found], found, strict=False)
+    )
 
 
 def _marks(
@@ -71,7 +89,7 @@ def _marks(
         f'{_RUN} rising': step == _RUN - 1,
         f'{_RUN} falling': step == 1 - _RUN,
     }
-    return tuple(np.select([*rules.values()], [*rules], '').tolist())
+    return begun(np.select([*rules.values()], [*rules], '').tolist())
 
 
 def _sums_of_last(count: int, signs: NDArray[np.float64]) -> NDArray[Any]:

@@ -44,5 +44,13 @@ def test_the_mean_that_breaks_a_rule_is_marked(means: list[float], mark: str):
     assert not any(before)
 
 
+def test_limits_are_those_of_the_reference_period():
+    calm, later = [0.1, 0.102, 0.098, 0.1, 0.1] * 4, [0.2, 0.202, 0.198, 0.2, 0.2] * 4
+    found, alone = control_chart(calm + later, calm), control_chart(calm)
+    assert (found.centre, found.upper, found.spread) == (alone.centre, alone.upper, alone.spread)
+    # The run of means beyond the limits has one mark.
+    assert found.marks == ('', '', '', '', 'beyond the limits', '', '', '')
+
+
 def test_items_that_fill_no_second_subgroup_make_no_chart():
     assert control_chart([0.1] * (2 * SUBGROUP - 1)) is None

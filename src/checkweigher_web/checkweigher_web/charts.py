@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of the figures, as options of the JavaScript library ECharts."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,21 @@ from numpy.typing import NDArray
 
 Options = dict[str, Any]
 
-# Lines also differ in width and dash, because some users cannot distinguish the colours.
-RAW, DENOISED, LEVEL, REFERENCE, ALARM = '#8a94a6', '#1b5fc1', '#0b6e3b', '#7a3e9d', '#b3261e'
+# Colours by the names of variables in page.css, which the browser looks up in its theme. Lines also
+# differ in width and dash, because some users cannot distinguish the colours.
+RAW, DENOISED, LEVEL, REFERENCE = '--raw', '--blue', '--green', '--violet'
+OTHERS = '--line'
+ALARM, INK, MUTED = '--red', '--ink', '--muted'
 _MAX_POINTS = 1200
 # Width of a figure on a phone, and sizes of its labels, in px.
 _NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
+_GAP = 18  # distance in px between charts with one time axis
 _ABOVE = 4  # layer of the symbols, which is above layer 3 with the lines
 
 
 def nothing(text: str) -> Options:
     """Return an empty figure with a text that explains why it is empty."""
-    style = {'fontSize': 14, 'fontWeight': 'normal', 'color': '#4d5969'}
+    style = {'fontSize': 14, 'fontWeight': 'normal', 'color': MUTED}
     return {'title': {'text': text, 'left': 'center', 'top': 'middle', 'textStyle': style}}
 
 
@@ -30,7 +35,7 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
     return {
         'animation': False,
         'tooltip': {'trigger': 'axis'},
-        'legend': {'show': len(series) > 1, 'top': 0},
+        'legend': legend(series),
         'grid': {'left': 65, 'right': 50, 'top': 40, 'bottom': 40},
         'xAxis': axis
         | {'name': x_name, 'nameLocation': 'middle', 'nameGap': 25}
@@ -41,6 +46,16 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
         | {'scale': True, 'axisLabel': {'showMinLabel': False}},
         'series': series,
     }
+
+
+def legend(series: Iterable[Options]) -> Options:
+    """Return the legend of these series, in which a line is a line as it is drawn."""
+    data = [
+        {'name': each['name'], 'itemStyle': {'opacity': int(each['type'] != 'line')}}
+        for each in series
+    ]
+    look = {'type': 'scroll', 'lineStyle': {'width': 'inherit'}}
+    return look | {'show': len(data) > 1, 'top': 0, 'data': data}
 
 
 def line(
@@ -88,8 +103,8 @@ def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
         'symbol': 'none',
         'silent': True,
         'animation': False,
-        'lineStyle': {'color': '#595959', 'type': 'dotted'},
-        'label': {'formatter': '{b}', 'color': '#333333'},
+        'lineStyle': {'color': MUTED, 'type': 'dotted'},
+        'label': {'formatter': '{b}', 'color': INK},
         'data': [{'name': name, axis: place} for name, place in places.items()],
     }
 
@@ -103,13 +118,80 @@ def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
     axis = figure['xAxis']
     scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)
     marks = mark_lines(dict(sorted(places.items(), key=lambda each: each[1])))
-    ends = list[float]()  # right end of the last label in each level of the stack, in px
+    labels = {mark['name']: scale * (mark['xAxis'] - axis['min']) for mark in marks['data']}
+    levels = stacked(labels)
     for mark in marks['data']:
-        half = _CHARACTER * (len(mark['name']) + 1) / 2
-        at = scale * (mark['xAxis'] - axis['min'])
-        free = [level for level, end in enumerate(ends) if end <= at - half]
-        level = free[0] if free else len(ends)
-        ends[level : level + 1] = [at + half]
-        mark['label'] = {'distance': _LABEL_DISTANCE + _LABEL_HEIGHT * level}
+        distance = _LABEL_DISTANCE + _LABEL_HEIGHT * levels[mark['name']]
+        mark['label'] = {'distance': distance}
     figure['series'][0]['markLine'] = marks
-    figure['grid']['top'] += _LABEL_HEIGHT * max(len(ends) - 1, 0)
+    figure['grid']['top'] += _LABEL_HEIGHT * max(levels.values(), default=0)
+
+
+def stacked(labels: Mapping[str, float]) -> dict[str, int]:
+    """Return the level of each label of a stack in which labels do not overlap, from 0.
+
+    `labels` has the position in px of the middle of each label, in increasing order.
+    """
+    ends, levels = list[float](), dict[str, int]()  # right end of the last label of each level
+    for name, at in labels.items():
+        half = _CHARACTER * (len(name) + 1) / 2
+        free = [level for level, end in enumerate(ends) if end <= at - half]
+        level = levels[name] = free[0] if free else len(ends)
+        ends[level : level + 1] = [at + half]
+    return levels
+
+
+def local_times(stamps: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
+    """Return stamps (n,) in ns as positions on a time axis, in ms of the local time of the line."""
+    found = np.asarray(stamps, np.float64) / 1e6
+    return found + (_ahead(found[-1] / 1e3) if len(found) else 0.0)
+
+
+def stamp_of(position: float) -> int:
+    """Return the stamp in ns of a position on a time axis in ms."""
+    return round((position - _ahead(position / 1e3)) * 1e6)
+
+
+def _ahead(seconds: float) -> float:
+    """Return how far the local time is ahead of UTC in ms. A browser may have another time zone."""
+    offset = datetime.fromtimestamp(seconds).astimezone().utcoffset()
+    return 0.0 if offset is None else 1e3 * offset.total_seconds()
+
+
+def rows(
+    series: Sequence[Sequence[Options]],
+    heights: Mapping[str, int],
+    ends: Sequence[float] | NDArray[Any],
+) -> Options:
+    """Return a figure with rows of series one above the other, which share one time axis.
+
+    `heights` has the heights of the rows in px by their names. A row whose name has no unit has no
+    axis of its own. The time axis begins and ends at `ends`, and a slider selects a part of it.
+    """
+    top = _GAP
+    figure: Options = {'grid': [], 'xAxis': [], 'yAxis': [], 'series': []}
+    for place, (own, (name, height)) in enumerate(zip(series, heights.items(), strict=True)):
+        last, events = place == len(heights) - 1, not {',', '/'} & {*name}
+        grid = {'left': 70, 'right': 20, 'top': top, 'height': height}
+        figure['grid'].append(grid | {'show': True, 'borderColor': '--line'})
+        time = {'type': 'time', 'gridIndex': place, 'min': ends[0], 'max': ends[1]}
+        time |= {'axisLine': {'onZero': False}}
+        hidden = {'axisLabel': {'show': False}, 'axisTick': {'show': False}}
+        figure['xAxis'].append(time | ({'axisLabel': {'hideOverlap': True}} if last else hidden))
+        value = {'type': 'value', 'gridIndex': place, 'name': name, 'nameLocation': 'middle'}
+        value |= {'nameGap': 50, 'scale': True, 'splitNumber': 2}
+        flat = {'min': -1, 'max': 1, 'axisLine': {'show': False}, 'splitLine': {'show': False}}
+        figure['yAxis'].append(value | (hidden | flat if events else {}))
+        figure['series'] += [each | {'xAxisIndex': place, 'yAxisIndex': place} for each in own]
+        top += height + _GAP
+    every = {'xAxisIndex': [*range(len(heights))], 'filterMode': 'none'}
+    inside = {'type': 'inside', 'zoomOnMouseWheel': 'ctrl', 'moveOnMouseWheel': False}
+    slider = {'type': 'slider', 'height': 24, 'bottom': 6, 'showDataShadow': False}
+    return figure | {
+        'height': top + 55,  # px, with the labels of the time axis and the slider
+        'animation': False,
+        'useUTC': True,
+        'tooltip': {'trigger': 'axis'},
+        'axisPointer': {'link': [{'xAxisIndex': 'all'}]},
+        'dataZoom': [slider | every, inside | every],
+    }

@@ -6,8 +6,8 @@ from collections.abc import Callable, Hashable
 import time
 from typing import Any, TypeVar
 
-from checkweigher_web.lane import Key, Lane, ShownItem
-from checkweigher_web.shift import Playback
+from checkweigher_web.lane import Lane, ShownItem
+from checkweigher_web.shift import Shift
 
 T = TypeVar('T')
 
@@ -36,7 +36,7 @@ class Made:
 class Drawing(Made):
     """Cache of the figures and tables of a lane."""
 
-    def __init__(self, lane: Lane | Playback) -> None:
+    def __init__(self, lane: Lane | Shift) -> None:
         super().__init__()
         self.lane = lane
 
@@ -58,6 +58,9 @@ class Drawing(Made):
         return latest and latest.key, known and (known.product, known.batch)
 
 
-def row_key(key: Key) -> str:
-    """Return the key of an item as text, because JavaScript would round a stamp in ns."""
-    return f'{key[0]}/{key[1]}'
+def row_key(item: ShownItem) -> str:
+    """Return the key of an item as text, because JavaScript would round a stamp in ns.
+
+    Items without times differ by their numbers.
+    """
+    return f'{item.verdict.item_id}/{item.key[0]}/{item.key[1]}'

@@ -5,11 +5,14 @@
 from collections.abc import Callable, Iterable, Sequence
 import json
 from pathlib import Path
+import time
 
 from nicegui import ui
 from nicegui.element import Element
 
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_web.charts import nothing
+from checkweigher_web.words import clock
 
 STYLE = Path(__file__).with_name('page.css')  # style sheet of all pages
 Cell = str | tuple[str, str]  # text of a cell, or the text and the address of its link
@@ -21,6 +24,18 @@ def panel(title: str, name: str = '') -> Element:
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
     return panel
+
+
+def heading(text: str) -> Element:
+    """Return the main heading of a page."""
+    label = ui.label(text).classes('title')
+    label.tag = 'h1'
+    return label
+
+
+def menu_entry(text: str, click: Callable[[], object]) -> Element:
+    """Add an entry to a menu."""
+    return ui.menu_item(text, click).props('role=menuitem')
 
 
 class _FromText(ui.element):
@@ -39,16 +54,21 @@ class _FromText(ui.element):
 
 
 class Figure(_FromText, ui.echart, component='figure.js'):
-    """Figure that ECharts draws from options in JSON. The base class loads ECharts."""
+    """Figure that ECharts draws from options in JSON. The base class loads ECharts.
+
+    A `linked` figure has a time axis. It emits `span` with both ends of the selected part, or null
+    for the whole axis, and `at` with the time of a click.
+    """
 
     _of = 'text'
 
-    def __init__(self, label: str) -> None:
+    def __init__(self, label: str, *, linked: bool = False) -> None:
         super().__init__({})
         for name in ('options', 'enable-3d', 'renderer', 'theme'):
             self.props.pop(name)
         self._update_method = None
         self.classes('chart').props(f'role=img aria-label="{label}"')
+        self.props['linked'] = linked
         self.show_text(json.dumps(nothing('waiting for items')))
 
 
@@ -77,11 +97,36 @@ class Lines(_FromText, component='lines.js'):
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """Label with the age of the page, which the browser greys while it receives no beats."""
+    """Age, clock and theme of the page, which the browser greys while it receives no beats."""
 
-    def beat(self, age: float) -> None:
-        """Send a beat with the age in s of the state that the browser shows."""
-        self.props.update(age=age, beat=self.props.get('beat', 0) + 1)
+    def beat(self, age: float, wakes: str = '') -> None:
+        """Send a beat with the age in s of the state that the browser shows.
+
+        A dimmed screen wakes when `wakes` changes.
+        """
+        now = time.time()
+        since = clock(round(NANOSECONDS * (now - age)))
+        beat = self.props.get('beat', 0) + 1
+        self.props.update(age=age, since=since, now=round(1000 * now), wakes=wakes, beat=beat)
+
+
+class Reading(_FromText, component='reading.js'):
+    """Mass and verdict of an item, with a scale, that are read from a distance."""
+
+    _of = 'text'
+
+    def show(self, text: str, age: float | None, *, still: bool) -> None:
+        """Show a reading in JSON that is `age` s old, or a recorded one without an age."""
+        if self.props.get('text') != text:
+            self.props['age'] = -1 if age is None else round(age, 1)
+        self.show_text(text)
+        self.props['still'] = still
+
+
+class Production(_FromText, component='production.js'):
+    """Figures with their course over time, and bars of rules."""
+
+    _of = 'text'
 
 
 class Table(_FromText, component='rows.js'):

@@ -1,11 +1,13 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
 // A figure of ECharts. Its options come as one text, which the server makes once for all viewers.
+// Colours in them are names of CSS variables, so that each browser draws them in its own theme.
 import { echarts } from "nicegui-echart";
 
 export default {
   template: "<div></div>",
-  props: { text: String },
+  props: { text: String, linked: Boolean },
+  emits: ["span", "at"],
   watch: {
     text() {
       this.draw();
@@ -13,22 +15,77 @@ export default {
   },
   mounted() {
     this.resized = new ResizeObserver(() => {
-      // ECharts asks for a size when it begins.
-      if (!this.chart && this.$el.clientWidth) this.chart = echarts.init(this.$el);
       this.chart?.resize();
       if (this.shown !== this.text) this.draw();
     });
     this.resized.observe(this.$el);
+    this.themed = new MutationObserver(() => {
+      if (this.chart && this.theme !== this.colour("--card")) this.draw();
+    });
+    this.themed.observe(document.body, { attributeFilter: ["class"] });
   },
   beforeUnmount() {
     this.resized.disconnect();
+    this.themed.disconnect();
     this.chart?.dispose();
   },
   methods: {
     draw() {
-      if (!this.chart) return;
+      if (!this.$el.clientWidth) return; // ECharts asks for a size when it begins.
       this.shown = this.text;
-      this.chart.setOption(JSON.parse(this.text), { notMerge: true });
+      const colours = {}, colour = name => (colours[name] ??= this.colour(name));
+      if (this.theme !== colour("--card")) {
+        this.theme = colour("--card");
+        this.chart?.dispose();
+        this.chart = this.begin(colour);
+        if (this.linked) this.link();
+      }
+      const options = JSON.parse(this.text, (_, value) =>
+        typeof value === "string" && value.startsWith("--") ? colour(value) : value);
+      if (options.height) this.$el.style.height = `${options.height}px`;
+      for (const each of options.dataZoom ?? []) Object.assign(each, this.zoom);
+      this.chart.setOption(options, { notMerge: true });
+    },
+    // Show the whole axis again.
+    whole() {
+      this.zoom = undefined;
+      this.draw();
+    },
+    link() {
+      this.chart.on("datazoom", () => {
+        clearTimeout(this.settled); // A person who drags is not done yet.
+        this.settled = setTimeout(() => {
+          const { start, end, startValue, endValue } = this.chart.getOption().dataZoom[0];
+          this.zoom = start > 0 || end < 100 ? { startValue, endValue } : undefined;
+          this.$emit("span", this.zoom ? [startValue, endValue] : null);
+        }, 200);
+      });
+      this.chart.getZr().on("click", ({ offsetX, offsetY }) => {
+        const options = this.chart.getOption();
+        const row = options.grid?.findIndex((_, gridIndex) =>
+          this.chart.containPixel({ gridIndex }, [offsetX, offsetY])) ?? -1;
+        if (row >= 0) {
+          this.$emit("at", this.chart.convertFromPixel({ xAxisIndex: row }, offsetX));
+        }
+      });
+    },
+    begin(colour) {
+      const text = { color: colour("--muted") }, ink = { color: colour("--ink") };
+      const axis = { axisLabel: text, nameTextStyle: text, axisLine: { lineStyle: text },
+                     axisTick: { lineStyle: text },
+                     splitLine: { lineStyle: { color: colour("--line") } } };
+      return echarts.init(this.$el, {
+        valueAxis: axis, categoryAxis: axis, timeAxis: axis, legend: { textStyle: ink },
+        tooltip: { backgroundColor: this.theme, borderColor: colour("--line"), textStyle: ink },
+      });
+    },
+    // Colour of a CSS variable in the present theme.
+    colour(name) {
+      const probe = this.$el.appendChild(document.createElement("i"));
+      probe.style.color = `var(${name})`;
+      const found = getComputedStyle(probe).color;
+      probe.remove();
+      return found;
     },
   },
 };

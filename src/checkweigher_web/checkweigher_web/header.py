@@ -1,16 +1,21 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The header of each page, with the lane, the user, login and logout."""
+"""The header of each page, with the state of the lane, the user, the clock and the menu."""
 
 from collections.abc import Callable
+from datetime import datetime
 
 from nicegui import ui
 
+from checkweigher_core.printable import counted
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
-from checkweigher_web.elements import Pulse
+from checkweigher_web.elements import Pulse, heading, menu_entry
+from checkweigher_web.views.item import silence, standstill
+from checkweigher_web.views.view import Look
 
 _PERIOD = 1.0  # s
+_FACTS = 'product', 'batch', 'state', 'alarms'
 _HOW_TO_ACT = (
     'This page only shows, for it has no users. To work on the machine by it, run in a terminal: '
     './checkweigher user add NAME --role technician'
@@ -19,19 +24,22 @@ _HOW_TO_ACT = (
 
 def header(
     access: Access,
-    lane: str,
+    title: str,
+    look: Look | None = None,
     others: Callable[[], bool] = lambda: False,
-    silence: Callable[[], float] = lambda: 0.0,
+    work: Callable[[], object] = lambda: None,
 ) -> None:
-    """Show the header of the page of a lane.
+    """Show the header of a page with its title, the state of its lane and a menu.
 
-    `others` returns whether there are other lanes, which the header links to. `silence` returns the
-    time in s since the last diagnostics of the lane. The browser greys the page while the lane is
-    silent or the server does not answer.
+    `look` is the state of the viewer of a running lane. `others` returns whether there are other
+    lanes, which the header links to. `work` adds entries to the menu. The browser greys the page
+    while the lane is silent or the server does not answer.
     """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
-        ui.label(f'lane {lane}' if lane else 'Checkweigher').classes('title')
+        pulse = Pulse()
+        heading(title)
+        facts = None if look is None else _Facts(look)
         link = ui.link('All lanes', '/')
         link.set_visibility(others())
         if session is not None:
@@ -39,16 +47,61 @@ def header(
             ui.html(logout_form(session.token), sanitize=False)
         else:
             ui.link('Log in', LOGIN)
-    pulse = Pulse()
+        time_of_line = ui.label('').classes('clock')
+        with ui.button('Menu').props('outline aria-haspopup=menu'), ui.menu():
+            work()
+            menu_entry('Dark or light', lambda: pulse.run_method('theme'))
+            menu_entry('Full screen', lambda: pulse.run_method('full'))
 
     def update() -> None:
         link.set_visibility(others())
-        pulse.beat(silence())
+        time_of_line.set_text(f'{datetime.now().astimezone():%H:%M:%S %Z}')
+        if facts is not None:
+            facts.show()
+        pulse.beat(0.0 if facts is None else facts.silence, '' if facts is None else facts.wakes)
 
+    update()
     ui.timer(_PERIOD, update)
+
+
+class _Facts:
+    """State of a lane in the header: product, batch, whether it weighs, and its alarms."""
+
+    silence = 0.0  # time in s since the last diagnostics of the lane
+    wakes = ''  # text that changes with each item and each alarm
+
+    def __init__(self, look: Look) -> None:
+        self._look = look
+        self._labels = {name: ui.label('').classes(f'fact {name}') for name in _FACTS}
+
+    def show(self) -> None:
+        """Show the present state."""
+        lane, nodes = self._look.drawing.lane, self._look.nodes()
+        waiting = sum(not each.acknowledged_by for each in lane.alarms)
+        stop = '' if lane.stop is None else f'STOP {lane.stop.reason}'
+        known, still = lane.statistics, standstill(nodes)
+        product, batch = (known.product, known.batch) if known else ('', '')
+        self._set('product', product or 'no product')
+        self._set('batch', f'batch {batch}' if batch else 'no batch')
+        self._set('state', stop or still or 'running', _level(stop, still))
+        self._set(
+            'alarms', counted(waiting, 'alarm') if waiting else 'no alarms', _level('', waiting)
+        )
+        self.silence = silence(nodes)
+        self.wakes = f'{lane.version} {waiting} {stop}'
+
+    def _set(self, name: str, text: str, level: str = '') -> None:
+        label = self._labels[name]
+        label.set_text(text)
+        label.classes(replace=f'fact {name} {level}')
+
+
+def _level(error: object, warning: object) -> str:
+    return 'level-ERROR' if error else 'level-WARN' if warning else ''
 
 
 def hint_to_users(access: Access) -> None:
     """Show how to add a user if the page has no users."""
     if not access.users.now():
-        ui.label(_HOW_TO_ACT).classes('hint')
+        with ui.element('aside').classes('hint'):
+            ui.label(_HOW_TO_ACT)

@@ -1,7 +1,8 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The list of items. Its rows come as one text, which the server makes once for all viewers:
-// a key, the number of the item, the decision, and the texts of the other columns.
+// a key, the number of the item, the decision, and the texts of the other columns. The list is one
+// stop of the tabulator key; arrows lead from item to item in it.
 export default {
   template: `
     <table class="plain">
@@ -11,6 +12,9 @@ export default {
             :class="[decision, { chosen: key === chosen }]">
           <td>
             <button :aria-label="'show item ' + number" :aria-pressed="key === chosen"
+                    :tabindex="key === stop ? 0 : -1" @keydown.up.prevent="step(-1)"
+                    @keydown.down.prevent="step(1)" @keydown.home.prevent="step(-Infinity)"
+                    @keydown.end.prevent="step(Infinity)"
                     @click="$emit('choose', key)">{{ number }}</button>
           </td>
           <td v-for="text in texts">{{ text }}</td>
@@ -22,6 +26,17 @@ export default {
   computed: {
     list() {
       return JSON.parse(this.rows);
+    },
+    // The chosen item, or the latest one, is where the tabulator key leads.
+    stop() {
+      return (this.list.find(row => row[0] === this.chosen) ?? this.list[0])?.[0];
+    },
+  },
+  methods: {
+    step(by) {
+      const buttons = [...this.$el.querySelectorAll("button")];
+      const place = buttons.indexOf(document.activeElement) + by;
+      buttons[Math.min(Math.max(place, 0), buttons.length - 1)]?.focus();
     },
   },
 };

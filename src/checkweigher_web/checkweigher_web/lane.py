@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 import math
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from checkweigher_core.recording import Event, Recording
 from checkweigher_core.records import (
+    GRAMS,
     NANOSECONDS,
     Alarm,
     Alarms,
@@ -28,21 +30,45 @@ from checkweigher_core.records import (
     StopRequest,
     Verdict,
     WeighWindow,
+    ZeroChange,
 )
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ResultJoiner
+from checkweigher_web.history import History, history_of
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal, Stretch
 
 # Key of an item: t1 and t3 in ns. The number of an item is not unique, because a lane may count
 # from 1 again after a restart.
 Key = tuple[int | None, int | None]
-MAX_ITEMS = 500
+MAX_ITEMS = 500  # items that are listed
+_MAX_HOUR = 7200  # items and zeros of the last hour
 _MAX_WINDOWS = 50
+_MAX_OVER = 20  # alarms that are over
 _MAX_EDGES = 400
 SHOWN = 20.0  # duration in s of the samples that the views need
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
 _AROUND = 3 * NANOSECONDS // 10  # time in ns before the first and after the last edge of an item
+
+
+Span = tuple[int, int]  # start and end in ns
+
+
+@dataclass(frozen=True, slots=True)
+class BeltNoise:
+    """Standard deviation of the empty belt in g at `stamp`, as the diagnostics have it."""
+
+    stamp: int
+    grams: float
+
+
+@dataclass(frozen=True, slots=True)
+class Deed:
+    """Action that a person did on the page at `stamp`."""
+
+    stamp: int
+    who: str
+    what: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,17 +108,22 @@ class Lane:
         self.name = name
         self.held = held
         self.version = 0
+        self.judged = -math.inf  # time.monotonic() in s of the latest verdict
         self.statistics: Statistics | None = None
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
         self.alarms: tuple[Alarm, ...] = ()
+        self.over: tuple[Alarm, ...] = ()  # alarms that have left the list
         self.load_cell: LoadCell | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
         self._blocks: deque[SampleBlock] = deque()
         self._latest: dict[type, deque[Any]] = {
-            Verdict: deque(maxlen=MAX_ITEMS),
-            MassEstimate: deque(maxlen=MAX_ITEMS),
+            Verdict: deque(maxlen=_MAX_HOUR),
+            MassEstimate: deque(maxlen=_MAX_HOUR),
+            BeltNoise: deque(maxlen=_MAX_HOUR),
+            Deed: deque(maxlen=MAX_ITEMS),
+            ZeroChange: deque(maxlen=MAX_ITEMS),
             WeighWindow: deque(maxlen=_MAX_WINDOWS),
             Reference: deque(maxlen=_MAX_WINDOWS),
             EyeEdge: deque(maxlen=_MAX_EDGES),
@@ -108,19 +139,28 @@ class Lane:
                 self._latest[type(record)].append(record)
             match record:
                 case Verdict():
+                    self.judged = time.monotonic()
                     self.series = self.series.with_item(record)
                 case Statistics():
                     self.statistics = record
                 case FillerFeedback():
                     self.filler = record
                 case Alarms():
-                    self.alarms = record.alarms
+                    self._take_alarms(record.alarms)
                 case StopRequest() | None:
                     self.stop = record
                 case LoadCell():  # A source publishes this record before its samples.
                     self.load_cell = record
                     self._begin_stream()
+                case BeltNoise():  # It comes each second, and no view waits for it.
+                    return
             self.version += 1
+
+    def _take_alarms(self, alarms: tuple[Alarm, ...]) -> None:
+        begun = {(each.source, each.reason, each.first) for each in alarms}
+        gone = (e for e in self.alarms if (e.source, e.reason, e.first) not in begun)
+        self.over = (*self.over, *gone)[-_MAX_OVER:]
+        self.alarms = alarms
 
     def _take_block(self, block: SampleBlock) -> None:
         blocks = self._blocks
@@ -141,17 +181,37 @@ class Lane:
             self._blocks.clear()
             self._latest[WeighWindow].clear()
 
-    def items(self) -> list[ShownItem]:
-        """Return the items without their signals, the latest item first."""
+    def items(self, span: Span | None = None) -> list[ShownItem]:
+        """Return the items of a span without their signals, the latest item first.
+
+        At most `MAX_ITEMS` items are returned, by default the latest ones.
+        """
         verdicts, estimates, edges, references = self._of(Verdict, MassEstimate, EyeEdge, Reference)
+        if span is None:  # The estimate of an item is older than its verdict, but not by many.
+            estimates = estimates[-2 * MAX_ITEMS :]
+        else:
+            verdicts = tuple(each for each in verdicts if is_within(each, span))
+        # A lane that begins again may repeat its latest verdicts.
+        latest = {(each.item_id, _key(each)): each for each in verdicts[-MAX_ITEMS:]}
         by_key = {_key(estimate): estimate for estimate in estimates}
-        results = [(verdict, by_key.get(_key(verdict))) for verdict in verdicts]
+        results = [(verdict, by_key.get(_key(verdict))) for verdict in latest.values()]
         joiner = ResultJoiner(edges, references)
         return list(joined(results, joiner))[::-1]
 
-    def faults(self) -> list[ShownItem]:
+    def faults(self, span: Span | None = None) -> list[ShownItem]:
         """Return the items with the decision FAULT, the latest item first."""
-        return [item for item in self.items() if item.verdict.decision == Decision.FAULT]
+        return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
+
+    def history(self) -> History:
+        """Return the items, the noise and the changes of the last hour."""
+        verdicts, estimates, noise, deeds, zeros = self._of(
+            Verdict, MassEstimate, BeltNoise, Deed, ZeroChange
+        )
+        zero_of = {_key(each): each.zero for each in estimates}
+        items = ((verdict, zero_of.get(_key(verdict), math.nan)) for verdict in verdicts)
+        changes = [(each.stamp, f'{each.who}: {each.what}') for each in deeds]
+        changes += [(each.stamp, f'zero {GRAMS * each.zero:+.2f} g') for each in zeros]
+        return history_of(items, ((each.stamp, each.grams) for each in noise), changes)
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
         with self._lock:
@@ -169,8 +229,19 @@ class Lane:
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
         return with_window(item, window, self._signal())
 
-    def empty_belt(self) -> NDArray[np.float64]:
-        """Return the longest part of the signal without an item, shape (n,), in kg."""
+    def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
+        """Return the windows of the latest items of the same product before an item."""
+        verdicts, windows = self._of(Verdict, WeighWindow)
+        own = {_key(each) for each in verdicts[-MAX_ITEMS:] if each.product == item.verdict.product}
+        end = max(item.times.values(), default=0)
+        known = [each for each in windows if _key(each) in own and len(each.counts)]
+        return [each for each in known if (each.t3 or 0) < end][-count:]
+
+    def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
+        """Return the longest part of the signal without an item, shape (n,), in kg.
+
+        The present signal does not depend on the chosen `item`.
+        """
         signal = self._signal()
         if signal is None:
             return np.zeros(0)
@@ -199,6 +270,12 @@ class Lane:
             return None
         events: tuple[Event, ...] = (*signal.blocks, *edges, *references)
         return Recording.from_events(signal.load_cell, (e for e in events if e.stamp >= begin))
+
+
+def is_within(verdict: Verdict, span: Span) -> bool:
+    """Return whether an item has a time and is in a span."""
+    stamp = verdict.t3 or verdict.t1
+    return stamp is not None and span[0] <= stamp <= span[1]
 
 
 def joined(

@@ -3,17 +3,20 @@
 """Nodes by which the page receives the records of lanes. Signals come only for viewers."""
 
 from collections.abc import Callable
+import math
 import threading
 import time
+from typing import Any
 
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.lanes import running_lanes
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.status_board import StatusBoard
-from checkweigher_web.lane import SHOWN, Lane
+from checkweigher_web.lane import SHOWN, BeltNoise, Lane
 
 _LOOK_PERIOD = 0.5  # s
+_NOISE = 'segmenter: Belt noise'  # name of its status
 
 
 class _Listener(PortNode):
@@ -49,9 +52,7 @@ class Watch:
         self._held = held
         self._signals: dict[str, PortNode] = {}
         self._finder = PortNode('page')
-        self._finder.subscribe(
-            ports.DIAGNOSTICS, lambda message: self.board.add(time.monotonic(), message.status)
-        )
+        self._finder.subscribe(ports.DIAGNOSTICS, self._diagnose)
         spinner.add(self._finder)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look, name='lanes', daemon=True)
@@ -61,6 +62,15 @@ class Watch:
         """End the thread that looks for lanes."""
         self._ended.set()
         self._thread.join()
+
+    def _diagnose(self, message: Any) -> None:
+        self.board.add(time.monotonic(), message.status)
+        for status in message.status:
+            lane, found, _ = status.name.partition(_NOISE)
+            if found and (name := lane.strip('/')) in self.lanes:
+                values = {each.key: each.value for each in status.values}
+                grams = float(values.get('std_dev_g', math.nan))
+                self.lanes[name].take(BeltNoise(time.time_ns(), grams))
 
     def _look(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import math
 
 from checkweigher_core.records import Decision, Verdict
-from checkweigher_production.control_chart import SUBGROUP
+from checkweigher_production.control_chart import REFERENCE, SUBGROUP
 
 MAX_MASSES = 500
 
@@ -24,22 +24,27 @@ class MassSeries:
         Product and batch of the items.
     masses : tuple of float
         Masses in kg, in the order of the items.
-    forgotten : int
-        Number of subgroups that were dropped.
+    stamps : tuple of int
+        Times of the items in ns.
+    reference : tuple of float
+        First masses of the series in kg, by which the control chart sets its limits.
     """
 
     product: str = ''
     batch: str = ''
     masses: tuple[float, ...] = ()
-    forgotten: int = 0
+    stamps: tuple[int, ...] = ()
+    reference: tuple[float, ...] = ()
 
     def with_item(self, verdict: Verdict) -> 'MassSeries':
         """Return the series with the verdict of the next item."""
         same = (verdict.product, verdict.batch) == (self.product, self.batch)
         before = self if same else MassSeries(verdict.product, verdict.batch)
-        masses, forgotten = before.masses, before.forgotten
-        if verdict.decision is Decision.ACCEPT and math.isfinite(verdict.mass):
-            masses = *masses, verdict.mass
+        if verdict.decision is not Decision.ACCEPT or not math.isfinite(verdict.mass):
+            return before
+        masses = *before.masses, verdict.mass
+        stamps = *before.stamps, verdict.t3 or verdict.t1 or 0
+        reference = masses if len(masses) <= REFERENCE else before.reference
         if len(masses) >= MAX_MASSES + SUBGROUP:
-            masses, forgotten = masses[SUBGROUP:], forgotten + 1
-        return replace(before, masses=masses, forgotten=forgotten)
+            masses, stamps = masses[SUBGROUP:], stamps[SUBGROUP:]
+        return replace(before, masses=masses, stamps=stamps, reference=reference)

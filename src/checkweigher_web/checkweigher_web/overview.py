@@ -82,7 +82,7 @@ def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]]) -> LaneVi
 def show_overview(lanes: Overview) -> None:
     """Show a row for each lane, and keep the rows up to date."""
     ui.add_css(STYLE)
-    with ui.element('main').classes('lanes'), panel('Lanes'):
+    with ui.element('div').classes('lanes'), panel('Lanes'):
         headline = ui.label('').classes('about')
         table = Table(_HEADS)
 
@@ -99,7 +99,7 @@ def show_overview(lanes: Overview) -> None:
 def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
     """Show that a lane does not run, and load its page as soon as it runs."""
     ui.add_css(STYLE)
-    with ui.element('main').classes('lanes'), panel('Lane'):
+    with ui.element('div').classes('lanes'), panel('Lane'):
         ui.label(f'no lane {name!r} runs here; this page shows it as soon as it does')
     ui.timer(_PERIOD, lambda: ui.navigate.reload() if runs() else None)
 

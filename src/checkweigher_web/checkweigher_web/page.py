@@ -1,23 +1,29 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a lane, which shows its views and keeps them up to date."""
+"""The page of a lane or of a recorded shift, which shows its views and keeps them up to date."""
 
 from functools import partial
 
 from nicegui import ui
+from nicegui.element import Element
 
-from checkweigher_web.charts import DENOISED
+from checkweigher_core.printable import counted
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE, panel
+from checkweigher_web.shift import Shift
 from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import FAST, SLOW, Look, View
 
+_WHOLE = '--tablet: 2; --desk: 12'  # columns of the panel
+_PERIOD = 0.5  # period of the updates of the progress in s
 
-def show_lane(look: Look) -> None:
-    """Show the views of a lane to one viewer, and keep them up to date."""
+
+def show_lane(look: Look) -> Element:
+    """Show the views of a lane to one viewer, keep them up to date, and return their element."""
     ui.add_css(STYLE)
-    ui.colors(primary=DENOISED)
     live = look.board is not None
-    with ui.element('main').classes('board'):
+    with ui.element('div').classes('board') as board:
         views = [
             _build(name, kind, look)
             for name, kind in VIEWS.items()
@@ -26,6 +32,28 @@ def show_lane(look: Look) -> None:
     for period in (FAST, SLOW):
         due = [view for view in views if view.period == period]
         ui.timer(period if live else FAST, partial(_update, due))
+    return board
+
+
+def show_shift(shift: Shift, drawing: Drawing, report: str = '') -> None:
+    """Show a recorded shift to one viewer. `report` is the address of an accuracy report, or ''."""
+    board = show_lane(Look(drawing))
+    with board, panel('Recording', 'recording').style(_WHOLE) as about:
+        ui.label(shift.name).classes('name')
+        progress = ui.label('').props('role=status')
+        if report:
+            ui.link('accuracy report', report)
+    about.move(target_index=0)
+
+    def update() -> None:
+        faults, length = counted(len(shift.faults()), 'fault'), (shift.end - shift.begin) / 60
+        text = f'{counted(shift.version, "item")}, {faults} in {length / NANOSECONDS:.1f} min'
+        whole = shift.is_whole
+        progress.set_text(text if whole else f'weighing: {shift.progress:.0%}, {text}')
+        if whole:
+            timer.deactivate()
+
+    timer = ui.timer(_PERIOD, update)
 
 
 def _build(name: str, kind: type[View], look: Look) -> View:

@@ -1,31 +1,68 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// The age of what the page shows. Without a beat of the server the browser itself greys the page.
+// The screen itself: the age of what it shows, its clock, its theme and its full size. Without a
+// beat of the server the browser greys the page by itself.
 const LATE = 3000; // ms, three periods of the server
+const APART = 5000; // ms between the clocks of browser and line that a person should know of
+const IDLE = 600000; // ms without an item, an alarm or a touch after which a full screen is dimmed
+const THEME = "checkweigher-theme";
 
 export default {
-  template: `<div class="late" role="alert">{{ text }}</div>`,
-  props: { beat: Number, age: { type: Number, default: 0 } }, // s
-  data: () => ({ came: performance.now(), text: "" }),
+  template: `
+    <div><div class="late" role="alert">{{ text }}</div>
+    <div class="apart" role="status">{{ apart }}</div></div>`,
+  // Age in s and time (with text) of what is shown, time of the line in ms, and what wakes a screen.
+  props: { beat: Number, age: { type: Number, default: 0 }, since: String, now: Number,
+           wakes: String },
+  data: () => ({ came: performance.now(), touched: performance.now(), text: "", apart: "" }),
   watch: {
     beat() {
       this.came = performance.now() - 1000 * this.age;
+      const late = Math.round((Date.now() - this.now) / 1000);
+      this.apart = Math.abs(late) * 1000 < APART ? "" :
+        `The clock of this browser is ${Math.abs(late)} s ${late > 0 ? "ahead of" : "behind"} ` +
+        "that of the line; all times here are those of the line";
       this.look();
+    },
+    wakes() {
+      this.wake();
     },
   },
   mounted() {
+    setDark({ dark: true, light: false }[localStorage.getItem(THEME)] ?? null);
+    document.body.classList.toggle("kiosk", new URLSearchParams(location.search).has("kiosk"));
     this.timer = setInterval(this.look, LATE / 6);
+    for (const event of ["pointerdown", "keydown"]) document.addEventListener(event, this.wake);
+    document.addEventListener("fullscreenchange", this.resize);
   },
   beforeUnmount() {
     clearInterval(this.timer);
+    for (const event of ["pointerdown", "keydown"]) document.removeEventListener(event, this.wake);
+    document.removeEventListener("fullscreenchange", this.resize);
   },
   methods: {
     look() {
-      const age = performance.now() - this.came;
-      const since = new Date(Date.now() - age).toTimeString().slice(0, 8);
-      const ago = `${Math.round(age / 1000)} s`;
-      this.text = age > LATE ? `No news since ${since}, for ${ago}: what is below is old` : "";
+      const age = performance.now() - this.came, ago = `${Math.round(age / 1000)} s`;
+      this.text = age > LATE ? `No news since ${this.since}, for ${ago}: what is below is old` : "";
       document.body.classList.toggle("stale", age > LATE);
+      const idle = performance.now() - this.touched > IDLE && age < LATE;
+      document.body.classList.toggle("dimmed", idle && document.body.classList.contains("kiosk"));
+    },
+    wake() {
+      this.touched = performance.now();
+      this.look();
+    },
+    theme() {
+      const dark = !document.body.classList.contains("body--dark");
+      localStorage.setItem(THEME, dark ? "dark" : "light");
+      setDark(dark);
+    },
+    full() {
+      if (document.fullscreenElement) document.exitFullscreen();
+      else document.documentElement.requestFullscreen();
+    },
+    resize() {
+      document.body.classList.toggle("kiosk", !!document.fullscreenElement);
     },
   },
 };

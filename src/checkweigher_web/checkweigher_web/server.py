@@ -29,20 +29,17 @@ from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
-from checkweigher_web.access.users import Role
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE
 from checkweigher_web.header import header, hint_to_users
 from checkweigher_web.lane import SHOWN
 from checkweigher_web.listening import Watch
 from checkweigher_web.overview import Overview, show_overview, wait_for_lane
-from checkweigher_web.page import show_lane
-from checkweigher_web.playback_page import PlaybackPage
+from checkweigher_web.page import show_lane, show_shift
 from checkweigher_web.shift import Shift
-from checkweigher_web.views.item import silence
 from checkweigher_web.views.view import Look
 from checkweigher_web.work.audit_view import Auditor
-from checkweigher_web.work.bar import keep_item, work_bar
+from checkweigher_web.work.bar import keep_item, work_bar, work_menu, work_of
 from checkweigher_web.work.dialogs import Desk
 from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.reports import add_reports
@@ -100,7 +97,7 @@ def serve(
         _run(app, access, listener)
 
 
-def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None) -> None:
+def serve_shift(site: Site, shift: Shift, report: Path | None = None) -> None:
     """Serve the page of a recorded shift until SIGINT or SIGTERM.
 
     Parameters
@@ -109,8 +106,6 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
         Address and users. For port 0, the system chooses a free port.
     shift : Shift
         Shift, which is weighed while the page is served.
-    name : str
-        Name of the shift on the page.
     report : Path, optional
         HTML report of the command `evaluate`, to which the page has a link.
 
@@ -120,6 +115,7 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
         If the site cannot be served.
     """
     with _listen(site.checked()) as (listener, access, app):
+        drawing = Drawing(shift)
         if report is not None:
             headers = {'Content-Security-Policy': REPORT_POLICY}
             answer = HTMLResponse(report.read_bytes(), headers=headers)
@@ -127,8 +123,8 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
 
         @ui.page('/', title='Checkweigher')
         async def show() -> None:
-            header(access, '')
-            PlaybackPage(shift, name, _REPORT if report is not None else '')
+            header(access, _title(''))
+            show_shift(shift, drawing, _REPORT if report is not None else '')
 
         shift.start()
         _run(app, access, listener)
@@ -174,7 +170,7 @@ def _add_pages(
         if (only := lanes.only()) is not None:
             show(only)
         else:
-            header(access, '')
+            header(access, _title(''))
             show_overview(lanes)
 
     @ui.page('/lane/{name:path}', title='Checkweigher')
@@ -182,7 +178,7 @@ def _add_pages(
         if name in watch.lanes:
             show(name)
         else:
-            header(access, name, lambda: True)
+            header(access, _title(name), others=lambda: True)
             wait_for_lane(name, lambda: name in watch.lanes)
 
     def show(name: str) -> None:
@@ -190,14 +186,20 @@ def _add_pages(
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
         look = Look(drawings.setdefault(name, Drawing(watch.lanes[name])), watch.board)
-        header(access, name, lambda: lanes.only() is None, lambda: silence(look.nodes()))
-        hint_to_users(access)
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
-        if desk.role >= Role.OPERATOR:
-            work_bar(desk)
+        look.work = work_of(desk)
+        menu = partial(work_menu, desk, look)
+        header(access, _title(name), look, lambda: lanes.only() is None, menu)
+        hint_to_users(access)
+        if look.work:
+            work_bar(look)
             if keeper is not None:
                 look.keep = partial(keep_item, desk, keeper)
         show_lane(look)
+
+
+def _title(lane: str) -> str:
+    return f'lane {lane}' if lane else 'Checkweigher'
 
 
 def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
@@ -206,6 +208,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         app,
         title='Checkweigher',
         tailwind=False,
+        language='en-US',
         show_welcome_message=False,
         reconnect_timeout=_AWAY,
     )

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded shift, with the items in memory and the samples in files."""
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
-from functools import reduce
+import math
 from tempfile import TemporaryFile
 import threading
 from typing import Any
@@ -30,7 +29,8 @@ from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_validation.accuracy.results import ResultJoiner
-from checkweigher_web.lane import MAX_ITEMS, ShownItem, joined, with_window
+from checkweigher_web.history import History, history_of
+from checkweigher_web.lane import ShownItem, Span, is_within, joined, with_window
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
@@ -41,27 +41,35 @@ _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of 
 
 
 class Shift:
-    """The items of a recording in the order of their verdicts. A thread weighs the recording once.
+    """The items of a recording, which are shown like a lane. A thread weighs the recording once.
 
     Attributes
     ----------
-    items : list of ShownItem
-        Items that were weighed so far, without their signals.
-    faults : list of int
-        Indices of the faults in `items`.
+    name : str
+        Name of the recording.
+    series : MassSeries
+        Masses of the items that were weighed so far.
     signal : RawSignal
         Samples, which are on disk, and edges.
     begin, end, weighed : int
         Stamps in ns of the first sample, of the last block, and of the latest weighed event.
     """
 
-    def __init__(self, recording: Recording, parameters: LineParameters) -> None:
+    stop = filler = None
+    alarms: tuple[Alarm, ...] = ()
+    over: tuple[Alarm, ...] = ()
+    judged = math.nan  # The items are not of now.
+
+    def __init__(self, recording: Recording, parameters: LineParameters, name: str = '') -> None:
+        self.name = name
+        self.load_cell = recording.load_cell
         blocks = _on_disk(recording.blocks)
         self.recording = replace(recording, blocks=blocks)
         self.signal = RawSignal(recording.load_cell, blocks, recording.edges)
         self.parameters = parameters
-        self.items: list[ShownItem] = []
-        self.faults: list[int] = []
+        self.series = MassSeries()
+        self._items: list[ShownItem] = []  # in the order of their verdicts
+        self._counts = ProductionStatistics()
         self.begin = self.weighed = recording.blocks[0].stamp
         self.is_whole = False
         self._cuts: list[_Cut | None] = []
@@ -72,9 +80,9 @@ class Shift:
         """Weigh the recording. The views already show the items that are weighed."""
         joiner = ResultJoiner(self.recording.edges, self.recording.references)
         for item in joined(self._results(), joiner):
-            if item.verdict.decision == Decision.FAULT:
-                self.faults.append(len(self.items))
-            self.items.append(item)  # The views read without a lock, so this comes last.
+            self._counts.add(item.verdict)
+            self.series = self.series.with_item(item.verdict)
+            self._items.append(item)  # The views read without a lock, so this comes last.
         self.is_whole = True
 
     def _results(self) -> Iterator[tuple[Verdict, MassEstimate]]:
@@ -100,14 +108,51 @@ class Shift:
             self.weighed = event.stamp
             yield event
 
-    def with_signals(self, place: int) -> ShownItem:
-        """Return the item at an index with its window, or a fault with the samples around it."""
-        item, cut = self.items[place], self._cuts[place]
+    @property
+    def version(self) -> int:
+        """Number of the items that were weighed so far."""
+        return len(self._items)
+
+    @property
+    def statistics(self) -> Statistics:
+        """Production counts of the items that were weighed so far."""
+        return self._counts.summary()
+
+    def items(self, span: Span | None = None) -> list[ShownItem]:
+        """Return the items of a span without their signals, the latest item first."""
+        found = self._items[::-1]
+        return found if span is None else [each for each in found if is_within(each.verdict, span)]
+
+    def faults(self, span: Span | None = None) -> list[ShownItem]:
+        """Return the items with the decision FAULT, the latest item first."""
+        return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
+
+    def history(self) -> History:
+        """Return the items of the whole recording."""
+        zeros = (math.nan if each.estimate is None else each.estimate.zero for each in self._items)
+        verdicts = (each.verdict for each in self._items)
+        return history_of(zip(verdicts, zeros, strict=False))
+
+    def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
+        """Return the longest part without an item before `item`, shape (n,), in kg."""
+        stamp = None if item is None else item.verdict.t3 or item.verdict.t1
+        return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
+
+    def with_signals(self, item: ShownItem) -> ShownItem:
+        """Return an item with its window, or a fault with the samples around it."""
+        cut = self._cuts[self._items.index(item)]
         window = None if cut is None else self._read(*cut)
+        window = None if window is None else self._denoiser.denoise(window)
         return with_window(item, window, self.signal)
 
+    def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
+        """Return the windows of the latest items before an item."""
+        place = self._items.index(item)
+        cuts = [cut for cut in self._cuts[:place] if cut is not None][-count:]
+        return [window for cut in cuts if (window := self._read(*cut)) is not None]
+
     def _read(self, window: WeighWindow, count: int) -> WeighWindow | None:
-        """Return a window with its samples after denoising, or None if samples are missing."""
+        """Return a window with its samples, or None if samples are missing."""
         length = round(NANOSECONDS * count / self.recording.load_cell.sample_rate)
         blocks = self.signal.between(window.stamp - _AROUND, window.stamp + length + _AROUND)
         if not blocks:
@@ -117,75 +162,7 @@ class Shift:
         inside = (window.first_index <= index) & (index < window.first_index + count)
         if np.count_nonzero(inside) != count:
             return None
-        return self._denoiser.denoise(replace(window, counts=counts[inside]))
-
-
-class Playback:
-    """A shift up to one of its items, which is shown like a lane. Each viewer has a playback."""
-
-    stop = filler = None
-    alarms: tuple[Alarm, ...] = ()
-
-    def __init__(self, shift: Shift, name: str) -> None:
-        self.shift = shift
-        self.name = name
-        self.load_cell = shift.recording.load_cell
-        self.place = 0  # index of the item
-        self._moves = 0
-
-    @property
-    def version(self) -> tuple[int, int]:
-        """Value that changes whenever the views must be updated."""
-        return self._moves, min(len(self.shift.items), self.place + 1)
-
-    def go(self, place: int) -> None:
-        """Set the index of the item. The index is limited to the range of the weighed items."""
-        self.place = min(max(place, 0), max(len(self.shift.items) - 1, 0))
-        self._moves += 1
-
-    def next_fault(self, *, forward: bool) -> int | None:
-        """Return the index of the next or the previous fault, or None if there is none."""
-        faults = self.shift.faults
-        at = bisect_right(faults, self.place) if forward else bisect_left(faults, self.place) - 1
-        return faults[at] if 0 <= at < len(faults) else None
-
-    def items(self) -> list[ShownItem]:
-        """Return the items up to the present one without their signals, the latest item first."""
-        end = self.place + 1
-        return self.shift.items[max(0, end - MAX_ITEMS) : end][::-1]
-
-    def faults(self) -> list[ShownItem]:
-        """Return the faults up to the present item, the latest fault first."""
-        found = self.shift.faults[: bisect_right(self.shift.faults, self.place)]
-        return [self.shift.items[place] for place in found[-MAX_ITEMS:]][::-1]
-
-    def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its signals."""
-        return self.shift.with_signals(self.shift.items.index(item))
-
-    @property
-    def statistics(self) -> Statistics:
-        """Production counts of the shift up to the present item."""
-        counts = ProductionStatistics()
-        for verdict in self._verdicts():
-            counts.add(verdict)
-        return counts.summary()
-
-    @property
-    def series(self) -> MassSeries:
-        """Masses of the shift up to the present item."""
-        return reduce(MassSeries.with_item, self._verdicts(), MassSeries())
-
-    def _verdicts(self) -> Iterator[Verdict]:
-        return (item.verdict for item in self.shift.items[: self.place + 1])
-
-    def empty_belt(self) -> NDArray[np.float64]:
-        """Return the longest part without an item before the present item, shape (n,), in kg."""
-        latest = next(iter(self.items()), None)
-        stamp = None if latest is None else latest.verdict.t3 or latest.verdict.t1
-        if stamp is None:
-            return np.zeros(0)
-        return self.shift.signal.empty_belt(stamp - _BELT, stamp)
+        return replace(window, counts=counts[inside])
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:

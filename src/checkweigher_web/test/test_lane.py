@@ -13,7 +13,9 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import weigh
-from checkweigher_web.lane import MAX_ITEMS, Lane
+from checkweigher_web.drawing import row_key
+from checkweigher_web.history import history_of, intervals
+from checkweigher_web.lane import MAX_ITEMS, BeltNoise, Deed, Lane
 from checkweigher_web.raw_signal import longest_gap
 
 
@@ -87,3 +89,42 @@ def test_signals_are_forgotten_when_nobody_looks(lane: Lane):
     lane.forget_signals()
     assert not len(lane.empty_belt())
     assert len(lane.items()) == 3
+
+
+def test_an_item_that_comes_again_is_listed_once_and_items_without_times_each(lane: Lane):
+    again = lane.items()[0].verdict
+    lane.take(again)
+    for number in (7, 8):
+        lane.take(Verdict(number, None, Decision.FAULT, ('NoEstimate',)))
+    items = lane.items()
+    assert [item.verdict.item_id for item in items] == [8, 7, 3, 2, 1]
+    assert len({row_key(item) for item in items}) == 5
+
+
+def test_the_history_has_the_items_and_what_was_changed(lane: Lane):
+    last = lane.items()[0].verdict
+    later = replace(last, item_id=4, t1=last.t1 + NANOSECONDS, t3=last.t3 + NANOSECONDS)
+    lane.take(replace(later, product='nuts', lower_limit=0.1))
+    lane.take(BeltNoise(5, 0.2))
+    lane.take(Deed(later.t3 + 1, 'anna', 'zero'))
+    found = lane.history()
+    assert found.stamps.tolist() == [item.verdict.t3 for item in reversed(lane.items())]
+    assert found.masses == pytest.approx([1e3 * i.verdict.mass for i in reversed(lane.items())])
+    assert found.zeros[:3] == pytest.approx([1e3 * i.estimate.zero for i in lane.items()[:0:-1]])
+    assert np.isnan(found.zeros[3])
+    assert found.noise.tolist() == [[5, 0.2]]
+    assert found.changes == ((later.t3, 'product nuts'), (later.t3 + 1, 'anna: zero'))
+
+
+def test_intervals_have_the_means_of_their_items():
+    second = NANOSECONDS
+    values = {1: (Decision.ACCEPT, 0.1), 2: (Decision.ACCEPT, 0.3), 3: (Decision.FAULT, np.nan),
+              9: (Decision.UNDER, 0.05)}  # fmt: skip
+    items = [(Verdict(1, n * second, *each[:1], mass=each[1]), 1e-3) for n, each in values.items()]
+    found = intervals(history_of(items), 0, 10 * second, 2)
+    assert found.times.tolist() == [2.5 * second, 7.5 * second]
+    assert found.rates.tolist() == [3 * 12, 12]
+    assert found.rejects == pytest.approx([1 / 3, 1])
+    assert found.means == pytest.approx([200, np.nan], nan_ok=True)
+    assert found.std_devs == pytest.approx([np.std([100, 300], ddof=1), np.nan], nan_ok=True)
+    assert found.zeros == pytest.approx([1, 1])

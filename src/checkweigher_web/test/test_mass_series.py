@@ -3,7 +3,7 @@
 """The masses of histogram and control chart are of one product and batch, in lasting subgroups."""
 
 from checkweigher_core.records import Decision, Verdict
-from checkweigher_production.control_chart import SUBGROUP
+from checkweigher_production.control_chart import REFERENCE, SUBGROUP
 from checkweigher_web.lane import MAX_ITEMS, Lane
 from checkweigher_web.mass_series import MAX_MASSES, MassSeries
 
@@ -13,27 +13,26 @@ def verdict(number: int, decision: Decision = Decision.ACCEPT, batch: str = 'L1'
     return Verdict(number, number, decision, mass=float(number), product='crisps', batch=batch)
 
 
-def groups_of(series: MassSeries) -> dict[int, tuple[float, ...]]:
-    """Return the masses of each whole subgroup by its number, from 0."""
+def groups_of(series: MassSeries) -> list[tuple[float, ...]]:
+    """Return the masses of each whole subgroup."""
     count = len(series.masses) // SUBGROUP
-    return {
-        series.forgotten + k: series.masses[k * SUBGROUP : (k + 1) * SUBGROUP] for k in range(count)
-    }
+    return [series.masses[k * SUBGROUP : (k + 1) * SUBGROUP] for k in range(count)]
 
 
 def test_an_item_stays_in_its_subgroup_however_many_come_after_it():
-    lane, groups = Lane(''), dict[int, tuple[float, ...]]()
+    lane, groups = Lane(''), set[tuple[float, ...]]()
     for number in range(2 * MAX_MASSES + 3):
         # Rejected ones shift nothing either, though they push others out of the list of items.
         if number % 7 == 0:
             lane.take(verdict(10_000 + number, Decision.UNDER))
         lane.take(verdict(number))
-        for group, masses in groups_of(lane.series).items():
-            assert groups.setdefault(group, masses) == masses
+        groups.update(groups_of(lane.series))
     assert len(lane.items()) == MAX_ITEMS
-    assert groups[0] == (0.0, 1.0, 2.0, 3.0, 4.0)
+    assert {group[0] % SUBGROUP for group in groups} == {0}
     assert len(groups) == (2 * MAX_MASSES + 3) // SUBGROUP
     assert MAX_MASSES <= len(lane.series.masses) < MAX_MASSES + SUBGROUP
+    assert lane.series.stamps == tuple(map(int, lane.series.masses))
+    assert lane.series.reference == tuple(map(float, range(REFERENCE)))
 
 
 def test_another_batch_or_product_begins_anew():
@@ -44,4 +43,4 @@ def test_another_batch_or_product_begins_anew():
     assert (series.product, series.batch, series.masses) == ('crisps', 'L2', ())
     for number in range(9, 15):
         series = series.with_item(verdict(number, batch='L2'))
-    assert groups_of(series) == {0: (9.0, 10.0, 11.0, 12.0, 13.0)}
+    assert groups_of(series) == [(9.0, 10.0, 11.0, 12.0, 13.0)]

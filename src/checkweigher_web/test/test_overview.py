@@ -119,7 +119,7 @@ def test_a_page_waits_for_its_lane_and_tells_when_that_is_silent(browser: Chrome
             assert 'silent' not in text_of(browser, '.item')
         silent = r'silent for \d+ s, last item at \d\d:\d\d:\d\d'
         until(browser, lambda: re.search(silent, text_of(browser, '.item')))
-        until(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.decision.NONE'))
+        until(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.reading.NONE'))
 
 
 def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path):

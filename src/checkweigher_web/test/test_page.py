@@ -63,7 +63,8 @@ def test_an_item_is_shown_with_mass_verdict_and_signal(browser: Chrome, port: in
     lower = {'OVER': 0.2e3, 'ACCEPT': 0.1e3}.get(verdict.split()[1], 0)
     assert float(mass) > lower
     until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
-    assert text_of(browser, '.decision').split()[1] in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
+    assert text_of(browser, '.decision') in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
+    assert {'lower 100', 'upper 200'} <= set(text_of(browser, '.scale').split('\n'))
     drawn = 'return [...document.querySelectorAll(".chart")].map(e => !!e.querySelector("canvas"))'
     until(browser, lambda: all(browser.execute_script(drawn)))
     assert errors_of(browser) == []
@@ -81,15 +82,50 @@ def test_an_item_can_be_chosen_with_the_keyboard_alone(browser: Chrome, port: in
     assert browser.execute_script(label, chosen) == name
 
 
-def test_everything_can_be_seen_and_has_a_name_at_any_width(browser: Chrome, port: int):
+@pytest.mark.parametrize('theme', ['light', 'dark'])
+def test_everything_can_be_seen_and_has_a_name_at_any_width(browser: Chrome, port: int, theme: str):
     browser.get(f'http://127.0.0.1:{port}/')
     until(browser, lambda: len(rows_of(browser)) >= 1)
+    if theme not in browser.execute_script('return document.body.className'):
+        for name in ('Menu', 'Dark or light'):
+            path = f'//*[self::button or @role="menuitem"][normalize-space()="{name}"]'
+            until(browser, lambda path=path: browser.find_elements(By.XPATH, path))
+            browser.find_element(By.XPATH, path).click()
+    until(browser, lambda: theme in browser.execute_script('return document.body.className'))
     check_all_widths(browser)
     right = 'return document.querySelector(arguments[0]).getBoundingClientRect().right'
     for width in WIDTHS:
         browser.set_window_size(width, 900)
         mass, panel = (browser.execute_script(right, each) for each in ('.mass', '.panel'))
         assert mass <= panel
+
+
+def test_a_full_screen_shows_what_is_read_from_a_distance(browser: Chrome, port: int):
+    browser.get(f'http://127.0.0.1:{port}/?kiosk')
+    until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
+    panels = browser.find_elements(By.CSS_SELECTOR, '.board > .panel')
+    seen = [str(each.get_attribute('aria-label')) for each in panels if each.is_displayed()]
+    assert seen == ['Item', 'Over time']
+
+
+def test_a_clock_that_differs_from_that_of_the_line_is_told(browser: Chrome, port: int):
+    browser.get(f'http://127.0.0.1:{port}/')
+    until(browser, lambda: re.match(r'\d\d:\d\d:\d\d \w+', text_of(browser, '.clock')))
+    assert text_of(browser, '.apart') == ''
+    browser.execute_script('const now = Date.now; Date.now = () => now() + 60000')
+    until(browser, lambda: 's ahead of that of the line' in text_of(browser, '.apart'))
+    assert shortcomings(browser) == []
+
+
+def test_a_reading_is_grey_when_no_item_follows_it(browser: Chrome, port: int):
+    browser.get(f'http://127.0.0.1:{port}/')
+    until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
+    # The next item comes within a second, which is more than a minute for this browser.
+    browser.execute_script(
+        'const now = performance.now.bind(performance); performance.now = () => 100 * now()'
+    )
+    until(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.reading.OLD'))
+    until(browser, lambda: re.fullmatch(r'\d+ (s|min) ago', text_of(browser, '.ago')))
 
 
 def test_signals_are_taken_only_while_somebody_looks(browser: Chrome, port: int):
@@ -113,19 +149,19 @@ def anna(browser: Chrome, port: int, folder: Path) -> Person:
 
 def test_an_item_of_a_line_that_stands_is_no_news(browser: Chrome, anna: Person):
     def shade() -> str:
-        return str(browser.execute_script('return document.querySelector(".decision").className'))
+        return str(browser.execute_script('return document.querySelector(".reading").className'))
 
     until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
-    assert shade().split()[-1] in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
+    until(browser, lambda: shade().split()[-1] in ('ACCEPT', 'UNDER', 'OVER', 'FAULT'))
     anna.does('Stop', '✓')
-    until(browser, lambda: shade() == 'decision NONE')
+    until(browser, lambda: shade() == 'reading NONE')
     number, when = rows_of(browser)[0][:2]
     said = 'weighing is stopped, last item at '
     until(browser, lambda: text_of(browser, '.item').split('\n')[1] == said + when)
     assert f'item {number}' in text_of(browser, '.item')
     assert shortcomings(browser) == []
     anna.does('Start', '✓')
-    until(browser, lambda: shade() != 'decision NONE')
+    until(browser, lambda: shade() != 'reading NONE')
     assert 'stopped' not in text_of(browser, '.item')
 
 

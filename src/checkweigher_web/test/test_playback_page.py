@@ -1,15 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a recorded shift in a real browser: slider, filter, faults, at any width, by keys."""
+"""The page of a recorded shift in a real browser: strip, filter, faults, at any width, by keys."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 from browsers import check_all_widths, errors_of, needs_browser, rows_of, text_of, until
 from lines import edges_of, saturated_at, simulated, without_edges
 import pytest
-from selenium.webdriver import Chrome
+from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from served_page import get, served
@@ -47,90 +47,90 @@ def port(bag: Path, report: Path) -> Iterator[int]:
 @pytest.fixture(scope='module')
 def opened(port: int, browser: Chrome) -> Chrome:
     browser.get(f'http://127.0.0.1:{port}/')
-    until(browser, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(browser, '.in-a-row'))
+    until(browser, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(browser, '.recording'))
     return browser
 
 
 @pytest.fixture
 def page(opened: Chrome) -> Chrome:
-    """Return the page at its first item, with all items listed."""
+    """Return the page at its last item, with all items listed."""
     opened.set_window_size(1600, 1000)
     opened.refresh()
-    until(opened, lambda: text_of(opened, '.where').startswith(f'item 1 of {ITEMS}'))
-    until(opened, lambda: len(rows_of(opened)) == 1)
+    until(opened, lambda: numbers(opened) == [*range(ITEMS, 0, -1)])
+    until(opened, lambda: text_of(opened, '.where').startswith(f'item {ITEMS} of {ITEMS}'))
     return opened
+
+
+def numbers(page: Chrome) -> list[int]:
+    return [int(row[0]) for row in rows_of(page)]
 
 
 def press(page: Chrome, text: str) -> None:
     page.find_element(By.XPATH, f'//button[normalize-space()="{text}"]').send_keys(Keys.ENTER)
 
 
-def test_the_slider_moves_through_the_items_by_the_keyboard(page: Chrome):
-    slider = page.find_element(By.CSS_SELECTOR, '.slider')
-    for _ in range(4):
-        slider.send_keys(Keys.ARROW_RIGHT)
-    until(page, lambda: text_of(page, '.where').startswith('item 5 of'))
-    until(page, lambda: [int(row[0]) for row in rows_of(page)] == [5, 4, 3, 2, 1])
-    slider.send_keys(Keys.ARROW_LEFT, Keys.ARROW_LEFT)
-    until(page, lambda: [int(row[0]) for row in rows_of(page)] == [3, 2, 1])
+def shows(page: Chrome, number: int) -> None:
+    until(page, lambda: text_of(page, '.signal .about').startswith(f'item {number} at'))
+    until(page, lambda: f'item {number}, ' in text_of(page, '.item .about'))
+    assert text_of(page, '.where').startswith(f'item {number} of {ITEMS}')
+
+
+def test_arrows_and_clicks_in_the_strip_move_through_the_items(page: Chrome):
+    strip = page.find_element(By.CSS_SELECTOR, '.hour .chart')
+    for key, number in ((Keys.ARROW_LEFT, ITEMS - 1), (Keys.HOME, 1), (Keys.ARROW_RIGHT, 2)):
+        strip.send_keys(key)
+        shows(page, number)
     until(page, lambda: text_of(page, '.mass').endswith(' g'))
+    # A click at the right end of the strip shows the last item.
+    until(page, lambda: page.find_elements(By.CSS_SELECTOR, '.hour canvas'))
+    right, top = strip.size['width'] // 2 - 24, 35 - strip.size['height'] // 2
+    ActionChains(page).move_to_element_with_offset(strip, right, top).click().perform()
+    shows(page, ITEMS)
+
+
+def test_a_part_of_the_time_that_is_selected_is_what_the_list_shows(page: Chrome):
+    strip = page.find_element(By.CSS_SELECTOR, '.hour .chart')
+    until(page, lambda: page.find_elements(By.CSS_SELECTOR, '.hour canvas'))
+    # The left handle of the slider, below the charts, to the middle.
+    left, bottom = 71 - strip.size['width'] // 2, strip.size['height'] // 2 - 18
+    half = strip.size['width'] // 2 - 45
+    drag = ActionChains(page).move_to_element_with_offset(strip, left, bottom).click_and_hold()
+    drag.move_by_offset(half // 2, 0).move_by_offset(half - half // 2, 0).release().perform()
+    until(page, lambda: 0 < len(numbers(page)) < ITEMS)
+    assert numbers(page) == [*range(ITEMS, ITEMS - len(numbers(page)), -1)]
+    press(page, 'whole time')
+    until(page, lambda: len(numbers(page)) == ITEMS)
 
 
 def test_a_fault_opens_its_signal_with_what_broke(page: Chrome):
-    expected = {4: 'highest value of the converter', 8: 'outfeed eye: t3 is missing'}
+    expected = {8: 'outfeed eye: t3 is missing', 4: 'highest value of the converter'}
     for number, text in expected.items():
-        press(page, 'next fault')
+        press(page, 'previous fault')
         shown = partial(text_of, page, '.marks')
         until(page, lambda text=text, shown=shown: text in shown())
-        assert text_of(page, '.where').startswith(f'item {number} of')
-        assert text_of(page, '.decision') == '✗ FAULT'
-    press(page, 'next fault')
-    until(page, lambda: 'no fault after this item' in text_of(page, 'body'))
+        shows(page, number)
+        until(page, lambda: text_of(page, '.decision') == 'FAULT')
+    press(page, 'previous fault')
+    until(page, lambda: 'no fault before it' in text_of(page, 'body'))
 
 
-def test_the_filter_lists_the_faults_alone_and_a_choice_shows_its_signal(page: Chrome):
-    press(page, 'next fault')
-    press(page, 'next fault')
+def test_the_filter_lists_the_faults_alone_and_arrows_lead_through_the_list(page: Chrome):
     page.find_element(By.CSS_SELECTOR, '[role=checkbox]').send_keys(Keys.SPACE)
-    until(page, lambda: [int(row[0]) for row in rows_of(page)] == [8, 4])
+    until(page, lambda: numbers(page) == [8, 4])
     for row in rows_of(page):
         assert row[-1].split() == ['✗', 'FAULT', FAULTS[int(row[0])]]
-    button = page.find_elements(By.CSS_SELECTOR, '.items tbody button')[1]
-    assert button.get_attribute('aria-label') == 'show item 4'
-    button.send_keys(Keys.ENTER)
+    stops = page.find_elements(By.CSS_SELECTOR, '.items tbody button[tabindex="0"]')
+    assert [stop.get_attribute('aria-label') for stop in stops] == ['show item 8']
+    stops[0].send_keys(Keys.ARROW_DOWN)
+    page.switch_to.active_element.send_keys(Keys.ENTER)
     until(page, lambda: 'highest value of the converter' in text_of(page, '.marks'))
-    # The other panel is that of the item at the slider.
     assert f'Saturation: {Reason.SATURATION.hint}' in text_of(page, '.signal')
-    assert 'Saturation' not in text_of(page, '.item')
-
-
-def test_whatever_moves_the_slider_shows_the_item_there(page: Chrome):
-    slider = page.find_element(By.CSS_SELECTOR, '.slider')
-
-    def choose_and(move: Callable[[], object], expected: int) -> None:
-        """Choose item 2 in the list, then see where a move leads from there."""
-        page.find_element(By.CSS_SELECTOR, '[aria-label="show item 2"]').send_keys(Keys.ENTER)
-        shows(2)
-        move()
-        shows(expected)
-        assert text_of(page, '.where').startswith(f'item {expected} of')
-        until(page, lambda: 'show this item' not in text_of(page, '.signal'))
-
-    def shows(number: int) -> None:
-        until(page, lambda: text_of(page, '.signal .about').startswith(f'item {number} at'))
-
-    slider.send_keys(Keys.END)
-    shows(ITEMS)
-    choose_and(lambda: press(page, 'show this item'), ITEMS)
-    choose_and(lambda: press(page, 'previous item'), ITEMS - 1)
-    choose_and(lambda: press(page, 'next item'), ITEMS)
-    choose_and(lambda: press(page, 'previous fault'), 8)
-    choose_and(lambda: slider.send_keys(Keys.ARROW_LEFT), 7)
-    choose_and(lambda: press(page, 'next fault'), 8)
+    press(page, 'show the latest item')
+    until(page, lambda: text_of(page, '.signal .about').startswith('item 8 at'))
 
 
 def test_everything_can_be_seen_and_has_a_name_at_any_width(page: Chrome):
-    press(page, 'next fault')
+    press(page, 'previous fault')
     until(page, lambda: text_of(page, '.marks'))
     check_all_widths(page)
     assert errors_of(page) == []

@@ -47,7 +47,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
     with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
         ben = Inspector(browser, line)
         ben.log_in('anna')
-        assert 'Verification' not in ben.buttons('.work')
+        assert 'Verification' not in ben.entries()
         ben.log_out()
         ben.log_in('ben')
         ben.until(lambda: 'FAULT' in ben.text('.decision'))  # there is no product yet

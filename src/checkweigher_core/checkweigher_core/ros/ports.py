@@ -286,7 +286,7 @@ ALL = (
 # The page subscribes to the results all the time, and to the signals while a viewer is connected.
 PAGE_RESULTS = (
     LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS, MASS_ESTIMATE, VERDICT, STATISTICS,
-    FILLER_FEEDBACK, STOP_REQUEST, ALARMS,
+    FILLER_FEEDBACK, STOP_REQUEST, ALARMS, ZERO_SETTING,
 )
 PAGE_SIGNALS = (LOAD_CELL_SAMPLES, DENOISED_WINDOW)
 # Topics of a lane to which the gateways subscribe, in addition to /diagnostics.

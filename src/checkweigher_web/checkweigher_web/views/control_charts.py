@@ -7,11 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from checkweigher_core.records import GRAMS
-from checkweigher_production.control_chart import SUBGROUP, ControlChart, control_chart
+from checkweigher_production.control_chart import SUBGROUP, begun, control_chart
 from checkweigher_web import charts
 from checkweigher_web.charts import DENOISED, Options
-from checkweigher_web.drawing import Drawing
-from checkweigher_web.views.view import FigureView
+from checkweigher_web.mass_series import MassSeries
+from checkweigher_web.views.view import FigureView, Look
 
 _ROOM = 0.05  # margin above and below the data and limits, as a fraction of their range
 
@@ -24,10 +24,8 @@ class MeansView(FigureView):
     spread: ClassVar[bool] = False
 
     @classmethod
-    def _draw(cls, drawing: Drawing) -> Options:
-        series = drawing.lane.series
-        chart = control_chart([GRAMS * mass for mass in series.masses])
-        return control_figure(chart, series.forgotten, spread=cls.spread)
+    def _draw(cls, look: Look) -> Options:
+        return control_figure(look.series(), spread=cls.spread)
 
 
 class SpreadsView(MeansView):
@@ -38,37 +36,38 @@ class SpreadsView(MeansView):
     spread = True
 
 
-def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) -> Options:
-    """Return the figure of a control chart with its limits.
+def control_figure(series: MassSeries, *, spread: bool) -> Options:
+    """Return the figure of a control chart over time with its limits.
 
     The figure shows the standard deviations of the subgroups with `spread`, otherwise their means.
-    A symbol marks each point that breaks a rule, and the legend names the rule. `forgotten` is the
-    number of subgroups before those of `chart`.
+    A symbol marks where a run of subgroups begins that break a rule, and the legend names the rule.
     """
+    masses, reference = ([GRAMS * m for m in each] for each in (series.masses, series.reference))
+    chart = control_chart(masses, reference)
     if chart is None:
         return charts.nothing(f'needs two subgroups of {SUBGROUP} accepted items of the batch')
     if spread:
         name, unit, values = 's', 'g', chart.std_devs
         limits = {'mean': chart.spread, 'limit': chart.spread_upper}
-        rules = np.where(values > chart.spread_upper, 'beyond the limit', '')
+        rules = np.array(begun(np.where(values > chart.spread_upper, 'beyond the limit', '')))
     else:
         name, unit, values = 'mean', 'gross, g', chart.means
         limits = {'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper}
         rules = np.array(chart.marks)
-    number = forgotten + np.arange(1, len(values) + 1, dtype=float)
+    time = charts.local_times(series.stamps[SUBGROUP - 1 :: SUBGROUP])
     marks = charts.mark_lines(limits, axis='yAxis')
-    series = [
-        charts.line(name, number, values, DENOISED, width=2)
+    shown = [
+        charts.line(name, time, values, DENOISED, width=2)
         | {'showSymbol': True, 'symbolSize': 5, 'markLine': marks}
     ]
     for rule in sorted({*rules} - {''}):
         broken = rules == rule
-        symbols = charts.symbols(rule, number[broken], values[broken], _symbol(rule), 14)
-        series.append(symbols | {'symbolRotate': 180 if rule.endswith('falling') else 0})
-    figure = charts.figure(series, 'subgroup', unit)
-    figure['xAxis'] |= {'minInterval': 1}
-    shown = [*values, *limits.values()]
-    low, high = min(shown), max(shown)
+        symbols = charts.symbols(rule, time[broken], values[broken], _symbol(rule), 14)
+        shown.append(symbols | {'symbolRotate': 180 if rule.endswith('falling') else 0})
+    figure = charts.figure(shown, '', unit) | {'useUTC': True}
+    figure['xAxis'] |= {'type': 'time', 'axisLabel': {'hideOverlap': True}}
+    places = [*values, *limits.values()]
+    low, high = min(places), max(places)
     room = _ROOM * ((high - low) or 1.0)
     figure['yAxis'] |= {'min': low - room, 'max': high + room}
     figure['yAxis']['axisLabel'] |= {'showMaxLabel': False}

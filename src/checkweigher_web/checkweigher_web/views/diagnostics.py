@@ -14,6 +14,7 @@ class DiagnosticsView(View):
     """The diagnostics of a lane that are not OK, each with a hint, the worst first."""
 
     title = 'Diagnostics'
+    columns = 1, 5
     recorded = False
 
     def _build(self) -> None:

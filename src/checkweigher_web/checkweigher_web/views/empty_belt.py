@@ -50,14 +50,16 @@ class EmptyBeltView(View):
     """The spectrum of the empty belt, and a table of its lines."""
 
     title = 'Empty belt'
-    columns = 2, 8
+    columns = 1, 7
 
     def _build(self) -> None:
         self._figure = Figure('spectrum of the empty belt')
         self._lines = Table(('Hz', 'g', 'what it might be'))
 
     def _state(self) -> object:
-        return self.lane.version if self.look.board is None else int(time.monotonic())
+        if self.look.board is not None:
+            return int(time.monotonic())
+        return self.lane.version, self.look.chosen
 
     def _show(self) -> None:
         if self.lane.load_cell is None:
@@ -69,11 +71,11 @@ class EmptyBeltView(View):
         )
 
     def _draw(self) -> tuple[str, tuple[SpectralLine, ...]]:
-        item, cell = self.drawing.latest(), self.lane.load_cell
+        item, cell = self.look.item(), self.lane.load_cell
         assert cell is not None
         known = None if item is None else item.estimate
         of_item = () if known is None else (known.belt_speed, known.natural_frequency)
-        found = spectrum(self.lane.empty_belt(), cell.sample_rate, *of_item)
+        found = spectrum(self.lane.empty_belt(item), cell.sample_rate, *of_item)
         return json.dumps(spectrum_chart(found)), found.lines if found else ()
 
 

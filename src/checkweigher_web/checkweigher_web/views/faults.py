@@ -15,6 +15,7 @@ class FaultsView(View):
     """The reasons of the faults so far, each with a hint, the most frequent reason first."""
 
     title = 'Faults'
+    columns = 1, 7
     live = False
 
     def _build(self) -> None:

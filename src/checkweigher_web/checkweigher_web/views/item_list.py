@@ -4,10 +4,10 @@
 
 from nicegui import json, ui
 
-from checkweigher_web.drawing import Drawing, row_key
+from checkweigher_web.drawing import row_key
 from checkweigher_web.elements import ItemList
 from checkweigher_web.lane import ShownItem
-from checkweigher_web.views.view import FAST, View
+from checkweigher_web.views.view import FAST, Look, View
 from checkweigher_web.words import grams, said, when
 
 _SHOWN = 100  # maximum number of items in the list
@@ -23,24 +23,31 @@ class ItemListView(View):
 
     def _build(self) -> None:
         ui.checkbox('faults only').bind_value_to(self.look, 'only_faults')
-        with ui.element('div').classes('items').props('tabindex=0 aria-label="list of items"'):
+        with ui.element('div').classes('items'):
             self._list = ItemList(_HEADS, self.look.choose)
 
     def _show(self) -> None:
-        self._list.show_text(rows_of(self.drawing, only_faults=self.look.only_faults))
+        self._list.show_text(rows_of(self.look))
         self._list.choose(self.look.chosen)
 
 
-def rows_of(drawing: Drawing, *, only_faults: bool = False) -> str:
-    """Return the rows of the list as JSON."""
-    items = drawing.items(only_faults=only_faults)[:_SHOWN]
-    return drawing.once(
-        ('rows', only_faults), drawing.lane.version, lambda: json.dumps([_row(i) for i in items])
-    )
+def rows_of(look: Look) -> str:
+    """Return the rows of the list around the chosen item as JSON."""
+    drawing, items = look.drawing, look.items()
+    keys = [row_key(item) for item in items] if look.chosen else []
+    place = keys.index(look.chosen) if look.chosen in keys else 0
+    begin = 0 if place < _SHOWN else place - _SHOWN // 2
+
+    def draw() -> str:
+        return json.dumps([_row(item) for item in items[begin : begin + _SHOWN]])
+
+    if begin or look.span is not None:
+        return draw()
+    return drawing.once(('rows', look.only_faults), drawing.lane.version, draw)
 
 
 def _row(item: ShownItem) -> list[str]:
     verdict = item.verdict
-    key, decision = row_key(item.key), verdict.decision.name
+    key, decision = row_key(item), verdict.decision.name
     masses = (grams(mass) for mass in (verdict.mass, verdict.std_dev, item.reference))
     return [key, str(verdict.item_id), decision, when(verdict), *masses, said(verdict)]

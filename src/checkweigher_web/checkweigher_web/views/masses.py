@@ -5,15 +5,16 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_core.records import GRAMS, Statistics, Verdict
 from checkweigher_web import charts
 from checkweigher_web.charts import DENOISED, Options
-from checkweigher_web.drawing import Drawing
 from checkweigher_web.mass_series import MassSeries
-from checkweigher_web.views.view import FigureView
+from checkweigher_web.views.view import FigureView, Look
 
 _BINS = 25
+_NARROWEST = 0.01  # narrowest range of all bins, in g
 
 
 class MassesView(FigureView):
@@ -23,9 +24,10 @@ class MassesView(FigureView):
     label = 'histogram of the masses'
 
     @classmethod
-    def _draw(cls, drawing: Drawing) -> Options:
-        item, lane = drawing.latest(), drawing.lane
-        return histogram(lane.series, None if item is None else item.verdict, lane.statistics)
+    def _draw(cls, look: Look) -> Options:
+        item = next(iter(look.items()), None)
+        latest = None if item is None else item.verdict
+        return histogram(look.series(), latest, look.drawing.lane.statistics)
 
 
 def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:
@@ -37,15 +39,8 @@ def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics
     masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:
         return charts.nothing('needs two accepted items of the batch')
-    counts, bounds = np.histogram(masses, bins=min(_BINS, max(5, len(masses) // 4)))
-    known: dict[str, float] = {}
-    if latest is not None:
-        known |= {'lower': latest.lower_limit, 'upper': latest.upper_limit}
-    of = series.product, series.batch
-    if statistics is not None and (statistics.product, statistics.batch) == of:
-        net = {'TU1': statistics.tu1, 'TU2': statistics.tu2, 'nominal': statistics.nominal}
-        known |= {name: mass + statistics.tare for name, mass in net.items()}
-    limits = {name: GRAMS * mass for name, mass in known.items() if math.isfinite(mass)}
+    limits = limits_of(series.product, series.batch, latest, statistics)
+    counts, bounds = np.histogram(masses, bins=_bounds(masses, latest))
     centres = (bounds[:-1] + bounds[1:]) / 2
     bars: Options = {
         'type': 'bar',
@@ -60,3 +55,38 @@ def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics
     charts.mark_apart(figure, limits)
     figure['yAxis'] |= {'min': 0, 'minInterval': 1}
     return figure
+
+
+def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.float64]:
+    """Return the bounds of the bins in g. A limit is a bound, so that no bin lies on both sides."""
+    count = min(_BINS, max(5, len(masses) // 4))
+    width = max(float(np.ptp(masses)), _NARROWEST) / count
+    own = (latest.lower_limit, latest.upper_limit) if latest else ()
+    limits = [GRAMS * limit for limit in own if math.isfinite(limit)]
+    origin = limits[0] if limits else float(masses.min())
+    if len(limits) > 1 and limits[1] > limits[0]:
+        width = (limits[1] - limits[0]) / math.ceil((limits[1] - limits[0]) / width)
+    first, last = ((end - origin) / width for end in (masses.min(), masses.max()))
+    # The last bin includes its upper bound, so a mass at a limit needs a bin above it.
+    return origin + width * np.arange(math.floor(first), math.floor(last) + 2)
+
+
+def limits_of(
+    product: str, batch: str, latest: Verdict | None, statistics: Statistics | None
+) -> dict[str, float]:
+    """Return the gross limits in g of items by name, in increasing order.
+
+    The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are included if the
+    statistics are those of the product and the batch. Equal limits have one name.
+    """
+    known: dict[str, float] = {}
+    if statistics is not None and (statistics.product, statistics.batch) == (product, batch):
+        net = {'TU1': statistics.tu1, 'TU2': statistics.tu2, 'nominal': statistics.nominal}
+        known |= {name: mass + statistics.tare for name, mass in net.items()}
+    if latest is not None:
+        known |= {'lower': latest.lower_limit, 'upper': latest.upper_limit}
+    found: dict[float, list[str]] = {}
+    for name, mass in known.items():
+        if math.isfinite(mass):
+            found.setdefault(round(GRAMS * mass, 6), []).append(name)
+    return {' = '.join(names): mass for mass, names in sorted(found.items())}

@@ -3,28 +3,80 @@
 """View of the production counts and of the packers' rules for the batch (76/211/EEC)."""
 
 import math
+import time
 
-from checkweigher_core.records import GRAMS, FillerFeedback, Statistics, Verdict
+from nicegui import json
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core.records import GRAMS, NANOSECONDS, FillerFeedback, Statistics, Verdict
 from checkweigher_dsp.rejection.batch_rules import ROUNDING, BatchTally
-from checkweigher_web.elements import Table
+from checkweigher_web.elements import Production, Table
+from checkweigher_web.history import HOUR, History, intervals
 from checkweigher_web.views.view import View
 from checkweigher_web.words import grams, number
+
+_INTERVALS, _MINUTE = 60, 60 * NANOSECONDS
+_FULL = 2.0  # of the bar of a rule that is broken
+Rule = tuple[str, str, float | None]  # name, state, and the fraction of what is allowed
 
 
 class ProductionView(View):
     """Counts of the product and the batch, and the state of the packers' rules."""
 
     title = 'Production'
-    columns = 1, 3
+    columns = 1, 5
 
     def _build(self) -> None:
+        self._figures = Production()
         self._counts = Table(('what', 'value'))
-        self._rules = Table(('rule for the batch', 'how it stands'))
+
+    def _state(self) -> object:
+        return super()._state() if self.look.board is None else int(time.monotonic())
 
     def _show(self) -> None:
-        statistics, item = self.lane.statistics, self.drawing.latest()
-        self._counts.show(production(statistics, self.lane.filler))
-        self._rules.show(batch_rules(statistics, None if item is None else item.verdict))
+        known, live = self.lane.statistics, self.look.board is not None
+        text = self.drawing.once('production', self._state(), lambda: self._draw(live=live))
+        self._figures.show_text(text)
+        self._counts.show(production(known, self.lane.filler))
+
+    def _draw(self, *, live: bool) -> str:
+        known, item = self.lane.statistics, self.drawing.latest()
+        history = self.lane.history()
+        last = int(history.stamps[-1]) if len(history.stamps) else 0
+        # The rate of a line on which nothing passes is 0. Stamps of a recording are not of now.
+        now = time.time_ns() if live and 0 <= time.time_ns() - last < HOUR else last
+        rules = batch_rules(known, None if item is None else item.verdict)
+        return json.dumps({'figures': figures(history, known, now), 'rules': rules})
+
+
+def figures(history: History, known: Statistics | None, now: int) -> list[tuple[str, str, str]]:
+    """Return the main figures, each with its name, its text, and the points of its course.
+
+    The course has a point for each interval of the last hour before `now` in ns. Points are
+    given as by SVG, in a frame of 100 by 30.
+    """
+    since = int(history.stamps[0]) if len(history.stamps) else now
+    length = min(max(now - since, _MINUTE), HOUR)
+    course = intervals(history, now - length, now, min(_INTERVALS, 6 * length // _MINUTE))
+    passed = np.count_nonzero((now - _MINUTE < history.stamps) & (history.stamps <= now))
+    target = math.nan if known is None else GRAMS * (known.nominal + known.tare)
+    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # The first minute is not over yet.
+    giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
+    rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan
+    return [
+        ('items/min, last minute', number(passed / share, 0), _points(course.rates)),
+        ('rejected', number(100 * rejects, 1, ' %'), _points(course.rejects)),
+        ('giveaway', grams(known.giveaway if known else math.nan, ' g', 2), _points(giveaway)),
+        ('net mean', grams(known.mean if known else math.nan, ' g', 2), _points(mean)),
+    ]
+
+
+def _points(values: NDArray[np.float64]) -> str:
+    known = np.flatnonzero(np.isfinite(values))
+    low, high = (float(f(values[known])) for f in (np.min, np.max)) if len(known) else (0.0, 0.0)
+    height = (values - low) / (high - low) if high > low else np.full(len(values), 0.5)
+    return ' '.join(f'{100 * k / (len(values) - 1):.1f},{29 - 28 * height[k]:.1f}' for k in known)
 
 
 def production(known: Statistics | None, filler: FillerFeedback | None) -> list[tuple[str, str]]:
@@ -57,7 +109,7 @@ def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[
     return [('filler correction, g', f'{text}; limited' if filler.limited else text)]
 
 
-def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
+def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[Rule]:
     """Return the packers' rules for the present batch, each with its present state.
 
     The statistics in `known` have the rules of the recipe, and the `latest` verdict has the counts
@@ -70,34 +122,38 @@ def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[tuple[
         tally = BatchTally(known.product, known.batch)
     none_below = f'{_kept(not known.below_tu2)}{known.below_tu2} accepted'
     return [
-        ('net mean at least nominal', _mean_rule(known, tally)),
-        (f'share below TU1, {grams(known.tu1)} g net', _tu1_rule(known, tally)),
-        (f'none below TU2, {grams(known.tu2)} g net', none_below),
+        ('net mean at least nominal', *_mean_rule(known, tally)),
+        (f'share below TU1, {grams(known.tu1)} g net', *_tu1_rule(known, tally)),
+        (f'none below TU2, {grams(known.tu2)} g net', none_below, _FULL * bool(known.below_tu2)),
     ]
 
 
-def _mean_rule(known: Statistics, tally: BatchTally) -> str:
+def _mean_rule(known: Statistics, tally: BatchTally) -> tuple[str, float | None]:
     if not known.mean_value:
-        return f'not asked by the recipe; the mean is {grams(known.mean)} g'
+        return f'not asked by the recipe; the mean is {grams(known.mean)} g', None
     if not tally.accepted:
-        return 'nothing accepted yet'
+        return 'nothing accepted yet', None
     mean = known.nominal + tally.surplus / tally.accepted
+    # Nothing is left at the nominal mass, and all where the mean is above it by what TU1 is below.
+    used = max(1.0 - (mean - known.nominal) / (known.nominal - known.tu1), 0.0)
     return (
         f'{_kept(mean >= known.nominal * (1 - ROUNDING))}{grams(mean)} g of '
-        f'{grams(known.nominal)} g; an item may lack {grams(max(tally.surplus, 0.0), " g")}'
+        f'{grams(known.nominal)} g; an item may lack {grams(max(tally.surplus, 0.0), " g")}',
+        used,
     )
 
 
-def _tu1_rule(known: Statistics, tally: BatchTally) -> str:
+def _tu1_rule(known: Statistics, tally: BatchTally) -> tuple[str, float | None]:
     quota = known.tu1_quota
     if not math.isfinite(quota):
         part = number(100 * known.share_below_tu1, 2, ' %')
-        return f'not asked by the recipe; {known.below_tu1} accepted, {part}'
+        return f'not asked by the recipe; {known.below_tu1} accepted, {part}', None
     share = tally.below_tu1 / tally.accepted if tally.accepted else 0.0
     what = 'is accepted' if tally.has_room(quota) else 'is rejected, TU1Quota'
     return (
         f'{_kept(share <= quota * (1 + ROUNDING))}{tally.below_tu1} of {tally.accepted} accepted, '
-        f'{100 * share:.2f} % of at most {100 * quota:g} %; the next one {what}'
+        f'{100 * share:.2f} % of at most {100 * quota:g} %; the next one {what}',
+        share / quota if quota else _FULL * (share > 0),
     )
 
 

@@ -7,26 +7,26 @@ from checkweigher_web.views.control_charts import MeansView, SpreadsView
 from checkweigher_web.views.diagnostics import DiagnosticsView
 from checkweigher_web.views.empty_belt import EmptyBeltView
 from checkweigher_web.views.faults import FaultsView
+from checkweigher_web.views.hour import HourView
 from checkweigher_web.views.item import ItemView
 from checkweigher_web.views.item_list import ItemListView
 from checkweigher_web.views.masses import MassesView
 from checkweigher_web.views.production import ProductionView
 from checkweigher_web.views.signal import SignalView
 from checkweigher_web.views.view import View
-from checkweigher_web.views.zero import ZeroView
 
 # Views in the order of the page, by the CSS class of their panels.
 VIEWS: dict[str, type[View]] = {
     'item': ItemView,
+    'hour': HourView,
     'signal': SignalView,
     'list': ItemListView,
-    'diagnostics': DiagnosticsView,
     'alarms': AlarmsView,
     'faults': FaultsView,
     'production': ProductionView,
     'masses': MassesView,
     'means': MeansView,
     'spreads': SpreadsView,
-    'zero': ZeroView,
     'belt': EmptyBeltView,
+    'diagnostics': DiagnosticsView,
 }

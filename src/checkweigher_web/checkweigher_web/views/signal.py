@@ -7,11 +7,12 @@ import math
 
 from nicegui import json, ui
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_core.records import GRAMS, Eye, LoadCell, WeighWindow
 from checkweigher_web import charts
-from checkweigher_web.charts import ALARM, DENOISED, LEVEL, RAW, REFERENCE, Options
-from checkweigher_web.drawing import Drawing, row_key
+from checkweigher_web.charts import ALARM, DENOISED, LEVEL, OTHERS, RAW, REFERENCE, Options
+from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import Figure, Lines
 from checkweigher_web.lane import ShownItem
 from checkweigher_web.views.fault_marks import EDGES, Mark, Scene, expected_rise, fault_marks
@@ -19,6 +20,8 @@ from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import said, when, why
 
 _ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour and row of each eye
+_BEFORE, _POINTS = 20, 60  # items below the signal, and points of each of them
+_DETAIL = 110  # height in px of the figure of the plateau
 _LEAD = 0.5  # time before t1 that is shown, as a fraction of t3 - t1
 
 Edge = tuple[float, bool, bool]  # time in ms, whether it blocks the eye, whether it was detected
@@ -26,7 +29,7 @@ Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both 
 
 
 class SignalView(View):
-    """The signal of the latest item, or of the item that the viewer has chosen."""
+    """The signal of the chosen item, or of the latest one, over those of the items before it."""
 
     title = 'Signal'
     columns = 1, 7
@@ -39,19 +42,15 @@ class SignalView(View):
         self._why = ui.label('').classes('level-ERROR')
         self._marks = Lines().classes('marks')
         with ui.element('div').classes('in-a-row'):
-            # In a recorded shift, the slider chooses the latest item.
-            text = 'show this item' if self.look.board is None else 'show the latest item'
-            self._latest = ui.button(text, on_click=lambda: self.look.choose(''))
-            self._latest.props('outline no-caps dense padding="xs sm"')
+            self._latest = ui.button('show the latest item', on_click=lambda: self.look.choose(''))
+            self._latest.props('outline')
             if self.look.keep is not None:
                 keep = ui.button('keep this item', on_click=self._keep)
-                keep.props('outline no-caps dense padding="xs sm"')
+                keep.props('outline')
 
     def _show(self) -> None:
-        chosen = self.look.chosen
-        self._latest.set_visibility(bool(chosen))
-        listed = self.drawing.items(only_faults=self.look.only_faults)
-        item = next((each for each in listed if chosen in ('', row_key(each.key))), None)
+        self._latest.set_visibility(bool(self.look.chosen))
+        item = self.look.item()
         if item is None:
             return
         self._item = item
@@ -71,39 +70,53 @@ def drawn(drawing: Drawing, item: ShownItem) -> tuple[str, tuple[str, ...]]:
     made = drawing.once('signals', drawing.lane.version, dict)
     if item.key not in made:
         known, cell = drawing.lane.with_signals(item), drawing.lane.load_cell
-        figure, marks = signal_chart(known, cell)
+        before = drawing.lane.windows_before(item, _BEFORE)
+        figure, marks = signal_chart(known, cell, before)
         made[item.key] = json.dumps(figure), tuple(mark.text for mark in marks)
     return made[item.key]
 
 
-def signal_chart(item: ShownItem, load_cell: LoadCell | None) -> tuple[Options, list[Mark]]:
-    """Return the figure of an item: its window, or the raw signal around a fault with marks."""
+def signal_chart(
+    item: ShownItem, load_cell: LoadCell | None, before: Sequence[WeighWindow] = ()
+) -> tuple[Options, list[Mark]]:
+    """Return the figure of an item: its window, or the raw signal around a fault with marks.
+
+    A window is drawn over those of the items `before` it.
+    """
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell)
         marks = fault_marks(scene)
         return _scene_chart(scene, marks), marks
     if item.window is not None and len(item.window.counts):
-        return _window_chart(item, item.window), []
+        return _window_chart(item, item.window, before), []
     return charts.nothing('no signal: it came before this page was open'), []
 
 
-def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
+def _window_chart(item: ShownItem, window: WeighWindow, before: Sequence[WeighWindow]) -> Options:
     origin = window.t1 or window.stamp
-    time = (window.stamp - origin) / 1e6 + 1e3 / window.sample_rate * np.arange(len(window.counts))
-    series = [charts.line('raw', time, GRAMS * window.force, RAW, width=1)]
+    time = _times(window)
+    raw = charts.line('raw', time, GRAMS * window.force, RAW, width=1)
+    series = [*_overlaid(before), raw]
+    plateau = slice(window.window_begin, max(window.window_end, window.window_begin + 1))
+    detail = [
+        charts.line('raw, t2 to t3', time[plateau], GRAMS * window.force[plateau], RAW, width=1)
+    ]
     if len(window.denoised):
-        series.append(charts.line('denoised', time, GRAMS * window.denoised, DENOISED, width=2))
-    ends = time[[window.window_begin, max(window.window_end - 1, 0)]]
+        denoised = GRAMS * window.denoised
+        series.append(charts.line('denoised', time, denoised, DENOISED, width=2))
+        name = 'denoised, t2 to t3'
+        detail.append(charts.line(name, time[plateau], denoised[plateau], DENOISED, width=2))
     mass, margin = GRAMS * item.verdict.mass, 2 * GRAMS * item.verdict.std_dev
     if math.isfinite(mass):
-        level = charts.line('mass', ends, np.full(2, mass), LEVEL, width=3)
+        ends = time[plateau][[0, -1]]
         band = [
             {'yAxis': mass - margin, 'xAxis': ends[0]},
             {'yAxis': mass + margin, 'xAxis': ends[1]},
         ]
-        shade = {'color': LEVEL, 'opacity': 0.15}
-        level['markArea'] = {'silent': True, 'data': [band], 'itemStyle': shade}
-        series.append(level)
+        shade = {'color': LEVEL, 'opacity': 0.2}
+        area = {'markArea': {'silent': True, 'data': [band], 'itemStyle': shade}}
+        for name, shown in (('mass \u00b1 2 s', series), ('mass, t2 to t3', detail)):
+            shown.append(charts.line(name, ends, np.full(2, mass), LEVEL, width=3) | area)
     if math.isfinite(item.reference):
         known = np.full(2, GRAMS * item.reference)
         series.append(
@@ -111,11 +124,47 @@ def _window_chart(item: ShownItem, window: WeighWindow) -> Options:
         )
     marks = {'t1': window.t1, 't2': window.t2, 't3': window.t3, 't4': item.t4}
     places = {name: (stamp - origin) / 1e6 for name, stamp in marks.items() if stamp is not None}
-    series[0]['markLine'] = charts.mark_lines(places)
+    raw['markLine'] = charts.mark_lines(places)
     figure = charts.figure(series, 'ms after t1', 'g')
-    transit = places.get('t3', ends[1])
+    transit = places.get('t3', time[plateau][-1])
     figure['xAxis'] |= {'min': max(time[0], -_LEAD * transit), 'max': max(places.values())}
+    _add_detail(figure, detail)
     return figure
+
+
+def _times(window: WeighWindow) -> NDArray[np.float64]:
+    """Return the times of the samples of a window in ms after t1, shape (n,)."""
+    begin = (window.stamp - (window.t1 or window.stamp)) / 1e6
+    return begin + 1e3 / window.sample_rate * np.arange(len(window.counts), dtype=np.float64)
+
+
+def _overlaid(windows: Sequence[WeighWindow]) -> list[Options]:
+    """Return the raw signals of windows, one over the other, as one series with few points."""
+    points: list[list[float | None]] = []
+    for window in windows:
+        step = max(1, len(window.counts) // _POINTS)
+        curve = np.column_stack([_times(window), GRAMS * window.force])[::step]
+        points += [*curve.round(2).tolist(), [None, None]]
+    if not points:
+        return []
+    nothing = np.zeros(0)
+    drawn = charts.line(f'last {len(windows)} items', nothing, nothing, OTHERS, width=1)
+    return [drawn | {'data': points, 'silent': True, 'tooltip': {'show': False}}]
+
+
+def _add_detail(figure: Options, detail: Sequence[Options]) -> None:
+    """Add the plateau below a figure, on a scale of its own."""
+    hidden = {'axisLabel': {'showMinLabel': False, 'showMaxLabel': False}}
+    x_axis = {'type': 'value', 'min': 'dataMin', 'max': 'dataMax', 'gridIndex': 1} | hidden
+    x_axis |= {'name': 'plateau, ms after t1', 'nameLocation': 'middle', 'nameGap': 25}
+    sides = {'left': 65, 'right': 50}
+    figure['grid'] = [
+        sides | {'top': 40, 'bottom': _DETAIL + 105},
+        sides | {'height': _DETAIL, 'bottom': 45},
+    ]
+    figure['xAxis'] = [figure['xAxis'], x_axis]
+    figure['yAxis'] = [figure['yAxis'], figure['yAxis'] | {'gridIndex': 1, 'splitNumber': 3}]
+    figure['series'] += [each | {'xAxisIndex': 1, 'yAxisIndex': 1} for each in detail]
 
 
 def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
@@ -135,7 +184,6 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
     places = [float(time[0]), float(time[-1]), *missing.values()]
     shown = min(places), max(places)
     figure = charts.figure(series, '', 'g')
-    figure['legend']['data'] = [each['name'] for each in series]
     _add_rows_of_eyes(figure, shown, f'ms after {first}')
     for eye in _ROWS:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]

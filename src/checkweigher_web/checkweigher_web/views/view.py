@@ -4,17 +4,21 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import reduce
+import math
 import time
 from typing import ClassVar
 
 from nicegui import json
 
+from checkweigher_core.records import Decision
 from checkweigher_core.ros.status_board import Row, StatusBoard
 from checkweigher_web.charts import Options
-from checkweigher_web.drawing import Drawing
+from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.elements import Figure
-from checkweigher_web.lane import ShownItem
+from checkweigher_web.lane import ShownItem, Span
+from checkweigher_web.mass_series import MassSeries
 
 FAST, SLOW = 0.1, 1.0  # periods of the updates in s
 
@@ -23,19 +27,70 @@ FAST, SLOW = 0.1, 1.0  # periods of the updates in s
 class Look:
     """State of one viewer of a lane.
 
-    `board` is None for a recorded shift. `keep` is None if the viewer may not keep items. `chosen`
-    is the key of the item that the viewer has chosen, or '' for the latest item.
+    `board` is None for a recorded shift. `keep` is None if the viewer may not keep items. `work`
+    has the functions that open the dialogs of the actions that the viewer may do, by their labels.
+    `chosen` is the key of the item that the viewer has chosen, or '' for the latest item.
+    `span` is the part of the time axis that the viewer has selected, or None for all of it.
     """
 
     drawing: Drawing
     board: StatusBoard | None = None
     keep: Callable[[ShownItem], Awaitable[None]] | None = None
+    work: dict[str, Callable[[], Awaitable[None]]] = field(default_factory=dict)
     chosen: str = ''
     only_faults: bool = False
+    span: Span | None = None
 
     def choose(self, key: str) -> None:
         """Choose the item with a key, or the latest item for the key ''."""
         self.chosen = key
+
+    def items(self) -> list[ShownItem]:
+        """Return the items that the viewer has selected, the latest first."""
+        if self.span is None:
+            return self.drawing.items(only_faults=self.only_faults)
+        lane = self.drawing.lane
+        return (lane.faults if self.only_faults else lane.items)(self.span)
+
+    def item(self) -> ShownItem | None:
+        """Return the chosen item, or the latest of the selected items."""
+        items = self.items()
+        latest = next(iter(items), None)
+        if not self.chosen:
+            return latest
+        return next((each for each in items if row_key(each) == self.chosen), latest)
+
+    def series(self) -> MassSeries:
+        """Return the masses of the selected items."""
+        if self.span is None:
+            return self.drawing.lane.series
+        verdicts = (item.verdict for item in reversed(self.drawing.lane.items(self.span)))
+        return reduce(MassSeries.with_item, verdicts, MassSeries())
+
+    def move(self, step: float, *, faults: bool) -> bool:
+        """Choose another item, or another fault, and return whether there is one.
+
+        `step` is the distance from the present item, which is positive for later items.
+        """
+        items = self.items()[::-1]
+        keys = [row_key(item) for item in items]
+        at = keys.index(self.chosen) if self.chosen in keys else len(items) - 1
+        wanted = (
+            k
+            for k, item in enumerate(items)
+            if item.verdict.decision == Decision.FAULT or not faults
+        )
+        places = [k for k in wanted if (k > at if step > 0 else k < at)]
+        if not places:
+            return False
+        nearest, farthest = (places[0], places[-1]) if step > 0 else (places[-1], places[0])
+        self.choose(keys[farthest if math.isinf(step) else nearest])
+        return True
+
+    def place(self) -> tuple[int, int]:
+        """Return the place of the present item, from 1, and the number of the selected items."""
+        item, items = self.item(), self.items()
+        return (0 if item is None else len(items) - items.index(item)), len(items)
 
     def nodes(self) -> list[Row]:
         """Return the diagnostics of the nodes of the lane, which are collected once a second."""
@@ -86,7 +141,7 @@ class View(ABC):
 
     def _state(self) -> object:
         """Return a value that differs from the previous one if the view must be updated."""
-        return self.lane.version, self.look.chosen, self.look.only_faults
+        return self.lane.version, self.look.chosen, self.look.only_faults, self.look.span
 
     @abstractmethod
     def _build(self) -> None:
@@ -103,20 +158,23 @@ class FigureView(View):
     label: ClassVar[str]
 
     @classmethod
-    def figure(cls, drawing: Drawing) -> str:
+    def figure(cls, look: Look) -> str:
         """Return the figure as JSON, which is drawn again for a new item, product or batch."""
-        return drawing.once(cls.label, drawing.of_items(), lambda: json.dumps(cls._draw(drawing)))
+        if look.span is not None:
+            return json.dumps(cls._draw(look))
+        state = look.drawing.of_items()
+        return look.drawing.once(cls.label, state, lambda: json.dumps(cls._draw(look)))
 
     @classmethod
     @abstractmethod
-    def _draw(cls, drawing: Drawing) -> Options:
-        """Return the figure."""
+    def _draw(cls, look: Look) -> Options:
+        """Return the figure of the items that the viewer has selected."""
 
     def _build(self) -> None:
         self._figure = Figure(self.label)
 
     def _state(self) -> object:
-        return self.drawing.of_items()
+        return self.drawing.of_items(), self.look.span
 
     def _show(self) -> None:
-        self._figure.show_text(self.figure(self.drawing))
+        self._figure.show_text(self.figure(self.look))

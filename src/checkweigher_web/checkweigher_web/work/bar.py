@@ -1,16 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Buttons for the work on a lane that the role of the user allows."""
+"""Buttons and menu for the work on a lane that the role of the user allows."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
 import math
 
 from nicegui import ui
+from nicegui.element import Element
 
 from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
+from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
+from checkweigher_web.views.item import standstill
+from checkweigher_web.views.view import Look
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import MassLimits
 from checkweigher_web.work.audit import audit_log
@@ -39,21 +43,43 @@ _LIMITS = (
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
-def work_bar(desk: Desk) -> None:
-    """Show the buttons that the role of the user allows."""
+def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
+    """Return the functions that open the dialogs which the role of the user allows, by label."""
+    return {
+        label: partial(_open, desk, label, role, begin)
+        for label, role, begin in _ACTIONS
+        if desk.role >= role
+    }
+
+
+def work_bar(look: Look) -> None:
+    """Show a button for each of the main actions, and either Start or Stop."""
     with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
-        for label, role, begin in _BUTTONS:
-            if desk.role >= role:
-                _button(desk, label, role, begin)
-        if desk.role >= Role.TECHNICIAN:
-            simulated = _button(desk, 'Simulated machine', Role.TECHNICIAN, operate)
-            simulated.set_visibility(False)
-            ui.timer(_PERIOD, lambda: simulated.set_visibility(_is_simulated(desk.lane)))
+        buttons = {label: ui.button(label, on_click=look.work[label]) for label in _MAIN}
+    for button in buttons.values():
+        button.props('outline')
+
+    def update() -> None:
+        stands = bool(standstill(look.nodes()))
+        buttons['Start'].set_visibility(stands)
+        buttons['Stop'].set_visibility(not stands)
+
+    update()
+    ui.timer(_PERIOD, update)
 
 
-def _button(desk: Desk, label: str, role: Role, begin: _Begin) -> ui.button:
-    button = ui.button(label, on_click=partial(_open, desk, label, role, begin))
-    return button.props('outline no-caps')
+def work_menu(desk: Desk, look: Look) -> None:
+    """Add an entry to a menu for each action that has no button of its own."""
+    for label, open_dialog in look.work.items():
+        if label not in _MAIN:
+            entry = menu_entry(label, open_dialog)
+            if label == _SIMULATED:
+                entry.set_visibility(False)
+                ui.timer(_PERIOD, partial(_show_simulated, entry, desk.lane))
+
+
+def _show_simulated(entry: Element, lane: Lane) -> None:
+    entry.set_visibility(_is_simulated(lane))
 
 
 def _is_simulated(lane: Lane) -> bool:
@@ -161,8 +187,10 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
     ask(desk, 'Limits', _LIMITS, 'Set', plan, lower, upper, role=Role.TECHNICIAN)
 
 
+_SIMULATED = 'Simulated machine'
+_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # actions with a button; others: the menu
 # Label, lowest role and function of each dialog. A new action needs only a row in this table.
-_BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
+_ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Product', Role.OPERATOR, _product),
     ('New batch', Role.OPERATOR, _batch),
     ('Zero', Role.OPERATOR, _confirmed('Zero', 'zero', actions.zero, _ZERO)),
@@ -183,4 +211,5 @@ _BUTTONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Calibration', Role.TECHNICIAN, CalibrationDialog.open),
     ('Dynamic setting', Role.TECHNICIAN, DynamicSettingGuide.open),
     ('Verification', Role.TECHNICIAN, VerificationGuide.open),
+    (_SIMULATED, Role.TECHNICIAN, operate),
 )

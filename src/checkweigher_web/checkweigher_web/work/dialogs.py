@@ -5,6 +5,7 @@
 from collections.abc import Awaitable, Callable
 from functools import partial
 import re
+import time
 from typing import ClassVar
 
 from nicegui import ui
@@ -13,7 +14,7 @@ from nicegui.element import Element
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.users import Role
-from checkweigher_web.lane import Lane
+from checkweigher_web.lane import Deed, Lane
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
@@ -57,7 +58,10 @@ class Desk:
         if self.needs_reason and not reason:
             return Outcome(False, 'the recipe on the line asks for a reason')
         person = Person(session.user.name, session.address)
-        return await (await self.services()).act(person, what, reason, action)
+        outcome = await (await self.services()).act(person, what, reason, action)
+        if outcome.done:
+            self.lane.take(Deed(time.time_ns(), person.name, what))
+        return outcome
 
 
 class Dialog:

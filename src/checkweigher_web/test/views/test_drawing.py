@@ -5,22 +5,32 @@
 from dataclasses import replace
 import json
 import math
+from typing import Any
 
 from lines import edges_of, simulated
 import pytest
 from shown_lanes import lane_of
 
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_core.records import (
+    GRAMS,
+    NANOSECONDS,
+    Alarm,
+    Alarms,
+    Decision,
+    Verdict,
+    ZeroChange,
+)
 from checkweigher_core.records.reasons import Reason
+from checkweigher_web.charts import local_times, stamp_of
 from checkweigher_web.drawing import Drawing, row_key
-from checkweigher_web.lane import Lane
+from checkweigher_web.lane import BeltNoise, Deed, Lane
 from checkweigher_web.views.control_charts import MeansView, SpreadsView
+from checkweigher_web.views.hour import hour
 from checkweigher_web.views.item_list import rows_of
 from checkweigher_web.views.masses import MassesView
 from checkweigher_web.views.signal import drawn
-from checkweigher_web.views.view import FigureView
-from checkweigher_web.views.zero import ZeroView
+from checkweigher_web.views.view import FigureView, Look
 
 
 def judged(number: int, decision: Decision) -> Verdict:
@@ -32,19 +42,20 @@ def test_a_text_is_made_once_and_again_when_the_lane_has_more():
     lane = Lane('')
     drawing = Drawing(lane)
     lane.take(judged(1, Decision.ACCEPT))
-    rows, masses = rows_of(drawing), MassesView.figure(drawing)
+    look = Look(drawing)
+    rows, masses = rows_of(look), MassesView.figure(look)
     signal = drawn(drawing, drawing.items()[0])
-    assert rows_of(drawing) is rows
-    assert MassesView.figure(drawing) is masses
+    assert rows_of(look) is rows
+    assert MassesView.figure(look) is masses
     assert drawn(drawing, drawing.items()[0]) is signal
     lane.take(judged(2, Decision.FAULT))
-    assert [row[1] for row in json.loads(rows_of(drawing))] == ['2', '1']
-    assert MassesView.figure(drawing) is not masses
+    assert [row[1] for row in json.loads(rows_of(look))] == ['2', '1']
+    assert MassesView.figure(look) is not masses
 
 
-@pytest.mark.parametrize('view', [MassesView, MeansView, SpreadsView, ZeroView])
+@pytest.mark.parametrize('view', [MassesView, MeansView, SpreadsView])
 def test_a_lane_without_an_item_has_figures_that_say_so(view: type[FigureView]):
-    assert json.loads(view.figure(Drawing(Lane(''))))['title']['text']
+    assert json.loads(view.figure(Look(Drawing(Lane('')))))['title']['text']
 
 
 def test_the_list_is_that_of_the_faults_where_a_viewer_wants_these():
@@ -52,10 +63,18 @@ def test_the_list_is_that_of_the_faults_where_a_viewer_wants_these():
     drawing = Drawing(lane)
     for verdict in (judged(1, Decision.FAULT), judged(2, Decision.ACCEPT)):
         lane.take(verdict)
-    (row,) = json.loads(rows_of(drawing, only_faults=True))
+    look = Look(drawing, only_faults=True)
+    (row,) = json.loads(rows_of(look))
     (item,) = drawing.items(only_faults=True)
-    assert row[:3] == [row_key(item.key), '1', 'FAULT']
-    assert len(json.loads(rows_of(drawing))) == 2
+    assert row[:3] == [row_key(item), '1', 'FAULT']
+    look.only_faults = False
+    assert len(json.loads(rows_of(look))) == 2
+
+
+def zero_row(drawing: Drawing) -> dict[str, dict[str, Any]]:
+    """Return the series of the zero over time by name."""
+    series = json.loads(hour(drawing, live=False))['series']
+    return {each['name']: each for each in series if each['xAxisIndex'] == 3}
 
 
 LEFT = 0.5  # kg
@@ -79,22 +98,78 @@ def test_the_zero_shows_what_the_belt_reads_where_it_cannot_be_trusted(loaded: R
     out = [Reason.ZERO_OUT_OF_RANGE in item.verdict.reasons for item in reversed(lane.items())]
     assert out == [False] * SOUND + [True] * (10 - SOUND)
     drawing = Drawing(lane)
-    line, read = json.loads(ZeroView.figure(drawing))['series']
-    assert [zero is None for _, zero in line['data']] == out
-    assert [at for at, _ in read['data']] == [at for at, zero in line['data'] if zero is None]
+    read = zero_row(drawing)['as read, ZeroOutOfRange']
+    stamps = [item.verdict.t1 for item in reversed(lane.items())][SOUND:]
+    assert [at for at, _ in read['data']] == pytest.approx(local_times(stamps).tolist())
     assert [reading for _, reading in read['data']] == pytest.approx([GRAMS * LEFT] * 5, rel=0.05)
     # What was read once stays when the samples have gone.
     lane.forget_signals()
     lane.take(judged(11, Decision.ACCEPT))
-    again = json.loads(ZeroView.figure(drawing))['series']
-    assert again[1] == read
+    assert zero_row(drawing)['as read, ZeroOutOfRange'] == read
 
 
-def test_a_zero_that_nobody_has_read_is_marked_with_its_reason(loaded: Recording):
+def test_a_zero_that_nobody_has_read_is_not_drawn(loaded: Recording):
     lane = lane_of(loaded)
     lane.forget_signals()
-    (line,) = json.loads(ZeroView.figure(Drawing(lane)))['series']
-    ((begin, end),) = line['markArea']['data']
-    assert begin['name'] == 'ZeroOutOfRange'
-    times = [at for at, _ in line['data']]
-    assert (begin['xAxis'], end['xAxis']) == pytest.approx((times[SOUND - 1], times[-1]), abs=1e-4)
+    row = zero_row(Drawing(lane))
+    assert 'as read, ZeroOutOfRange' not in row
+    assert row['zero']['data'][-1][1] is None
+
+
+def test_all_that_happened_is_on_one_time_axis():
+    lane = Lane('')
+    for number in range(1, 21):
+        lane.take(judged(number, Decision.FAULT if number % 5 == 0 else Decision.ACCEPT))
+        lane.take(BeltNoise(number * NANOSECONDS, 0.1 * number))
+    lane.take(Alarms(1, (Alarm('fault', 'NoLoad', '', 7 * NANOSECONDS, 9 * NANOSECONDS),)))
+    lane.take(Deed(12 * NANOSECONDS, 'anna', 'zero'))
+    lane.take(ZeroChange(13 * NANOSECONDS, -0.001, 0.0, 1e-5))
+    figure = json.loads(hour(Drawing(lane), live=False))
+    names = [axis['name'] for axis in figure['yAxis']]
+    assert names == ['items', 'items/min', 'gross, g', 'zero, g', 'noise, g', 'events']
+    assert len({(axis['min'], axis['max']) for axis in figure['xAxis']}) == 1
+    series = {each['name']: each for each in figure['series']}
+    faults = [stamp_of(at) // NANOSECONDS for at, _ in series['FAULT']['data']]
+    assert faults == [5, 10, 15, 20]
+    assert len(series['ACCEPT']['data']) == 16
+    assert [gap for _, gap in series['noise']['data']][:2] == [0.1, 0.2]
+    events = [each for name in ('alarm', 'change') for each in series[name]['data']]
+    assert [(each['name'], stamp_of(each['value'][0]) // NANOSECONDS) for each in events] == [
+        ('fault NoLoad', 7), ('anna: zero', 12), ('zero -1.00 g', 13),
+    ]  # fmt: skip
+
+
+def test_the_charts_show_the_part_of_the_time_that_a_viewer_selects():
+    lane = Lane('')
+    for number in range(1, 21):
+        lane.take(judged(number, Decision.FAULT if number % 5 == 0 else Decision.ACCEPT))
+    look = Look(Drawing(lane))
+    whole = MassesView.figure(look)
+    look.span = 4_000_000_000, 10_000_000_001
+    assert [row[1] for row in json.loads(rows_of(look))] == ['10', '9', '8', '7', '6', '5', '4']
+    (bars,) = json.loads(MassesView.figure(look))['series']
+    assert sum(count for _, count in bars['data']) == 5
+    look.only_faults = True
+    assert [row[1] for row in json.loads(rows_of(look))] == ['10', '5']
+    look.span, look.only_faults = None, False
+    assert MassesView.figure(look) is whole
+
+
+def test_arrows_lead_from_item_to_item_and_from_fault_to_fault():
+    lane = Lane('')
+    for number in range(1, 7):
+        lane.take(judged(number, Decision.FAULT if number in (2, 5) else Decision.ACCEPT))
+    look = Look(Drawing(lane))
+
+    def shown() -> int:
+        return look.item().verdict.item_id
+
+    assert shown() == 6
+    for step, faults, expected in (
+        (-1, False, 5), (-1, True, 2), (1, False, 3), (1, True, 5), (math.inf, False, 6),
+        (-math.inf, False, 1), (-math.inf, True, 2),
+    ):  # fmt: skip
+        moved = look.move(step, faults=faults)
+        assert moved == (expected != 2 or step == -1)
+        assert shown() == (expected if moved else 1)
+    assert look.place() == (1, 6)

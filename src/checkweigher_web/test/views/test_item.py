@@ -1,15 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a lane weighs, by the diagnostics of its nodes."""
+"""Whether a lane weighs, by the diagnostics of its nodes, and the scale of its reading."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
 
 from checkweigher_core.health.findings import Level
+from checkweigher_core.records import Decision, Verdict
 from checkweigher_core.ros.ports import STAGES
 from checkweigher_core.ros.status_board import StatusBoard
-from checkweigher_web.views.item import standstill
+from checkweigher_production.recipes import Product
+from checkweigher_production.statistics import ProductionStatistics
+from checkweigher_web.lane import ShownItem
+from checkweigher_web.views.item import reading, standstill
 
 
 def status(name: str, **values: object) -> object:
@@ -61,3 +66,30 @@ def test_nodes_that_nobody_has_heard_yet_are_no_standstill():
     board = StatusBoard()
     board.add(0.0, [status('product: Connections')])
     assert standstill(board.rows(0.0)) == ''
+
+
+def test_the_scale_has_the_limits_and_the_items_of_the_same_batch():
+    product = Product('crisps', 0.150, tare=0.004, tu1=0.14325, tu2=0.1365)
+    verdicts = [
+        Verdict(n, n, Decision.ACCEPT, mass=mass, product='crisps', batch=batch,
+                lower_limit=0.14725, upper_limit=0.169)
+        for n, mass, batch in (
+            (4, 0.155, 'L2'), (3, 0.2, 'L2'), (2, math.nan, 'L2'), (1, 0.15, 'L1'),
+        )
+    ]  # fmt: skip
+    items = [ShownItem(each) for each in verdicts]
+    scale = reading(items[0], items, ProductionStatistics(product).summary('L2'))['scale']
+    names = ['TU2 140.5', 'TU1 = lower 147.25', 'nominal 154', 'upper 169']
+    assert [name for name, *_ in scale['limits']] == names
+    # The margins are 12 % of the range of the limits, 28.5 g.
+    low, width = 140.5 - 3.42, 28.5 + 2 * 3.42
+    places = [at for _, at, _ in scale['limits']]
+    limits = [(mass - low) / width for mass in (140.5, 147.25, 154, 169)]
+    assert places == pytest.approx(limits, abs=1e-4)
+    assert scale['accepted'] == [places[1], places[3]]
+    assert scale['at'] == pytest.approx((155 - low) / width, abs=1e-4)
+    assert scale['dots'] == [[1.0, 'ACCEPT']]  # beyond the scale; others have no mass or batch
+
+
+def test_a_driver_in_an_unknown_state_is_not_said_to_weigh():
+    assert standstill(board_of('melted').rows(1.0)) == "unknown state 'melted'"

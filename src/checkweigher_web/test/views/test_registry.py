@@ -13,17 +13,17 @@ from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.lane import Lane
-from checkweigher_web.shift import Playback, Shift
+from checkweigher_web.shift import Shift
 from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import Look, View
 
 RECORDING = simulated(count=12, seed=5)
 
 
-def shift() -> Playback:
-    found = Shift(RECORDING, LineParameters())
+def shift() -> Shift:
+    found = Shift(RECORDING, LineParameters(), 'a')
     found.index()
-    return Playback(found, 'a')
+    return found
 
 
 LOOKS = {
@@ -43,7 +43,7 @@ def test_a_view_shows_what_there_is_and_what_was_chosen(kind: type[View], name: 
             view = kind(look)
             view.update()
             for item in look.drawing.items()[-1:]:
-                look.choose(row_key(item.key))
+                look.choose(row_key(item))
                 look.only_faults = True
                 view.update()
         client.delete()

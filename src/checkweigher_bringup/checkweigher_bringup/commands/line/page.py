@@ -72,7 +72,7 @@ def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int
     from checkweigher_web.server import serve_shift
     from checkweigher_web.shift import Shift
 
-    shift = Shift(recording, parameters)
+    shift = Shift(recording, parameters, given.bag.resolve().name)
     del recording  # The shift has the samples in a file, so they need no memory.
-    serve_shift(site, shift, given.bag.resolve().name, given.report)
+    serve_shift(site, shift, given.report)
     return 0

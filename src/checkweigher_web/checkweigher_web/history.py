@@ -1,0 +1,128 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Items of the last hour or of a recorded shift over time, and their means in intervals."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+
+HOUR = 3600 * NANOSECONDS
+Change = tuple[int, str]  # stamp in ns, and a text on what changed
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Items in the order of their verdicts. Items without a time are left out.
+
+    Attributes
+    ----------
+    stamps : array of shape (n,)
+        Times of the items in ns.
+    decisions : array of shape (n,)
+        Values of `Decision`.
+    masses, zeros : array of shape (n,)
+        Gross masses, and zeros relative to the calibration, in g, or NaN.
+    noise : array of shape (m, 2)
+        Times in ns, and standard deviations of the empty belt in g.
+    changes : tuple of (int, str)
+        Changes of product, batch and limits, and actions of persons.
+    """
+
+    stamps: NDArray[np.int64]
+    decisions: NDArray[np.int64]
+    masses: NDArray[np.float64]
+    zeros: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    changes: tuple[Change, ...]
+
+
+def history_of(
+    items: Iterable[tuple[Verdict, float]],
+    noise: Iterable[tuple[int, float]] = (),
+    changes: Iterable[Change] = (),
+) -> History:
+    """Return the history of items with their zeros in kg.
+
+    `noise` has times in ns and standard deviations of the empty belt in g. `changes` are those that
+    the verdicts do not show.
+    """
+    timed = [each for each in items if each[0].t3 or each[0].t1]
+    verdicts = [verdict for verdict, _ in timed]
+    found = [*changes, *_changes(verdicts)]
+    return History(
+        np.array([_stamp_of(each) for each in verdicts], np.int64),
+        np.array([each.decision for each in verdicts], np.int64),
+        GRAMS * np.array([each.mass for each in verdicts], np.float64),
+        GRAMS * np.array([zero for _, zero in timed], np.float64),
+        np.array([*noise], np.float64).reshape(-1, 2),
+        tuple(sorted(found)),
+    )
+
+
+def _stamp_of(verdict: Verdict) -> int:
+    return verdict.t3 or verdict.t1 or 0
+
+
+def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
+    """Yield the changes of product, batch and limits from one item to the next."""
+    for one, other in pairwise(verdicts):
+        if one.product != other.product:
+            yield _stamp_of(other), f'product {other.product or "none"}'
+        elif one.batch != other.batch:
+            yield _stamp_of(other), f'batch {other.batch or "none"}'
+        elif (one.lower_limit, one.upper_limit) != (other.lower_limit, other.upper_limit):
+            limits = (
+                f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
+                for limit in (other.lower_limit, other.upper_limit)
+            )
+            yield _stamp_of(other), f'limits {" and ".join(limits)}'
+
+
+@dataclass(frozen=True, slots=True)
+class Intervals:
+    """Means of a history in intervals of equal length, as arrays of shape (k,).
+
+    `times` has the middle of each interval in ns. `rates` are in items per minute, `rejects` is the
+    fraction of rejected items. Means, standard deviations and zeros are in g. Values of an interval
+    without items are NaN.
+    """
+
+    times: NDArray[Any]
+    rates: NDArray[np.float64]
+    rejects: NDArray[np.float64]
+    means: NDArray[np.float64]
+    std_devs: NDArray[np.float64]
+    zeros: NDArray[np.float64]
+
+
+def intervals(history: History, begin: int, end: int, count: int) -> Intervals:
+    """Return the means in `count` intervals from `begin` to `end` in ns."""
+    length = max(end - begin, 1) / count
+    places = np.floor((history.stamps - begin) / length).astype(int)
+    inside = (places >= 0) & (places < count)
+    accepted = inside & (history.decisions == Decision.ACCEPT)
+
+    def summed(where: NDArray[np.bool_], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.bincount(places[where], values[where], count).astype(np.float64)
+
+    ones = np.ones(len(places))
+    weighed, zeroed = accepted & np.isfinite(history.masses), inside & np.isfinite(history.zeros)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        items, number = summed(inside, ones), summed(weighed, ones)
+        means = summed(weighed, history.masses) / number
+        deviations = (history.masses - means[np.clip(places, 0, count - 1)]) ** 2
+        return Intervals(
+            begin + length * (np.arange(count) + 0.5),
+            items * 60 * NANOSECONDS / length,
+            1 - summed(accepted, ones) / items,
+            means,
+            np.sqrt(summed(weighed, deviations) / np.maximum(number - 1, 0)),
+            summed(zeroed, history.zeros) / summed(zeroed, ones),
+        )

@@ -1,0 +1,231 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""View of the last hour, or of a recorded shift, on one time axis."""
+
+from collections.abc import Mapping, Sequence
+import math
+import time
+
+from nicegui import json, ui
+from nicegui.events import GenericEventArguments
+import numpy as np
+
+from checkweigher_core.records import GRAMS, NANOSECONDS, Alarm, Decision
+from checkweigher_core.records.reasons import Reason
+from checkweigher_web import charts
+from checkweigher_web.charts import ALARM, DENOISED, INK, MUTED, Options
+from checkweigher_web.drawing import Drawing, row_key
+from checkweigher_web.elements import Figure
+from checkweigher_web.history import HOUR, History, intervals
+from checkweigher_web.lane import Key, ShownItem
+from checkweigher_web.views.fault_marks import Scene, empty_belt
+from checkweigher_web.views.view import SLOW, View
+from checkweigher_web.words import when
+
+_INTERVALS = 60
+_SHORTEST = 10 * NANOSECONDS  # of an interval, in ns
+_MANY, _RARELY = 1000, 10  # items above which the figure is drawn only every so many s
+_TICK = NANOSECONDS // 2  # ticks of accepted items that are closer, in ns, are one
+# Heights of the charts in px.
+_HEIGHTS = {
+    'items': 34,
+    'items/min': 62,
+    'gross, g': 84,
+    'zero, g': 62,
+    'noise, g': 50,
+    'events': 34,
+}
+
+
+class HourView(View):
+    """A tick for each item, above charts with the same time axis.
+
+    The part of the axis that a viewer selects is the part that the other views show.
+    """
+
+    title = 'Over time'
+    columns = 2, 12
+    period = SLOW
+
+    def _build(self) -> None:
+        with ui.element('div').classes('in-a-row'):
+            for text, step, faults in (
+                ('previous item', -1, False),
+                ('next item', 1, False),
+                ('previous fault', -1, True),
+                ('next fault', 1, True),
+            ):
+                button = ui.button(text, on_click=lambda s=step, f=faults: self._move(s, f))
+                button.props('outline')
+            self._whole = ui.button('whole time', on_click=lambda: self._select(None))
+            self._whole.props('outline')
+            self._where = ui.label('').classes('where').props('role=status')
+        self._figure = Figure('items over time', linked=True)
+        self._figure.props('role=slider tabindex=0')
+        self._figure.on('span', self._zoom)
+        self._figure.on('at', self._choose_at)
+        self._figure.on('keydown.left.prevent', lambda: self._move(-1, False))
+        self._figure.on('keydown.right.prevent', lambda: self._move(1, False))
+        self._figure.on('keydown.home.prevent', lambda: self._move(-math.inf, False))
+        self._figure.on('keydown.end.prevent', lambda: self._move(math.inf, False))
+
+    def _state(self) -> object:
+        return self.lane.version, self.look.chosen, self.look.span
+
+    def _show(self) -> None:
+        self._figure.show_text(hour(self.drawing, live=self.look.board is not None))
+        self._whole.set_visibility(self.look.span is not None)
+        place, count = self.look.place()
+        item = self.look.item()
+        where = '' if item is None else f'item {place} of {count}, {when(item.verdict)}'
+        self._where.set_text(where)
+        values = {'aria-valuemin': 1, 'aria-valuemax': count, 'aria-valuenow': place}
+        self._figure.props.update(values | {'aria-valuetext': where})
+
+    def _move(self, step: float, faults: bool) -> None:
+        if not self.look.move(step, faults=faults):
+            ui.notify(f'no {"fault" if faults else "item"} {"after" if step > 0 else "before"} it')
+        self.update()
+
+    def _select(self, span: tuple[int, int] | None) -> None:
+        self.look.span = span
+        if span is None:
+            self._figure.run_method('whole')
+        self.update()
+
+    def _zoom(self, event: GenericEventArguments) -> None:
+        self._select(event.args and tuple(charts.stamp_of(each) for each in event.args))
+
+    def _choose_at(self, event: GenericEventArguments) -> None:
+        stamp = charts.stamp_of(event.args)
+        items = [item for item in self.look.items() if item.times]
+        if items:
+            nearest = min(items, key=lambda item: abs(max(item.times.values()) - stamp))
+            self.look.choose(row_key(nearest))
+            self.update()
+
+
+def hour(drawing: Drawing, *, live: bool) -> str:
+    """Return the figure of the last hour, or of a whole recorded shift, as JSON."""
+    many = len(drawing.items()) >= _MANY
+    now = int(time.monotonic() / _RARELY) if many and live else drawing.lane.version
+    return drawing.once('hour', now, lambda: json.dumps(_draw(drawing, live=live)))
+
+
+def _draw(drawing: Drawing, *, live: bool) -> Options:
+    history = drawing.lane.history()
+    if not len(history.stamps):
+        return charts.nothing('waiting for items')
+    end = time.time_ns() if live else int(history.stamps.max()) + 1
+    if live and not 0 <= end - history.stamps[-1] < HOUR:
+        end = int(history.stamps[-1]) + 1  # The stamps are of another clock, or the line stands.
+    begin = max(int(history.stamps.min()), end - HOUR) if live else int(history.stamps.min())
+    return hour_figure(history, drawing.lane.alarms, _read_empty_belts(drawing), begin, end)
+
+
+def hour_figure(
+    history: History,
+    alarms: Sequence[Alarm],
+    readings: Mapping[int, float],
+    begin: int,
+    end: int,
+) -> Options:
+    """Return the figure of a history from `begin` to `end` in ns.
+
+    `readings` has the readings of the empty belt in g before items with a zero out of range, by the
+    stamp of the item.
+    """
+    count = min(_INTERVALS, max(2, (end - begin) // _SHORTEST))
+    means = intervals(history, begin, end, count)
+    at = charts.local_times(means.times)
+    rows = {
+        'items': _ticks(history),
+        'items/min': [charts.line('items/min', at, means.rates, DENOISED, width=2)],
+        'gross, g': _band(at, means.means, means.std_devs),
+        'zero, g': [charts.line('zero', at, means.zeros, DENOISED, width=2), *_read(readings)],
+        'noise, g': [charts.line('noise', *_columns(history.noise), DENOISED, width=2)],
+        'events': [
+            *_events('alarm', _alarm_events(alarms), 'triangle', ALARM),
+            *_events('change', history.changes, 'diamond', INK),
+        ],
+    }
+    # A recording has neither noise nor alarms.
+    shown = {name: own for name, own in rows.items() if any(each['data'] for each in own)}
+    heights = {name: _HEIGHTS[name] for name in shown}
+    ends = charts.local_times([begin - NANOSECONDS, end + NANOSECONDS])
+    return charts.rows([*shown.values()], heights, ends)
+
+
+def _ticks(history: History) -> list[Options]:
+    """Return a tick for each item, in colour for the rejected ones."""
+    series = []
+    for name, decisions, color, width in (
+        ('ACCEPT', (Decision.ACCEPT,), MUTED, 1),
+        ('UNDER, OVER', (Decision.UNDER, Decision.OVER), '--amber', 3),
+        ('FAULT', (Decision.FAULT,), ALARM, 3),
+    ):
+        stamps = history.stamps[np.isin(history.decisions, decisions)]
+        if decisions == (Decision.ACCEPT,):
+            stamps = np.unique(stamps // _TICK) * _TICK
+        at = charts.local_times(stamps)
+        mark = charts.symbols(name, at, np.zeros(len(at)), 'rect', 0)
+        series.append(mark | {'symbolSize': [width, 26], 'color': color, 'silent': True,
+                              'tooltip': {'show': False}})  # fmt: skip
+    return series
+
+
+def _band(at: np.ndarray, mean: np.ndarray, std_dev: np.ndarray) -> list[Options]:
+    lower, upper = (
+        charts.line(name, at, values, DENOISED, width=1, dash='dashed')
+        for name, values in (('mean - s', mean - std_dev), ('mean + s', mean + std_dev))
+    )
+    return [charts.line('mean', at, mean, DENOISED, width=2), lower, upper]
+
+
+def _read(readings: Mapping[int, float]) -> list[Options]:
+    stamps = sorted(stamp for stamp, mass in readings.items() if math.isfinite(mass))
+    if not stamps:
+        return []
+    values = np.array([readings[stamp] for stamp in stamps])
+    name = f'as read, {Reason.ZERO_OUT_OF_RANGE.value}'
+    return [charts.symbols(name, charts.local_times(stamps), values, 'diamond', 10)]
+
+
+def _columns(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return charts.local_times(pairs[:, 0]), pairs[:, 1]
+
+
+def _alarm_events(alarms: Sequence[Alarm]) -> list[tuple[int, str]]:
+    return [(each.first, f'{each.source} {each.reason}') for each in alarms]
+
+
+def _events(name: str, events: Sequence[tuple[int, str]], symbol: str, color: str) -> list[Options]:
+    at = charts.local_times([stamp for stamp, _ in events])
+    marks = charts.symbols(name, at, np.zeros(len(at)), symbol, 14)
+    data = [
+        {'name': text, 'value': point}
+        for (_, text), point in zip(events, marks['data'], strict=True)
+    ]
+    return [marks | {'data': data, 'color': color, 'tooltip': {'formatter': '{b}'}}]
+
+
+def _read_empty_belts(drawing: Drawing) -> dict[int, float]:
+    """Return the reading of the empty belt in g before each item with a zero out of range.
+
+    The readings are NaN without samples of the empty belt. All viewers share the readings, because
+    the lane soon drops its samples.
+    """
+    readings: dict[Key, float] = drawing.once('readings', None, dict)
+    cell = drawing.lane.load_cell
+    items = {item.key: item for item in drawing.items() if _is_out(item)}
+    for key in readings.keys() - items.keys():
+        del readings[key]
+    for key in items.keys() - readings.keys():
+        item = drawing.lane.with_signals(items[key])
+        found = empty_belt(Scene(item, item.stretch, cell)) if item.stretch and cell else None
+        readings[key] = math.nan if found is None else GRAMS * found[2]
+    return {key[0]: reading for key, reading in readings.items() if key[0] is not None}
+
+
+def _is_out(item: ShownItem) -> bool:
+    return Reason.ZERO_OUT_OF_RANGE in item.verdict.reasons
