@@ -11,14 +11,14 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_OVERDUE = 1.5  # An item is overdue after this number of transits without an outfeed edge.
-_TOO_EARLY = 0.1  # largest share of a transit by which an edge may be early
-_KNOWN_ITEMS = 16
+_OVERDUE = 1.5  # ratio to the usual transit above which an item is overdue or an outlier
+_TOO_EARLY = 0.1  # largest relative deviation of an outfeed edge from the usual transit
+_KNOWN_ITEMS = 16  # maximum numbers of stored recent items and of stored given-up items
 _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
 
 
 class UsualTransit:
-    """Usual time that an item takes from eye to eye. `ItemTracker` describes the parameters."""
+    """Usual time of an item between both eyes. `ItemTracker` describes the parameters."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -27,14 +27,14 @@ class UsualTransit:
 
     def forget(self) -> None:
         """Discard the usual transit, because the belt speed may have changed."""
-        self.value: int | None = None  # transit of the last item with all edges, in ns
+        self.value: int | None = None  # last accepted transit in ns, of an item without faults
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
         """Return the expected transit of an item in ns, or None if it is unknown.
 
-        Before the first item with all edges, the transit is computed from the time that this item
-        needed to enter.
+        Until the first item without faults has left, the transit is estimated from the time for
+        which this item blocked the infeed eye.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
@@ -43,7 +43,7 @@ class UsualTransit:
     def learn(self, item: TrackedItem, transit: int) -> None:
         """Update the usual transit by the transit of an item in ns.
 
-        A transit that differs from the usual one is an outlier, unless the next item confirms it.
+        A very different transit is an outlier. It becomes usual only if the next item confirms it.
         """
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
@@ -78,10 +78,10 @@ class UsualTransit:
 
 @dataclass(eq=False)
 class Belt:
-    """State of item tracking, which `checkweigher_dsp.items.transitions` updates by each edge.
+    """State of item tracking, which `checkweigher_dsp.items.transitions` updates after each edge.
 
-    The function `unloaded` has two arguments, the times `since` and `stamp` in ns. It returns
-    whether the scale shows that all items that entered after `since` had left by `stamp`.
+    ``unloaded(since, stamp)`` returns whether the scale shows that all items that entered after
+    `since` had left by `stamp`, both in ns.
     """
 
     eyes: Eyes
@@ -99,17 +99,17 @@ class Belt:
         self.covered = False  # whether an unknown or abandoned item blocks the outfeed eye
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        self.begun: TrackedItem | None = None  # item of the last t1, kept when the clock changes
-        self.freed: int | None = None  # time of the last departure of an unknown item, in ns
+        self.begun: TrackedItem | None = None  # latest item with t1, kept when the clock changes
+        self.freed: int | None = None  # latest departure in ns, possibly of an unknown item
         # Time in ns of a clearing edge before any blocking edge of the infeed eye. Such an edge may
         # only show the initial state of the eye.
         self.cleared_first: int | None = None
         self.clock_is_new = False  # whether the infeed eye had no edge since the clock changed
-        # Abandoned items are still on the belt if only the clock has jumped.
+        # Whether abandoned items are still on the belt, because only the clock has jumped.
         self.runs_on = False
         self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.unsettled: deque[TrackedItem] = deque()  # items whose numbers may still change
-        self.finished: list[TrackedItem] = []  # items to report at the next call
+        self.finished: list[TrackedItem] = []  # items that `take_finished` returns next
 
     @property
     def only_entering(self) -> bool:
@@ -133,7 +133,7 @@ class Belt:
         return item
 
     def put(self, item: TrackedItem) -> None:
-        """Add an item to the belt, on which no item can be weighed beside another one."""
+        """Add an item to the belt. If it is not alone, no item on the belt can be weighed."""
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
         self.items.append(item)
@@ -175,8 +175,8 @@ class Belt:
     def give_up_unloaded(self, stamp: int) -> None:
         """Give up all items if the scale shows at `stamp`, in ns, that the belt is empty.
 
-        Otherwise a wrong or unknown transit would have a lasting effect: each outfeed edge would be
-        assigned to the item before the correct one.
+        Otherwise a wrong or unknown transit would have a lasting effect, because each outfeed edge
+        would be assigned to the item ahead of the correct one.
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
@@ -203,7 +203,7 @@ class Belt:
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Discard all times, and the known edges and items if the clock may have gone back."""
+        """Discard all times, and also edges and recent items if the clock has gone `backwards`."""
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
         _set_state(self.given_up, State.ABANDONED)
@@ -220,7 +220,7 @@ class Belt:
             item.fault(reason)
 
     def clear(self, edge: EyeEdge) -> None:
-        """Remove the item at the eye of an edge. Items behind it at the outfeed are then alone."""
+        """Mark the eye of an edge as clear. At the outfeed, this ends the previous departure."""
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
             return
@@ -230,7 +230,7 @@ class Belt:
                 item.left_before = edge.stamp
 
     def drop_given_up(self) -> bool:
-        """Remove the given-up items. Returns whether one of them may be leaving now."""
+        """Remove given-up and abandoned items. Returns whether one of them may be leaving now."""
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
         _set_state((*self.given_up, *self.abandoned), State.GONE)
         self.given_up.clear()

@@ -9,7 +9,7 @@ from checkweigher_dsp.items.item import TrackedItem
 
 
 def departure_before(belt: Belt, stamp: int) -> int | None:
-    """Return the departure in ns of the item ahead of one that enters at `stamp`, or None."""
+    """Return when the item ahead of one that enters at `stamp` leaves, in ns; None if unknown."""
     if belt.covered:
         return None
     if belt.at_outfeed is not None:
@@ -18,7 +18,7 @@ def departure_before(belt: Belt, stamp: int) -> int | None:
 
 
 def last_departure(belt: Belt, stamp: int) -> int | None:
-    """Return the time in ns of the last departure before `stamp`, or None if it is unknown."""
+    """Return the time in ns of the last departure, at most `stamp`, or None if it is unknown."""
     items = *belt.given_up, belt.left_last
     departures = [belt.freed, *(item.departure for item in items if item is not None)]
     last = max((each for each in departures if each is not None), default=None)
@@ -45,7 +45,7 @@ def is_none_due(belt: Belt, stamp: int) -> bool:
 def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
     """Remove and return the item that an outfeed edge belongs to, and give up the items before it.
 
-    The edge belongs to the item whose transit would be nearest to the usual transit.
+    The edge is assigned to the item whose transit is then nearest to the expected transit.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

@@ -33,7 +33,7 @@ class EdgeQueue:
         return not self._edges
 
     def add(self, edge: EyeEdge) -> None:
-        """Add an edge."""
+        """Add an edge. An edge that is too old becomes a stray."""
         if edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
         else:
@@ -69,7 +69,7 @@ class EdgeQueue:
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Remove and return the edges after a jump of the clock to the time `stamp` in ns."""
+        """Remove and return the edges of the new clock, which has jumped to `stamp` in ns."""
         if forward:
             position = bisect_left(self._edges, stamp, key=_STAMP)
             new, self._edges = self._edges[position:], self._edges[:position]

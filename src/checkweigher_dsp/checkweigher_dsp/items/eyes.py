@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State of the photo-eyes, with tests for repeated edges, chatter and start-up."""
+"""State of the photo-eyes, with checks for repeated edges, chatter and start-up."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_dsp.items.item import TrackedItem
 
-_LONG_AGO = -(2**62)  # ns
+_LONG_AGO = -(2**62)  # time in ns before any stamp
 _REMEMBERED = 64  # number of edges that are kept to detect repeated edges
 
 
@@ -41,7 +41,7 @@ class Eyes:
         return any(edge.blocked for edge in self.youngest.values())
 
     def is_new(self, edge: EyeEdge) -> bool:
-        """Store an edge and return whether it has not come before."""
+        """Store an edge. Returns False if the edge repeats a recent one."""
         if edge in self._known:
             return False
         self._known[edge] = None
@@ -50,7 +50,7 @@ class Eyes:
         return True
 
     def take(self, edge: EyeEdge) -> EyeEdge | None:
-        """Store the youngest edge of an eye and return the previous one."""
+        """Store an edge as the youngest of its eye, and return the previous one."""
         previous = self.youngest.get(edge.eye)
         self.youngest[edge.eye] = self.latest[edge.eye] = edge
         self._first.setdefault(edge.eye, edge.stamp)
@@ -70,8 +70,9 @@ class Eyes:
     def shows_state(self, stamp: int) -> bool:
         """Return whether an eye that clears at `stamp`, in ns, only shows its initial state.
 
-        The edge is the first edge of the eye. It shows the initial state if it is near the first
-        sample, or near the first edge of the other eye.
+        The edge is the first edge of the eye. It shows the initial state if it is at most one
+        transit before or one debounce time after the first sample, or within one debounce time of
+        the first edge of the other eye.
         """
         if self.origin is not None and -self._max_transit < stamp - self.origin <= self.debounce:
             return True
@@ -79,10 +80,7 @@ class Eyes:
         return both and abs(self._first[Eye.INFEED] - self._first[Eye.OUTFEED]) <= self.debounce
 
     def forget_clock(self) -> None:
-        """Discard all stamps, because the clock has changed.
-
-        Both eyes keep their states, but later edges are not compared with the edges so far.
-        """
+        """Discard the edges except the states of both eyes, because the clock has changed."""
         self._known.clear()
         self.latest.clear()
         for eye, edge in self.youngest.items():

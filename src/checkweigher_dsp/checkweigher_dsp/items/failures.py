@@ -51,10 +51,10 @@ class Failures:
         fault: Callable[[A], B],
         items: Sequence[A],
     ) -> list[B]:
-        """Process items at once and return the results; `work` must not have a state."""
+        """Process all items in one call of the stateless `work`, and return the results."""
         try:
             return list(work(items))
-        except Exception:  # The items are processed again to find the one that fails.
+        except Exception:  # Process the items again one by one, so that only one of them fails.
             return self.each(lambda item: work([item])[0], fault, items)
 
 

@@ -16,7 +16,7 @@ class State(Enum):
     LEAVING = 'the item is the last one that has blocked the outfeed eye'
     GONE = 'no further edge belongs to the item'
     GIVEN_UP = 'the item was reported without an outfeed edge, which may still come'
-    ABANDONED = 'the stream of a given-up item has ended; an edge belongs to any other item first'
+    ABANDONED = 'the stream has ended; an edge is assigned to this item only if no other item fits'
 
 
 YET_TO_LEAVE = (State.ENTERING, State.ON_BELT)
@@ -31,15 +31,15 @@ class TrackedItem:
     t2: int | None = None  # The item is fully on the belt.
     t3: int | None = None  # The item begins to leave.
     t4: int | None = None  # The item has left.
-    # Reasons why the item cannot be weighed, in the order in which they were found (a set).
+    # Reasons why the item cannot be weighed, as a set in the order of their detection.
     faults: dict[Reason, None] = field(default_factory=dict)
     left_before: int | None = None  # departure of the previous item; after t1 if `others_there`
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
-    usual_transit: int | None = None  # transit of the last earlier item that had all edges
+    usual_transit: int | None = None  # usual transit when the item began to leave
     given_up: int | None = None  # time at which the item was given up
     outlier: bool = False  # whether the transit differs much from that of earlier items
     state: State = State.ON_BELT
-    # Delay of the load behind the edges, or None until the two are compared.
+    # Lag of the load behind the edges, or None before the rise of the load is compared with them.
     shift: int | None = None
     shift_std_dev: float = 0.0  # standard deviation of the shift in s
 

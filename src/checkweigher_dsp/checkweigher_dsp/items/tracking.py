@@ -21,9 +21,9 @@ from checkweigher_dsp.items.transitions import apply_edge, apply_late_edge, sett
 class ItemTracker:
     """Assignment of the edges of two eyes to items, which leave in the order of their entry.
 
-    If an edge is missing, the next edge is assigned by the transit of the last item that had all
-    edges. So a lost edge affects only one item. The rules are a table in
-    `checkweigher_dsp.items.transitions`.
+    If an edge is missing, the next outfeed edge is assigned by the usual transit, so that a lost
+    edge affects only one item. An item that is given up is reported as a fault without t3. The
+    rules are a table in `checkweigher_dsp.items.transitions`.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ItemTracker:
     max_transit : int
         Time in ns after which an item that has not reached the outfeed eye is given up.
     count : int
-        Number of the previous item.
+        Number of the last item before this tracker, or 0.
     belt_lengths : float
         Length of the belt divided by the length of a product, or 0 if the length is unknown.
     unloaded : callable
@@ -65,7 +65,7 @@ class ItemTracker:
         return None if newest is None else last_departure(self.belt, newest)
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Process an edge and return the items that are finished or given up."""
+        """Assign an edge to an item, and return the items that are finished or given up."""
         finished = self.expire(edge.stamp)
         if self.eyes.is_new(edge):
             newest = self.eyes.newest
@@ -81,7 +81,7 @@ class ItemTracker:
         self._settled += [item.snapshot() for item in settle(self.belt, stamp)]
 
     def take_settled(self) -> list[TrackedItem]:
-        """Return copies of the items whose numbers have been settled since the last call."""
+        """Return copies of the items whose numbers have become final since the last call."""
         settled, self._settled = self._settled, []
         return settled
 
@@ -103,5 +103,5 @@ class ItemTracker:
         return self.belt.take_finished()
 
     def forget(self, *, backwards: bool = True) -> None:
-        """Discard all times; discard the edges, too, if the clock may have gone back."""
+        """Discard all times, and also the edges if the clock may have gone `backwards`."""
         self.belt.forget_clock(backwards=backwards)

@@ -27,7 +27,7 @@ _FLICKERS = 2  # longest chatter of an eye at the end of an item, in debounce ti
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One case of an edge.
+    """Case of the transition table.
 
     The function `action` applies the edge if the case holds. It returns the item that the edge
     belongs to, or whether the case holds if no such item is known.
@@ -59,7 +59,7 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def settle_first(belt: Belt) -> None:
-    """Add the item of the first infeed edge, unless this edge only showed the state of the eye."""
+    """Add the item of the first edge of the infeed eye, unless it only showed the initial state."""
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
@@ -117,11 +117,11 @@ def _longest_flicker(belt: Belt, item: TrackedItem) -> int:
     return belt.eyes.debounce * (_FLICKERS if Reason.CHATTERING_EYE in item.faults else 1)
 
 
-# Cases of several kinds of edges
+# Cases that several kinds of edges share
 
 
 def _show_state(belt: Belt, switch: Switch) -> bool:
-    """Ignore the first edge of an eye if it only shows the state of the eye."""
+    """Ignore the first edge of an eye if it only shows the initial state of the eye."""
     return switch.previous is None and belt.eyes.shows_state(switch.stamp)
 
 
@@ -207,7 +207,7 @@ def _extend_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _end_reported(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Set the time at which an item that was already reported has cleared the eye."""
+    """Set t2 of an item that was already reported."""
     blocked = switch.previous is not None and switch.previous.blocked
     item = belt.begun if blocked or belt.clock_is_new else None
     if item is None or item.t2 is not None:
@@ -329,7 +329,7 @@ def _go_beside(belt: Belt, switch: Switch) -> bool:
 
 
 def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Report an item that has cleared the eye before its blocking edge came."""
+    """Report the departure of an item whose blocking edge at the outfeed eye is missing."""
     if not belt.items:
         return None
     _go_before_start(belt, switch)
@@ -347,7 +347,7 @@ def _go_before_start(belt: Belt, switch: Switch) -> None:
 
 
 def _free(belt: Belt, switch: Switch) -> bool:
-    """Store the departure of an item that is unknown or entered before a change of the clock."""
+    """Store the departure of an item that is unknown or entered before the clock changed."""
     belt.freed = switch.stamp
     belt.covered = False
     return True
@@ -394,8 +394,8 @@ TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
 def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
     """Apply a late edge, and add a fault to all items on the belt.
 
-    The edge completes an item that has no such edge. It begins a new item only if it cannot belong
-    to any known item.
+    The edge is assigned to a known item that lacks it. An edge that belongs to no known item may
+    begin a new item.
     """
     settle_first(belt)
     belt.fault_all(Reason.LATE_EDGE)
