@@ -15,14 +15,14 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
 
 _SURE = 4.0  # standard deviations by which a significant value differs from 0
-# The lag of an item is replaced by the usual lag if the two differ by less than this number of
+# The lag of an item is replaced by the usual lag if both differ by less than this number of
 # standard deviations. The second number is used if the lag of the item would shift its window.
 _LIKELY = 2.5
 _ALIKE = 1.0
 _LEAST_SHIFT = 6e-4  # smallest shift of a window in s; the lags of platforms differ by up to 5e-4
-_SHARE = 0.02  # variation of the rise time between items, as a share of the rise time
+_SHARE = 0.02  # variation of the rise time between items, as a fraction of the rise time
 # Largest distance from the stated lag. The first term, in s, allows for filters and displaced eyes.
-# The second term, a share of the rise time, allows for products whose load rises unevenly.
+# The second term, a fraction of the rise time, allows for products whose load rises unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
 _FEWEST = 5  # fewest items from which a lag is learned
@@ -49,7 +49,7 @@ class EdgeCheck:
         Numbers of items with and without a visible rise of the load.
     shift_std_dev : float
         Standard deviation of the last shift in s. An uneven rise of the load (a bend) explains a
-        part of a lag. Any shift between those with and without this part is equally likely.
+        part of a lag. All shifts from that with this part to that without it are equally likely.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
@@ -142,7 +142,7 @@ class EdgeCheck:
         return (bend, std_dev) if abs(bend) > _SURE * std_dev else (0.0, 0.0)
 
     def _own_bend(self, seen: RiseLag) -> float:
-        """Return how far the bend of an item exceeds the usual bend, or 0 if insignificant."""
+        """Return the bend of an item minus the usual bend, or 0 if it is not significant."""
         own = seen.bend - median(each.bend for each in self._first) if self._first else 0.0
         return own if abs(own) > _SURE * seen.bend_std_dev else 0.0
 
@@ -158,7 +158,7 @@ class EdgeCheck:
     def _is_mismatch(self, lag: float, margin: float, rise_time: float) -> bool:
         furthest = _FURTHEST + _FURTHEST_SHARE * rise_time + margin
         limit = self._parameters.rise_lag_tolerance + _SHARE * rise_time + margin
-        # The first comparison is False while the reference is NaN.
+        # While the reference is NaN, only the second limit applies.
         return abs(lag - self.reference) > limit or abs(lag) > furthest
 
     def _sure_shift(self, lag: float, std_dev: float) -> float:

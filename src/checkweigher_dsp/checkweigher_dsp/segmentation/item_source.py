@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Source of the items of a line, in the order in which the photo-eyes finish them."""
+"""Source of the tracked items of a line, in the order in which they are finished or given up."""
 
 from collections.abc import Iterable
 import math
@@ -19,8 +19,8 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 class ItemSource:
     """Source of items from photo-eye edges. An edge waits for the samples of the same time.
 
-    Items are returned as copies, which later edges do not change. Each item is announced twice, at
-    first when its number cannot change any more, and again when it is complete.
+    Items are returned as copies, which later edges do not change. Each item is announced by two
+    `Item` records: when its number is final, and when the item is finished or given up.
     """
 
     def __init__(
@@ -55,12 +55,12 @@ class ItemSource:
         return announced
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Add an edge and return the items that are finished by edges with known samples."""
+        """Add an edge, and return the items that are finished by edges whose samples arrived."""
         self.queue.add(edge)
         return self._reached()
 
     def advance(self) -> list[TrackedItem]:
-        """Process the samples in the buffer and return the items that they finish or give up."""
+        """Track edges whose samples have arrived, and return the items finished or given up."""
         buffer, tracker = self._buffer, self.tracker
         tracker.eyes.origin = buffer.origin
         self.queue.admit_strays()  # The new samples show that the clock has not changed.
@@ -71,8 +71,8 @@ class ItemSource:
     def _forget_after(self, limit: int) -> list[TrackedItem]:
         """Discard edges after `limit`, in ns, and return the items that are lost.
 
-        If such edges were already assigned to items, tracking begins again. Otherwise all correct
-        edges would count as late.
+        If such edges were already assigned to items, tracking begins again, because otherwise all
+        correct edges would be late.
         """
         self.queue.drop_after(limit)
         if self.tracker.eyes.newest is None or self.tracker.eyes.newest <= limit:

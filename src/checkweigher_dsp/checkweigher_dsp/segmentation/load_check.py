@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.signal import Array
 
-# Largest change as a share of the load. The ring-down after the entry explains up to 6 %.
+# Largest change as a fraction of the load. The ring-down after the entry explains up to 6 %.
 _SHARE = 0.08
 _VIBRATION = 6.0  # largest change due to vibration, in median changes of the empty belt
-_MEMORY = 0.98  # factor by which this median decreases with each item
+_MEMORY = 0.98  # factor by which this median decreases at most with each item
 _FEWEST = 8  # minimum number of samples
 
 
 class LoadCheck:
-    """Check whether a load is steady, because no other item enters or leaves at the same time.
+    """Check whether a load is steady, so that no other item enters or leaves at the same time.
 
     The check compares the mean of the last quarter of a window with the mean of the first half. The
     effect of vibration on this difference is the median over all segments of the empty belt that
     have the length of the window. A median is used because an unseen item may leave the belt. If
-    the empty belt is shorter than a window, the previous median is kept, or shorter segments are
-    used until a median is known. No vibration is assumed until an empty belt is seen.
+    the empty belt is shorter than a window, the previous median is kept. If there is none, the
+    whole empty belt is one segment. Before the first empty belt, no vibration is assumed.
     """
 
     def __init__(self) -> None:
@@ -68,8 +68,8 @@ class LoadCheck:
 def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
     """Return whether the items that entered during the samples `counts`, (n,), have left.
 
-    The mean of the last `size` counts is compared with the largest mean of so many counts. `zero`
-    is the zero in counts.
+    The mean load of the last `size` samples is compared with the largest mean load of successive
+    parts of this size. `zero` is the zero in counts.
     """
     number = len(counts) // size if size > 0 else 0
     if number < 2:

@@ -9,22 +9,22 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-_STOPPED = 0.5  # share of the usual speed below which the belt has stopped under the item
+_STOPPED = 0.5  # fraction of the usual speed below which the belt has stopped under the item
 
 
 class MotionCheck:
     """Check of the speed and length of items.
 
     The belt speed is compared with the speed of earlier items, because two items with lost edges
-    look like one slow and long item. After a change of the belt speed, the first item is a fault,
-    and the next item of the same speed is weighed. `weigh_length` is the distance between the eyes
+    look like one slow and long item. The first item after a change of the belt speed is a fault. If
+    the next item has the same speed, it is weighed. `weigh_length` is the distance between the eyes
     in m.
     """
 
     def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
         self._weigh_length = weigh_length
         self._limits = parameters
-        self._usual: float | None = None  # belt speed of the last item without faults in m/s
+        self._usual: float | None = None  # last accepted belt speed in m/s
         self._last: float | None = None  # belt speed of the last checked item in m/s
 
     def forget(self) -> None:

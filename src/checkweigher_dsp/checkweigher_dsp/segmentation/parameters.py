@@ -20,7 +20,7 @@ _speed = partial(parameter, unit='m/s', minimum=1e-3, maximum=100)
 
 @dataclass(frozen=True)
 class SegmenterParameters(Parameters):
-    """Parameters of the segmenter, for the tracking of items, the checks, and the zero."""
+    """Parameters of the segmenter: windows, zero, item tracking, and checks."""
 
     node: ClassVar[str] = 'segmenter'
 
@@ -163,9 +163,9 @@ class SegmenterParameters(Parameters):
             if samples > most:
                 name = max(spans, key=lambda each: spans[each])
                 raise ParameterError(
-                    f'segmenter.{name}: {getattr(self, name):g} asks for {samples:.0f} samples at '
-                    f'{load_cell.sample_rate:g} Hz on {load_cell.weigh_length:g} m of belt, at '
-                    f'most {most}: {"raise" if name == "min_belt_speed" else "lower"} it'
+                    f'segmenter.{name}: {getattr(self, name):g} needs {samples:.0f} samples at '
+                    f'{load_cell.sample_rate:g} Hz on {load_cell.weigh_length:g} m of belt, above '
+                    f'{most}: {"raise" if name == "min_belt_speed" else "lower"} it'
                 )
 
     def max_transit(self, weigh_length: float) -> int:

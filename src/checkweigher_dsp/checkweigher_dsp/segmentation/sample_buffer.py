@@ -16,9 +16,9 @@ from checkweigher_core.records import NANOSECONDS, SampleBlock
 # of a sample is always on the same side of the sample, regardless of the size of the blocks.
 _INSTANT = 1e-3
 _ROUNDING = 1  # largest rounding error of the time of a sample in ns
-_BEGINNING = 1.0  # duration of the start of a stream in s
-_UNDER_WAY = 2.0  # largest delay of a block in s
-# If successive old samples come for this time in s, the indices of the newest samples are wrong.
+_BEGINNING = 1.0  # duration in s of the start of a stream, to which a looped recording returns
+_UNDER_WAY = 2.0  # largest delay of a repeated block in s
+# Shortest duration in s of successive old samples after which the newest indices count as wrong.
 _AHEAD = 0.25
 
 
@@ -52,12 +52,12 @@ class SampleBuffer:
         self._anchors: list[_Anchor] = []
         self._gaps: list[tuple[int, int]] = []
         self._first = 0  # index of the first sample of the stream
-        # Number of ignored samples in successive blocks, and one past the index of the last one.
+        # Number of ignored samples in successive blocks, and one past the index of the last sample.
         self._behind = (0, 0)
 
     @property
     def empty(self) -> bool:
-        """Whether no sample has come."""
+        """Whether no sample has arrived since `clear`."""
         return self.origin is None
 
     @property
@@ -84,9 +84,9 @@ class SampleBuffer:
     def is_restart(self, block: SampleBlock) -> bool:
         """Return whether a block shows that the source has started again.
 
-        The source has started again in three cases: if the block is later in time but not in index,
-        if a looped recording returns to the indices of its start, or if blocks continue far behind
-        the newest samples. In the last case, the indices of the newest samples were wrong.
+        The block shows a restart if it is later in time but not in index, if a looped recording
+        returns to the indices of its start, or if successive blocks continue far behind the newest
+        samples. In the last case, the indices of the newest samples were wrong.
         """
         if self.empty or block.first_index >= self.end:
             return False
@@ -157,5 +157,5 @@ class SampleBuffer:
         return self.look_at(begin, end).copy()
 
     def look_at(self, begin: int, end: int) -> NDArray[np.int32]:
-        """Return a view of the samples [begin, end), which is valid until the next block comes."""
+        """Return a view of the samples [begin, end), which is valid until the next `append`."""
         return self._counts[begin - self.start : end - self.start]

@@ -25,15 +25,15 @@ from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.window_cutter import WindowCutter
 from checkweigher_dsp.segmentation.zero_keeper import Span, ZeroKeeper
 
-_LONGEST_PIECE = NANOSECONDS  # longest duration in ns of the samples that are processed at once
+_LONGEST_PIECE = NANOSECONDS  # longest duration in ns of samples that are appended together
 
 
 class Segmenter:
     """Stage that cuts weigh windows from samples by photo-eye edges.
 
     All decisions depend only on the indices of samples and on time stamps. So the windows do not
-    depend on the size of the blocks or on the order in which samples and edges arrive, if no edge
-    is later than ``edge_lateness``.
+    depend on the size of the blocks or on the order in which samples and edges arrive, if samples
+    are at most ``sample_lateness`` late and edges at most ``edge_lateness``.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Segmenter:
     parameters : SegmenterParameters
         Parameters of the stage.
     item_count : int
-        Number of the previous item.
+        Number of the last item before this stream, or 0.
     failures : Failures
         Handler of exceptions that are raised while an item is processed.
 
@@ -54,11 +54,11 @@ class Segmenter:
     Attributes
     ----------
     samples, edges : int
-        Numbers of samples and edges so far, including repeated ones.
+        Numbers of processed samples and edges, including repeated ones.
     cutter : WindowCutter
         Cutter of the windows.
     zero_keeper : ZeroKeeper
-        Zero of the belt, with the requests to set it.
+        Zero of the scale, with the requests to set it.
     """
 
     def __init__(
@@ -81,12 +81,12 @@ class Segmenter:
 
     @property
     def item_count(self) -> int:
-        """Number of the last item that entered."""
+        """Number of the last item."""
         return self._source.tracker.belt.count
 
     @property
     def last_edge(self) -> int | None:
-        """Time in ns of the newest edge that was assigned to an item, or None without edges."""
+        """Largest stamp in ns of the edges processed since the clock changed, or None."""
         return self._source.tracker.eyes.newest
 
     @property
@@ -101,7 +101,7 @@ class Segmenter:
         return not self._source.queue.is_empty
 
     def take_announced(self) -> list[Item]:
-        """Return the announcements of items since the last call, which precede the windows."""
+        """Return the announcements since the last call, which must be sent before the windows."""
         return self._source.take_announced()
 
     def take(self, record: SampleBlock | EyeEdge) -> list[WeighWindow]:
@@ -145,12 +145,12 @@ class Segmenter:
             self.cutter.take(self._source.advance())
             windows += self.cutter.cut()
             if self.zero_keeper.is_requested:
-                # The span ends before the time at which an edge may still come.
+                # An edge may still arrive that is up to `edge_lateness` older than the samples.
                 self.zero_keeper.try_to_set(self._empty_span(), self._parameters.zero_time)
         return windows
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
-        """Begin a new stream if a block is from one, and return the lost items as faults."""
+        """Begin a new stream if a block belongs to one, and return the lost items as faults."""
         buffer = self._buffer
         if len(block.counts) == 0 or buffer.empty:
             return []
@@ -181,13 +181,13 @@ class Segmenter:
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
 
     def _give_up_without_samples(self, limit: int) -> list[WeighWindow]:
-        """Return the windows of items before `limit`, in ns, as faults with lost samples."""
+        """Return faults for the waiting items that entered before `limit`, in ns."""
         self.cutter.take(self._source.track_before(limit))
         late = self.cutter.fault_waiting(Reason.SAMPLES_LOST, limit)
         return self.cutter.cut(wait=False) if late else []
 
     def _empty_span(self) -> Span | None:
-        """Return the span of samples of an empty belt after the ring-down, or None."""
+        """Return the span of an empty belt that no ring-down or edge can affect, or None."""
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:
             return None

@@ -83,14 +83,14 @@ class WindowCutter:
         self.motion.check(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
-        """Add a fault to items that entered before a time in ns. Returns whether there are any."""
+        """Add a fault to items that entered before a time in ns. Returns whether any exist."""
         late = [item for item in self._waiting if item.entered < before]
         for item in late:
             item.fault(reason)
         return bool(late)
 
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
-        """Return the windows of items whose samples, with `wait` also those after t3, have come."""
+        """Return the windows of items whose samples (with `wait`, also after t3) have arrived."""
         found = self._failures.each(
             partial(self._cut, wait=wait),
             lambda item: self._fault(item, Reason.STAGE_FAILED),
@@ -142,7 +142,7 @@ class WindowCutter:
         return self._check_samples(place.entry, place.end) or self._check_load(place)
 
     def _zero_before(self, item: TrackedItem, place: _Place) -> Zero:
-        """Update the zero by the empty belt before an item, and return it."""
+        """Update the zero by the empty belt before an item, and return the zero."""
         empty, settled = self._empty_belt(item, place.entry)
         if settled:
             span = place.entry - len(empty), place.entry
@@ -163,7 +163,7 @@ class WindowCutter:
             return self._fault(item, Reason.DISTANCE_FAULT)
         trail_end = min(place.trail_end, buffer.end)
         is_sound = self._check_samples(end, trail_end) is None
-        # The stamp is computed from t2, because an error of the sample rate would accumulate.
+        # The times are exact at t2, so that an error of the sample rate does not shift the window.
         lead = round((begin - first) * NANOSECONDS / cell.sample_rate)
         return WeighWindow(
             *self._identity(item),
@@ -184,7 +184,7 @@ class WindowCutter:
         return WeighWindow(*self._identity(item), reasons=tuple(reason.value for reason in reasons))
 
     def _identity(self, item: TrackedItem) -> _Identity:
-        """Return the first fields of a window: item number, edges, belt speed and item length."""
+        """Return the first fields of a window: item number, edges, speed, length and line speed."""
         speed, length = self.motion.measure(item)
         line_speed = speed
         if math.isnan(speed) and item.usual_transit is not None:
@@ -192,7 +192,7 @@ class WindowCutter:
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
     def _check_rise(self, item: TrackedItem, place: _Place) -> Reason | None:
-        """Set the shift of an item by the rise of its load, or return why the two contradict."""
+        """Set the shift of an item, or return the reason if the rise contradicts the edges."""
         if not self._parameters.rise_lag_tolerance or item.shift is not None:
             return None
         buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1
@@ -222,7 +222,7 @@ class WindowCutter:
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
     def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
-        """Return the lag of the rise of the load, which is unknown if other items were there."""
+        """Return the lag of the rise of the load, unknown if it may include other items."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)
@@ -266,7 +266,7 @@ class WindowCutter:
         return None
 
     def _check_load(self, place: _Place) -> Reason | None:
-        """Return OVERLOAD if the mean load exceeds the capacity of the load cell."""
+        """Return OVERLOAD if the mean load exceeds the capacity of the load cell, or None."""
         cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
         load = float(np.add.reduce(counts, dtype=np.int64) / len(counts)) - cell.zero_counts
         return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None

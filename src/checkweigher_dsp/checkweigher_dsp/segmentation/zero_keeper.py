@@ -49,7 +49,7 @@ class ZeroKeeper:
 
     @property
     def zero(self) -> Zero:
-        """Present zero."""
+        """Current zero."""
         return self._tracker.zero
 
     @property
@@ -62,7 +62,7 @@ class ZeroKeeper:
         return self._tracker.update(time, counts, settled)
 
     def request(self) -> None:
-        """Request that the zero is set by the next samples of an empty belt at rest."""
+        """Request that the next samples of an empty belt at rest set the zero."""
         self._requested = 0 if self._buffer.empty else self._buffer.end
         self._why_not = 'the belt was not empty'
         self.answer = None
@@ -71,7 +71,7 @@ class ZeroKeeper:
         """Answer a request if the belt has been empty for long enough, or after a timeout.
 
         `empty` is the span of the samples of an empty belt after the ring-down, or None if the belt
-        is not empty. `least` is the shortest duration of the span in s.
+        is not empty. `least` is the shortest sufficient duration of the span in s.
         """
         if self._requested is None:
             return
@@ -88,7 +88,7 @@ class ZeroKeeper:
             self._requested = None
 
     def _set(self, begin: int, end: int) -> ZeroAnswer | None:
-        """Set the zero by the samples [begin, end). Returns None if these cannot be used."""
+        """Set the zero by the samples [begin, end). Returns None if the samples cannot be used."""
         if not self._buffer.is_whole(begin, end):
             self._why_not = 'samples were lost'
             return None

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-_SHORTEST_AVERAGE = 0.1  # duration in s, above the periods of the vibration of the belt
-# Least variance of a reading as a share of the initial variance. Without it, the filter would stop
-# on a signal without noise.
+_SHORTEST_AVERAGE = 0.1  # shortest Hann-weighted mean in s, above the periods of belt vibration
+# Least variance of a reading as a fraction of the initial variance. Without it, the filter would
+# no longer follow the zero after a signal without noise.
 _LEAST_NOISE = 1e-8
 _JUMP = 4.0  # smallest jump of the zero in standard deviations
 # A part of a segment is an outlier if its distance from the median exceeds a limit. The limit is
-# the first number times the median distance plus the second number times the initial deviation.
+# the first number times the median distance plus the second number times the initial std. dev.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # duration of a part in s
 _FEWEST_PARTS = 5  # least number of parts for the detection of outliers
@@ -29,7 +29,7 @@ _DRIFT_TIME = 600.0  # correlation time of a thermal drift in s
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Reading of the empty belt, its standard deviation (both in counts), and its validity."""
+    """Zero and its standard deviation in counts, and whether it is `trusted` for weighing."""
 
     counts: float
     std_dev: float
@@ -63,11 +63,11 @@ class _Motion:
         self.begin()
 
     def begin(self) -> None:
-        """Return to the initial uncertainty of the zero."""
+        """Reset the variance, the drift and the evidence, but keep the zero."""
         self.variance = self._initial_variance
         self._drift, self._drift_variance = 0.0, self._drifts
         self._covariance = 0.0  # covariance of zero and drift
-        self.evidence = 0.0  # log-likelihood of the readings so far
+        self.evidence = 0.0  # weighted log-likelihood of the readings since the reset
 
     def set(self, value: float, variance: float) -> None:
         """Set the zero and its variance, and keep the drift."""
@@ -119,15 +119,15 @@ class ZeroTracker:
 
     The filter without a drift lags behind a drifting zero. The filter with a drift estimates a
     constant zero with a larger variance. So the results of both filters are averaged, weighted by
-    the likelihood of the readings so far.
+    the likelihood of the readings.
 
-    Each segment of the empty belt gives one reading, which is the Hann-weighted mean. The variance
-    of the readings is estimated from the differences between the two halves of each segment. This
-    is valid for any mixture of vibration and noise. The average extends over many products, so that
-    short segments between dense products are sufficient.
+    Each segment of the empty belt gives one reading, which is its Hann-weighted mean. The variance
+    of the readings is estimated from the differences between the halves of many segments, so that
+    it is valid for any mixture of vibration and noise. Segments below 0.1 s have a plain mean, with
+    the variance of their samples. The filters average over many such segments.
 
-    An unseen object may be on the belt. So a reading that is further from the zero than a drift
-    explains is not accepted until a second segment confirms it.
+    An unseen object may be on the belt. So after the first reading, a reading that is further from
+    the zero than a drift explains is not accepted until a second segment confirms it.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class ZeroTracker:
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Update the zero by a segment of the empty belt that ends at `time` in s.
 
-        `counts` has the shape (n,). If the segment is unstable or has less than two samples, the
+        `counts` has the shape (n,). If the segment is unstable or has fewer than two samples, the
         zero is only predicted. If the segment has not `settled` after a product, the variance of
         its samples is used, because the effect of the ring-down is similar after each product and
         does not average out.
@@ -220,13 +220,13 @@ class ZeroTracker:
             return
         self._doubted, self._has_read = None, True
         if (reading - self._value) ** 2 > _JUMP**2 * (self._variance + noise):
-            # Dirt has accumulated on the belt, or was removed.
+            # Reset the variances to follow a jump, because dirt has come or was removed.
             for each in self._motions:
                 each.begin()
         self._correct(reading, noise, allowed)
 
     def _is_doubtful(self, reading: float, noise: float) -> bool:
-        """Return whether a reading is so far from the zero that it has to be confirmed."""
+        """Return whether a reading needs confirmation, because it is far from the zero."""
         drift = self._initial_variance
         if not self._has_read or (reading - self._value) ** 2 <= _JUMP**2 * (drift + noise):
             return False
@@ -252,7 +252,7 @@ class ZeroTracker:
         return max(off) <= _OUTLYING * median(off) + least
 
     def _parts(self, counts: Array, duration: float) -> list[float]:
-        """Return the means of at least two parts of a segment, with a duration in s."""
+        """Return the Hann-weighted means of parts of about `duration` in s, at least two."""
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
@@ -293,14 +293,14 @@ class ZeroTracker:
             return float(np.mean(counts)), float(np.var(counts)) + least
         half = len(counts) // 2
         difference = float(hann_mean(counts[:half]) - hann_mean(counts[-half:]))
-        # If the variance of a half is difference^2 / 2, the variance of the mean of both is:
+        # Each half has the variance difference^2 / 2, and the mean of both halves has half of it.
         self._scatter = _MEMORY * self._scatter + difference**2 / 4
         self._degrees = _MEMORY * self._degrees + 1
         return float(hann_mean(counts)), self._scatter / self._degrees + least
 
     @property
     def zero(self) -> Zero:
-        """Present zero."""
+        """Current zero."""
         trusted = not self._behind and self.is_in_range(self._value)
         return Zero(self._value, math.sqrt(self._variance), trusted)
 
