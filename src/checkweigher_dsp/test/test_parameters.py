@@ -283,8 +283,8 @@ ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
         ('denoise', {'speeds': ()}, 'speeds: speeds must ascend'),
         ('denoise', {'lambda7': (1.0, 2.0, math.inf, 4.0, 5.0)}, 'lambda7: .*finite'),
         ('denoise', {'gamma5': (0.1, -0.2, 0.1, 0.1, 0.1)}, r'gamma5: -0\.2 is not in 0\.\.10'),
-        ('denoise', {'natural_frequency': (38.0, 39.0)}, 'natural_frequency: 2 values, must be 1'),
-        ('denoise', {'damping_ratio': ()}, 'damping_ratio: 0 values, must be 1 or 5'),
+        ('denoise', {'natural_frequency': (38.0, 39.0)}, 'natural_frequency: 2 values, but 1'),
+        ('denoise', {'damping_ratio': ()}, 'damping_ratio: 0 values, but 1 or 5'),
         # What would take too long, with the parameter to lower.
         (
             'denoise',

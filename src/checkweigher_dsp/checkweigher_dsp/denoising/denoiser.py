@@ -138,14 +138,14 @@ class DenoiseParameters(Parameters):
             count = len(getattr(self, name))
             if count not in (1, len(self.speeds)):
                 raise ParameterError(
-                    f'denoise.{name}: {count} values, must be 1 or {len(self.speeds)}, one for '
-                    'each of speeds'
+                    f'denoise.{name}: {count} values, but 1 or {len(self.speeds)} (one per speed) '
+                    'are needed'
                 )
         check_cost(self, _cost, 'stretch', 'prediction_order', 'iterations')
 
     @cached_property
     def table(self) -> ShrinkageTable:
-        """Shrinkage table. `ValueError` is raised if its columns do not fit together."""
+        """Shrinkage table. Raises `ValueError` if its columns do not fit together."""
         return ShrinkageTable(
             self.speeds,
             (self.gamma5, self.gamma6, self.gamma7),
@@ -155,8 +155,8 @@ class DenoiseParameters(Parameters):
     def platform(self, speed: Array) -> tuple[Any, ...]:
         """Return the natural frequency in Hz and the damping ratio of the empty platform.
 
-        `speed`, (windows, 1), are belt speeds in m/s. A result is a float if it does not depend on
-        the speed, otherwise it has the shape of `speed`.
+        `speed`, (windows, 1), contains belt speeds in m/s. Each result is a float if it does not
+        depend on the speed; otherwise it has the shape of `speed`.
         """
         return tuple(
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
@@ -177,14 +177,14 @@ class Denoiser:
 
     The wavelet of level 7 is much longer than any window. So the result depends mainly on the
     padding around the window, which the paper does not specify. docs/method.md compares several
-    methods.
+    kinds of padding.
 
     The padding ``continuation`` is an own derivation. The response of the platform to the load is
     subtracted from the signal. The remaining disturbance is extrapolated to both sides by linear
     prediction, the load is added as a constant, and the result is denoised. A wrong load would
     leave a step in the disturbance, so the load is estimated again from the denoised signal. If t1
-    and t2 are uncertain, they are estimated from the signal. Finally the rise of the load is
-    restored by the times of the photo-eyes.
+    and t2 are uncertain, they are estimated from the signal. Finally the rise of the load between
+    the times of the photo-eyes is restored.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
@@ -195,14 +195,14 @@ class Denoiser:
         """Return a window with its `denoised` signal. A fault is returned unchanged.
 
         The signal begins at t1 with the padding ``continuation`` and at t2 with other paddings, and
-        ends at t3. It is NaN elsewhere.
+        ends at t3. Other samples are NaN. A window with inconsistent fields becomes a fault.
         """
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
-        """Denoise many windows at once, with the same results to the last bit as one by one.
+        """Denoise many windows, with the same results to the last bit as one by one.
 
-        Windows of equal shape are denoised together in batches, which limit the memory.
+        Windows of equal shape are denoised together, in batches of limited size.
         """
         return self._failures.together(
             self._denoise_all,

@@ -4,8 +4,8 @@ r"""Correction of the times at which products enter, by a fit to the signal.
 
 Polled photo-eyes measure t1 and t2 with an error of about a millisecond. If the load is removed
 from the signal at a wrong time, a hump as long as the rise of the load remains. A low-pass filter
-cannot distinguish this hump from a load. But its shape is known, so its size can be fitted to the
-signal: [own derivation]
+cannot distinguish this hump from a load. But the shape of the hump is known, so its size can be
+fitted to the signal: [own derivation]
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
@@ -27,7 +27,7 @@ from checkweigher_dsp.signal import Array
 _LEAST_SAMPLES = 8  # least number of white samples for the fit of the three unknowns
 # The variance of n is that of the whole signal in the first round, and then that of the residual.
 _ROUNDS = 2
-_FURTHEST = 2.0  # largest shift of an edge as a multiple of the uncertainty
+_FURTHEST = 2.0  # largest shift of an edge as a multiple of its uncertainty
 
 
 class EntryFit:
@@ -54,7 +54,7 @@ class EntryFit:
         self._platform_taps = np.empty((0, 3))
         if count < _LEAST_SAMPLES:
             return
-        # The last block ends with the signal. The blocks before the entry contain no load.
+        # Number of blocks without a load, which end before the entry. The last block ends at t3.
         empty = max((batch.entry - batch.force.shape[-1]) // batch.block + count, 0)
         interval = batch.time[:, 1:2] - batch.time[:, :1]
         width = batch.block * interval
@@ -87,7 +87,7 @@ class EntryFit:
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
         for number, (rows, own) in enumerate(zip(self._rows, filters, strict=False)):
             if rows.shape[-1] - len(own) + 1 >= _LEAST_SAMPLES:
-                # All rows are filtered at once. Outputs that mix two rows are discarded.
+                # Filter all rows in one call, and discard the outputs that mix two rows.
                 white = np.convolve(rows.ravel(), own)[: rows.size].reshape(rows.shape)
                 shift[number] = _fit(white[:, len(own) - 1 :], self._uncertainty)
         return shift
@@ -115,10 +115,10 @@ def platform_taps(interval: Array, natural_frequency: Array, damping_ratio: Arra
 def _fit(white: Array, uncertainty: float) -> tuple[float, float]:
     """Estimate the shifts of t1 and t2 in s, which are 0 if the signal does not determine them.
 
-    The rows of `white`, (4, n), are the response, the signal, and the derivatives of the signal
-    with respect to the two times. The noise is white.
+    The rows of `white`, (4, n), are the response, the signal without the approximate response, and
+    the derivatives of this response with respect to t1 and t2. The noise is white.
     """
-    # Floats are used, because arithmetic on arrays of two numbers takes many times as long.
+    # Use floats, because arithmetic on arrays of two numbers takes many times as long.
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()
     if not size > 0:
         return 0.0, 0.0

@@ -3,10 +3,10 @@
 """Extrapolation of a disturbance beyond the ends of a signal by linear prediction.
 
 The disturbance of a belt consists mainly of spectral lines, caused by the rollers, the motor and
-the oscillation of the platform. These continue before and after the known samples, so an
+the oscillation of the platform. The lines continue before and after the known samples, so that an
 autoregressive model of the samples predicts them. The model describes block means at the rate
-`PREDICTION_RATE`, because only the lowest bands of the signal matter. At this rate, an order of
-some tens spans the period of a slow line.
+`PREDICTION_RATE`, because only the lowest bands of the signal are kept. At this rate, an order of
+some tens spans the period of a slow spectral line.
 """
 
 import numpy as np
@@ -59,7 +59,7 @@ def extrapolate(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result, np.ones((windows, 1))
-    # The blocks are aligned to the end from which the signal is extrapolated.
+    # Reverse a copy for the left side, because only the last block ends exactly with the signal.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
@@ -119,8 +119,8 @@ def predict(signals: Array, taps: Array, count: int) -> Array:
 def _twice_as_far(weights: Array) -> Array:
     """Return the weights (windows, 2 n, p) that predict 2 n samples from the last p samples.
 
-    The given weights (windows, n, p) predict n samples. They are applied twice: n of the p samples
-    that predict the second half are the predicted samples of the first half.
+    The given weights (windows, n, p) predict n samples. The second half is predicted by the same
+    weights from the last p - n samples and the n predicted samples of the first half.
     """
     width, order = weights.shape[1:]
     further = weights[..., order - width :] @ weights
@@ -133,7 +133,7 @@ def _between_centres(means: Array, block: int) -> Array:
 
     The values at the centres are `means` (..., blocks). The last sample is at the last centre.
     """
-    # The centre of a block with an even number of samples lies between two samples.
+    # Positions of samples between two centres; the centre of an even block is between two samples.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block
     samples = means[..., :-1, np.newaxis] + np.diff(means)[..., np.newaxis] * share
     return samples.reshape(*means.shape[:-1], -1)[..., 1 + (block - 1) // 2 :]

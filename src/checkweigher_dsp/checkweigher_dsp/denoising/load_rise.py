@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Load on the belt while a product enters, and the response of the platform to it.
 
-Between t1 and t2 a product moves onto the belt at constant speed. So the share of its weight that
-rests on the belt rises linearly from 0 to 1. The platform responds to this rise with ringing.
+Between t1 and t2 a product moves onto the belt at constant speed. So the fraction of its weight on
+the belt rises linearly from 0 to 1. The platform responds to this rise with ringing.
 """
 
 from typing import Any
@@ -17,10 +17,10 @@ _SHORTEST_FITTED_RISE = 1e-4  # shortest rise time in s for derivatives without 
 
 
 def load_share(time: Array, rise_time: Any) -> Array:
-    """Return the share of a product that rests on the belt, which is 0 up to t1 and 1 after t2.
+    """Return the fraction of a product on the belt, which is 0 up to t1 and 1 after t2.
 
     `time`, (..., n), is the time since t1 in s. `rise_time` is t2 - t1 in s; if it is not positive,
-    the share is a step.
+    the fraction is a step.
 
     Examples
     --------

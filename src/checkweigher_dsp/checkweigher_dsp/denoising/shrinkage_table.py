@@ -21,7 +21,7 @@ class ShrinkageTable:
     Raises
     ------
     ValueError
-        If the columns differ in length or the speeds do not ascend.
+        If there is no speed, the speeds do not ascend, or the columns differ in length.
     """
 
     speeds: tuple[float, ...]  # belt speeds in m/s, ascending
@@ -31,7 +31,7 @@ class ShrinkageTable:
 
     def __post_init__(self) -> None:
         if not self.speeds or any(a >= b for a, b in pairwise(self.speeds)):
-            raise ValueError('speeds must ascend and there must be one at least')
+            raise ValueError('speeds must ascend, and at least one is needed')
         for row in (*self.gains, *self.thresholds):
             if len(row) != len(self.speeds):
                 raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
@@ -41,7 +41,7 @@ class ShrinkageTable:
 
         Gains and thresholds are interpolated linearly between the speeds of the table, and constant
         beyond them. They have the shape of `speed`, the belt speed in m/s as a float or
-        (windows, 1). `unit` is the unit of the thresholds in the unit of the signal.
+        (windows, 1). `unit` is one unit of the thresholds, in the unit of the signal.
 
         Examples
         --------
@@ -74,7 +74,7 @@ TABLE_1 = ShrinkageTable(
     ),
 )
 
-# These gains were found by simulation of a machine like that of Long et al., with an extrapolated
+# These gains were tuned on a simulated machine like that of Long et al., with an extrapolated
 # disturbance as padding. The gain of band 7 increases with the belt speed, because the windows
 # become shorter. Thresholds brought no improvement; docs/method.md contains the results.
 UNTRAINED = ShrinkageTable(

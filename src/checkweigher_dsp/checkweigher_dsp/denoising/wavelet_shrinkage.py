@@ -3,9 +3,9 @@
 r"""Denoising by shrinkage of stationary wavelet coefficients.
 
 On a periodic signal each band of the stationary wavelet transform (SWT) is a circular convolution.
-The method keeps only the approximation and three details. So each of these bands needs one FFT
-instead of the full transform, and a band without a threshold needs none. The results agree with
-``pywt.swt`` and ``pywt.iswt`` (``norm=False``) except for rounding.
+The method keeps only the approximation and three details. So instead of the full transform, each
+detail with a threshold needs two FFTs, and a band without a threshold needs none. The results agree
+with ``pywt.swt`` and ``pywt.iswt`` (``norm=False``) except for rounding.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ class Shrinkage:
 
 
 def shrink(coefficients: Array, shrinkage: Shrinkage) -> Array:
-    r"""Apply the shrinkage soft threshold.
+    r"""Apply the soft threshold and the gain of a band to its coefficients.
 
     .. math:: d' = \operatorname{sgn}(d) \gamma (|d| - \lambda) \text{ if } |d| \ge \lambda,
        \text{ else } 0
@@ -101,7 +101,7 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 @lru_cache(maxsize=8)
 def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
-    """Return the responses of the inverse SWT bands, and the part of each band in a unity gain."""
+    """Return the responses of the inverse SWT, and the gain of each band from signal to result."""
     responses = band_responses(length)
     # The inverse averages the 2**j shifted bases of level j, which explains the powers of two.
     scales = 2.0 ** -np.array([*range(1, LEVELS + 1), LEVELS])
@@ -114,8 +114,8 @@ def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
 def denoise_periodic(stretch: Array, details: Sequence[Shrinkage | None]) -> Array:
     """Denoise periodic signals by shrinkage of the detail bands.
 
-    A band without a threshold is applied as a gain at each frequency. Only bands with a threshold
-    are transformed.
+    A band without a threshold only changes the gain at each frequency. Only the coefficients of
+    bands with a threshold are computed.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def threshold_universally(
     for band in range(LEVELS):
         coefficients = np.fft.irfft(spectrum * responses[band], length)
         if each_level or band == 0:
-            # The causal filters of a level delay the signal by half their length.
+            # Undo the delay by the causal filters of a level, which is half their length.
             centre = taps // 2 * (2 ** (band + 1) - 1)
             centred = np.roll(coefficients, -centre, axis=-1)
             threshold = factor * np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)

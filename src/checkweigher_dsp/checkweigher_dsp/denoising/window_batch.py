@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches of weigh windows of equal shape, which are denoised at once.
+"""Batches of weigh windows of equal shape, which are denoised together.
 
 A single window is a batch of one. All operations are element by element or along the last axis. So
 the result of a window is the same in any batch, to the last bit.
@@ -27,7 +27,7 @@ _SAMPLES_AT_ONCE = 2**20  # maximum number of samples of the padded windows of a
 
 @dataclass(frozen=True, slots=True)
 class WindowBatch:
-    """Windows of equal shape, from the empty belt before t1 up to t3."""
+    """Windows of equal shape, from the used samples before t2 up to t3."""
 
     positions: tuple[int, ...]  # positions in the list of windows
     force: Array  # signal in kg, (windows, n)
@@ -40,14 +40,14 @@ class WindowBatch:
 
     @property
     def share(self) -> Array:
-        """Share of the product on the belt at each sample, (windows, n)."""
+        """Fraction of the product on the belt at each sample, (windows, n)."""
         return load_share(self.time, self.rise_time)
 
 
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
     """Sort consistent windows by shape into batches.
 
-    A padded window has at least `min_length` samples. At most half of them are before t2.
+    A padded window has at least `min_length` samples, of which at most half are before t2.
     """
     times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}
@@ -78,7 +78,7 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
 def _in_parts(
     shapes: Mapping[tuple[int, ...], list[int]], min_length: int
 ) -> Iterator[tuple[tuple[int, ...], list[int]]]:
-    """Yield the positions of the windows of each shape, in parts that limit the memory."""
+    """Yield each shape with the positions of its windows, in parts that limit the memory."""
     for shape, positions in shapes.items():
         _, begin, _, count = shape
         most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))
@@ -128,9 +128,9 @@ def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None
 
 
 def denoised_pass(window: WeighWindow) -> tuple[Array, Array]:
-    """Return the denoised signal of a window in kg and the share of the product on the belt.
+    """Return the denoised signal of a window in kg and the fraction of the product on the belt.
 
-    Both are (n,), from the first denoised sample up to t3. The share is 1 after t2.
+    Both are (n,), from the first denoised sample up to t3. The fraction is 1 after t2.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))
