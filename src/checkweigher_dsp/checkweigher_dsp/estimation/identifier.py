@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of the mass in weigh windows by the chosen estimator."""
+"""Estimation of the mass in weigh windows by the selected estimator."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
@@ -59,7 +59,7 @@ _SETS = [
     (name, type(each.parameters), field(default=each.parameters))
     for name, each in ESTIMATORS.items()
 ]
-# A type checker does not see these fields.
+# The type is Any, because a type checker does not see these fields.
 _AllParameters: Any = make_dataclass('_AllParameters', _SETS, bases=(_OwnParameters,), frozen=True)
 
 
@@ -75,17 +75,17 @@ class IdentifierParameters(_AllParameters, _OwnParameters):
 
     @property
     def chosen(self) -> EstimatorParameters:
-        """Parameters of the chosen estimator."""
+        """Parameters of the selected estimator."""
         return cast(EstimatorParameters, getattr(self, self.estimator))
 
     def with_set(self, estimator: str, parameters: EstimatorParameters) -> Self:
-        """Return a copy with different parameters of one estimator."""
+        """Return a copy with other parameters of one estimator."""
         changes: dict[str, Any] = {estimator: parameters}
         return replace(self, **changes)
 
     @property
     def basis(self) -> str:
-        """Name of the estimator with a hash of its parameters, to which learned state belongs."""
+        """Name of the estimator and hash of its parameters, which identify the learned state."""
         values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
         return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
 
@@ -93,14 +93,14 @@ class IdentifierParameters(_AllParameters, _OwnParameters):
 class Identifier:
     """Stage that estimates the mass in each denoised window.
 
-    With `IdentifierParameters.learn`, the stage learns from each window and weighs later windows by
-    the result. `known` is a state that was learned before. It is ignored if it belongs to another
-    estimator or to other parameters.
+    With `IdentifierParameters.learn`, the stage learns from each weighed window, and weighs later
+    windows by the result if it is better. `known` is the learned state of an earlier process. It is
+    ignored if it belongs to another estimator or to other parameters.
 
     Attributes
     ----------
     learned : LearnedKinds
-        State that has been learned so far. It depends only on the windows and their order.
+        Learned state. Apart from `known`, it depends only on the windows and their order.
 
     Examples
     --------
@@ -133,7 +133,7 @@ class Identifier:
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        """Estimate many masses at once, with the same results to the last bit as one by one."""
+        """Estimate many masses, with the same results to the last bit as one by one."""
         refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
         loads: Iterator[LoadEstimate | MassEstimate] = iter(
@@ -143,7 +143,7 @@ class Identifier:
         return self._failures.each(self._weigh, self._failed, windows, found)
 
     def learn(self) -> None:
-        """Learn from the last window at once, so that this does not delay the next estimate."""
+        """Learn from the last window now, so that the next estimate is not delayed."""
         lesson, self._lesson = self._lesson, None
         if lesson is not None:
             self.learned = learn(self.learned, *lesson, self._parameters.learning)
@@ -158,7 +158,7 @@ class Identifier:
     def _weigh(self, window: WeighWindow, load: LoadEstimate | MassEstimate) -> MassEstimate:
         """Return the mass of a window, with the learned weights if they are trusted."""
         if isinstance(load, MassEstimate):
-            return load  # the window was refused, or the estimator failed
+            return load  # This is already an estimate without a mass.
         estimate = self._estimate(window, load)
         if not estimate.reasons and not is_plausible(window):
             return self._record(window, (Reason.BAD_SIGNAL.value,), zero=estimate.zero)
@@ -170,17 +170,17 @@ class Identifier:
         if better is load:
             return estimate
         if not self._known.calibrated:
-            # The learned weights take their gain from the estimator, with its uncertainty.
+            # Add the variance of the estimator, because the learned weights inherit its gain.
             better = replace(better, variance=better.variance + load.variance)
         learned = self._estimate(window, better)
         return estimate if learned.reasons else learned
 
     def _refuse(self, window: WeighWindow) -> MassEstimate | None:
-        """Return an estimate with the reasons why a window cannot be weighed, or None."""
+        """Return an estimate with the reasons if a window cannot be weighed, otherwise None."""
         if window.reasons:
             return self._record(window, window.reasons)
         count = len(window.denoised)
-        # An estimator that uses the raw signal does not need the denoiser.
+        # Accept a window without a denoised signal if the estimator uses the raw signal.
         complete = count == len(window.counts) or (count == 0 and not self.needs_denoised)
         if not is_consistent(window) or not complete:
             return self._record(window, (Reason.BAD_WINDOW.value,))
@@ -211,7 +211,7 @@ class Identifier:
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
         stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
         limit = self._parameters.max_relative_std_dev * abs(mass)
-        # This is False if the mass or the variance is NaN.
+        # A mass or variance that is NaN is also not certain.
         certain = variance >= 0 and math.sqrt(variance) <= limit < math.inf
         if not (stable and certain and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
@@ -234,8 +234,9 @@ class Identifier:
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass in kg^2.
 
-        After training, it is the variance on the training passes, which includes that of their
-        zero. If the variance of the present zero is larger, the difference is added.
+        A variance that was measured on items is used as it is. Without training, the variances of
+        load and zero are added. After training, the variance of the training passes is used, which
+        includes that of their zero; if the current zero has a larger one, the difference is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

@@ -1,23 +1,23 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Check of the signal of a window by the noise of the empty belt before it.
+r"""Check whether the signal of a window is plausible, by the noise of the empty belt before it.
 
 Platform and product add only smooth components to a signal. Above a quarter of the sample rate, the
 signal contains mainly the white noise of the electronics, which does not depend on the load. A
 high-pass filter, scaled to keep the variance of white noise, separates this noise. [own derivation]
-If the converter works, the filtered signal e has four properties:
+If the converter works, the filtered signal e and the readings have four properties:
 
-- Its variance under a load, from t2 to t3, is not below the variance on the empty belt. The ratio
+- The variance of e under a load, from t2 to t3, is not below that on the empty belt. The ratio
   of the variances has approximately an F distribution. The samples of e are correlated, so each
   counts as 1 / sum r_k^2 degrees of freedom, with the correlations r_k; 0.48 for white noise.
-- It has no steps from t1 to t3, except those that the noise and the product explain. The product
+- e has no steps from t1 to t3, except those that the noise and the product explain. The product
   causes an impact in proportion to load and speed, and a change of the slope at t1, t2 and t3.
-- It does not repeat itself. With white noise of s counts, no prediction is right for more than a
-  share p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings
+- The readings do not repeat. With white noise of s counts, no prediction is right for more than a
+  fraction p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings
   occurs twice in at most N^2 p^w / 2 of all windows.
-- It is seldom constant. Of n blocks of w readings, at most m = n p^(w-1) are expected to consist of
-  one value. By the Chernoff bound, k > m such blocks occur in at most (m / k)^k exp(k - m) of all
-  windows. More of them show that the load repeatedly crosses the limit of a converter.
+- The readings are seldom constant. Of n blocks of w readings, at most m = n p^(w-1) are expected to
+  be constant. By the Chernoff bound, k > m such blocks occur in at most (m / k)^k exp(k - m) of all
+  windows. More of them show that the signal repeatedly reaches a limit of the converter.
 
 Rounding hides noise below 0.3 counts. With such noise, or without an empty belt, only the steps are
 checked. A converter without any noise is not checked.
@@ -34,9 +34,9 @@ from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.signal import Array
 
 # The filter is a seventh difference, equalised above a quarter of the sample rate. It reduces an
-# oscillation at 1/20 of the sample rate, at which a platform may ring, to 2e-5.
+# oscillation at 1/20 of the sample rate, at which a platform may ring, to 4e-5.
 _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.array([5, 2])] * 3)
-_EDGE = len(_FILTER) - 1  # number of samples at each end that cannot be filtered
+_EDGE = len(_FILTER) - 1  # number of samples by which the filter shortens a signal
 _GAIN = math.sqrt(_FILTER @ _FILTER)
 _STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e after a step of 1
 # Largest e after a change of the slope by 1 per sample.
@@ -44,17 +44,17 @@ _SLOPE_GAIN = float(np.max(np.abs(np.cumsum(np.cumsum(_FILTER))))) / _GAIN
 _QUARTILE = 0.3186  # first quartile of the absolute value of a standard normal variable
 _ROUNDING = 1 / 12  # variance of the rounding error in counts^2
 _FEWEST = 24  # least number of filtered samples of the empty belt
-_CHANCE = 1e-5  # largest share of valid windows that a rule refuses by chance
+_CHANCE = 1e-5  # largest fraction of valid windows that a rule refuses by chance
 _CALM = -4.26  # standard normal deviate with the probability `_CHANCE`
 _OUTLIER = 3.0  # limit of the samples of the empty belt in standard deviations
 _LAGS = 20  # number of lags of the correlation of e
 _BLOCKS = 2, 4, 8  # lengths of blocks in readings
 _STEP = 7.0  # smallest step in standard deviations of the noise
-_STRIKE = 2e-3  # step due to the impact of a product, as a share of the load per m/s of speed
+_STRIKE = 2e-3  # step due to the impact of a product, as a fraction of the load per m/s of speed
 
 
 def is_plausible(window: WeighWindow) -> bool:
-    """Return whether the signal of a consistent window can be that of a product on the belt."""
+    """Return whether a working converter can have produced the signal of a consistent window."""
     begin, end = window.window_begin, window.window_end
     entry = int(np.searchsorted(time_since_entry(window, 0, end), 0.0))
     first = min(window.empty_begin, entry)
@@ -69,7 +69,7 @@ def is_plausible(window: WeighWindow) -> bool:
         return True
     typical = float(np.sort(np.abs(known))[len(known) // 4] / _QUARTILE) ** 2
     if not typical:
-        return True  # The converter has no noise.
+        return True  # A converter without noise is not checked.
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
     explained = _impact(load, window.belt_speed, begin - entry, end - entry, len(loaded))
     if np.any(np.abs(loaded) > np.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), explained)):
@@ -86,7 +86,7 @@ def is_plausible(window: WeighWindow) -> bool:
 def _impact(load: float, speed: float, entered: int, leaves: int, count: int) -> Array:
     """Return the largest e that a product causes in each of `count` samples after t1, (count,).
 
-    `load` is in counts and `speed` in m/s. `entered` and `leaves` are the samples at t2 and t3.
+    `load` is in counts and `speed` in m/s. `entered` and `leaves` are t2 and t3 in samples from t1.
     """
     largest = np.full(count, _STRIKE * speed * load * _STEP_GAIN)
     # The slope of the load changes where the load begins to rise, is complete, and begins to fall.

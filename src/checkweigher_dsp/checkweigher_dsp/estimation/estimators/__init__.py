@@ -16,8 +16,8 @@ from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import Learned
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
-# The estimators are sorted by the number of learned parameters. If two estimators are equally good,
-# the command `tune` selects the first one.
+# The estimators are sorted from simple to complex. The command `tune` selects a simpler estimator
+# than the best one if its loss of accuracy is negligible.
 ESTIMATORS: dict[str, type[Estimator]] = {
     'mean': Mean,
     'hann': Hann,

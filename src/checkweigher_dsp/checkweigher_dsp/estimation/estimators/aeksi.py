@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimator AEKSI, which combines the adaptive prefilter of AID with an extended Kalman filter.
 
-The paper on ISWD-EKSI compares its results with AEKSI, but does not describe the algorithm. This is
-a reconstruction from AID and ISWD-EKSI.
+The paper on ISWD-EKSI compares its results with AEKSI, but does not describe the algorithm. This
+implementation is a reconstruction from AID and ISWD-EKSI.
 """
 
 from dataclasses import dataclass
@@ -81,10 +81,10 @@ def identify_adaptive_by_ekf(
 ) -> AdaptiveIdentification:
     """Identify the platform by an extended Kalman filter on adaptively prefiltered windows (AEKSI).
 
-    The filter starts from the first two samples. With the initial state 0, it would attribute the
-    whole first sample to b1. R is a multiple of the variance of the least-squares residual. If the
-    poles are unstable, `gain` and `b1` are the mean of the window, and a1 and a2 are 0. See
-    `identify_adaptive` for the other parameters.
+    The filter starts from the first two samples, because with the initial state 0 it would
+    attribute the whole first sample to b1. R is a multiple of the variance of the least-squares
+    residual. If the poles are unstable or the result is not finite, `gain` and `b1` are the mean of
+    the window, and a1 and a2 are 0. See `identify_adaptive` for the other parameters.
 
     Examples
     --------

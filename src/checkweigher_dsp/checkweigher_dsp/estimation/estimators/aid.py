@@ -61,7 +61,7 @@ class AdaptiveSettings:
 
     The prefilter is computed before each identification of the platform except the first, so with
     one iteration there is no adaptive prefilter. The taps of the low-pass are a Hann window of at
-    most half the weigh window; a cut-off above 0.36 times the sample rate has no effect.
+    most half the weigh window. A cut-off above 0.36 times the sample rate has no effect.
     """
 
     iterations: int = 5  # number of identifications
@@ -71,7 +71,7 @@ class AdaptiveSettings:
 
 @dataclass(frozen=True)
 class AdaptiveParameters(EstimatorParameters):
-    """Parameters of an adaptive prefilter."""
+    """Parameters of the adaptive prefilter of AID and AEKSI."""
 
     iterations: tuple[float, ...] = parameter(
         (2.0,),
@@ -128,7 +128,7 @@ class Aid(Estimator):
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window; windows of equal length are fitted at once."""
+        """Return the steady state in each window. Windows of equal shape are fitted together."""
         loads = [LoadEstimate(math.nan)] * len(windows)
         batches = defaultdict(list)
         for number, window in enumerate(windows):
@@ -158,14 +158,14 @@ class Aid(Estimator):
 class AdaptiveIdentification(Identification):
     """Identification of each window; `stable` is whether the last iteration found stable poles.
 
-    Otherwise the values are those of the last iteration with stable poles. If there was no such
+    If it did not, AID returns the values of the last iteration with stable poles. Without such an
     iteration, `gain` and `b1` are the Hann-weighted mean of the window, and a1 and a2 are 0.
     """
 
     stable: NDArray[np.bool_]
 
     def load_estimate(self, number: int) -> LoadEstimate:
-        """Return the load in one window, with the coefficients if the poles are stable."""
+        """Return the load in one window, with the coefficients only if the poles are stable."""
         columns = [self.gain, self.variance]
         if self.stable[number]:
             columns += [self.a1, self.a2, self.b1]
@@ -183,8 +183,8 @@ def identify_adaptive(
     Parameters
     ----------
     samples : ndarray, (windows, n) float64
-        Windows from t2 to t3 in kg without the zero, with n at least `LEAST_SAMPLES`. The unit may
-        be different; it scales only b1, mass and variance.
+        Windows from t2 to t3 in kg without the zero, with n at least `LEAST_SAMPLES`. In
+        another unit, only b1, mass and variance are scaled.
     settings : AdaptiveSettings
         Settings of the prefilter.
     sample_rate : float
@@ -211,7 +211,7 @@ def prefilter_adaptively(
     variances of the least-squares residuals of the signals, (windows,).
     """
     filtered, scale, _ = _prefiltered(samples, settings, sample_rate)
-    # The poles of this fit may be unstable, because only the residual is used.
+    # Accept unstable poles, because only the residual of this fit is used.
     fit = _least_squares(filtered)
     return filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1)
 
@@ -260,10 +260,10 @@ def _prefiltered(
 
 
 def _start(x: Array) -> AdaptiveIdentification:
-    """Return the initial identification, for a platform that follows the load without delay."""
+    """Return the initial identification, of a platform that follows the load without delay."""
     mass = hann_mean(x)
     none = 0 * mass
-    # The variance is that of the window, because this result is only a fallback.
+    # Use the variance of the window, because this result is only a fallback.
     return AdaptiveIdentification(none, none, mass, mass, np.var(x, axis=-1), np.isinf(mass))
 
 
@@ -275,12 +275,12 @@ def _least_squares(x: Array) -> AdaptiveIdentification:
     s11, s22, s12 = ((a * b).sum(axis=-1) for a, b in ((one, one), (two, two), (one, two)))
     s01, s02 = (now * one).sum(axis=-1), (now * two).sum(axis=-1)
     determinant = s11 * s22 - s12 * s12
-    # Without an oscillation, a1 and a2 are 0.
+    # Set a1 and a2 to 0 if the window contains no oscillation.
     inverse = 1 / np.where(determinant > 0, determinant, np.inf)
     a1 = (s12 * s02 - s22 * s01) * inverse
     a2 = (s12 * s01 - s11 * s02) * inverse
     b1 = level0 + a1 * level1 + a2 * level2
-    # With stable poles, 1 + a1 + a2 is positive.
+    # Divide only with stable poles, for which 1 + a1 + a2 is positive.
     stable = is_stable(a1, a2) & np.isfinite(b1)
     total = np.where(stable, 1 + a1 + a2, 1.0)
     mass = b1 / total

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators that average the window. Other estimators are compared with them."""
+"""Estimators that average the window, with which other estimators are compared."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -30,8 +30,8 @@ class HannParameters(EstimatorParameters):
 class Mean(Average):
     """Mean of the raw window.
 
-    The mean is unbiased for a constant load. It removes an oscillation with whole periods in the
-    window, but not an oscillation whose period is longer than the window.
+    The mean is unbiased for a constant load. It removes an oscillation that has a whole number of
+    periods in the window, but not one whose period is longer than the window.
 
     Examples
     --------

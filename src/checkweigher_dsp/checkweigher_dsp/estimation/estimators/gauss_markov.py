@@ -9,7 +9,7 @@ The signal of a pass is a known shape times the mass, plus other motion of the b
 s is the response of the platform to the entering load, z an error of the zero, and n noise with the
 covariance C. o_i are free oscillations of the platform, caused by the previous product and by the
 impact at entry. If C is known, generalised least squares has the smallest variance of all unbiased
-linear estimates of the mass. The signal before t1 is also used: there s is 0, so that it shows z,
+linear estimates of the mass. The signal before t1, where s is 0, is also used, because it shows z,
 the oscillations and, by C, the vibration that continues in the window. [own derivation,
 docs/method.md]
 
@@ -43,7 +43,7 @@ _LEAST_CHANGE = 1e-9  # smallest relative change of the mass that needs another 
 _MAX_ITERATIONS = 8
 _FREE = 1.0  # standard deviation of an unknown oscillation in kg
 _RATE_TOLERANCE = 1e-3  # largest relative deviation of the sample rate
-# Belt speeds are rounded to this step in m/s for the noise model, whose spectral lines are wider.
+# Step in m/s of the belt speeds of noise models, below the widths of the spectral lines.
 _SPEED_STEP = 1e-3
 _UNTRAINED_ORDER = 40  # largest order of the autoregression without training
 _LEAST_NOISE = 1e-9  # standard deviation in kg that is used for a signal without noise
@@ -135,7 +135,7 @@ def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassS
     """Return the used part of a window, from the empty belt before t1 to the end of the window."""
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + rise_time(window)
-    # The load falls one transit after it rose.
+    # The load falls one transit after it rises.
     leave = transit(window)
     first_at = seconds(window.stamp - (window.t1 or 0))
     time = first_at + np.arange(len(window.counts)) / window.sample_rate
@@ -167,7 +167,7 @@ class GaussMarkov(Estimator):
         self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load in a window, with a variance that includes that of the zero."""
+        """Return the load in a window. With a learned model, the variance includes the zero."""
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)
@@ -180,7 +180,7 @@ class GaussMarkov(Estimator):
         impact = known.at('impact', window.belt_speed) * window.belt_speed
         signal = whitener.whiten(used.signal)
         mass, variance, misfit = hann_mean(raw_samples(window)), math.nan, math.nan
-        # A change of the mass affects only the first five columns, and only after the entry.
+        # Each iteration changes only the first five columns, and these only after the entry.
         entry = int(np.searchsorted(used.time, used.crossing.on_begin))
         columns = np.ones((6, len(used.time)))
         whitened = np.empty(0)
@@ -196,7 +196,7 @@ class GaussMarkov(Estimator):
             mass, variance, misfit = least_squares(signal, whitened, std_devs)
             if not mass > 0 or abs(mass - last) <= _LEAST_CHANGE * abs(mass):
                 break
-        # The model is not valid for a product that bounces or slips.
+        # Return no mass if the model does not fit, because the product may bounce or slip.
         return LoadEstimate(mass if misfit <= known.max_misfit else math.nan, variance)
 
     def _whitener_at(self, speed_step: int) -> Prewhitener:
@@ -238,8 +238,8 @@ def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     """Estimate the load in a window without training, by a noise model of the empty belt.
 
     The platform is unknown, but the belt excites its resonance. So an autoregression of the empty
-    belt reduces the effect of ringing in the window. If the empty belt is too short, the estimate
-    is the Hann-weighted mean.
+    belt reduces the effect of ringing in the window. If the empty belt is too short or has no
+    noise, the estimate is the Hann-weighted mean.
     """
     samples = raw_samples(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
@@ -250,7 +250,7 @@ def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     if order >= 2 and np.all(np.isfinite(empty)) and np.ptp(empty) > 0:
         with np.errstate(invalid='ignore'):
             reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
-    # The deviation is also 0 if the empty belt is exactly predictable, as with alternating counts.
+    # Use the mean also if the empty belt is exactly predictable, as with alternating counts.
     if not std_dev > 0:
         return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)

@@ -53,7 +53,7 @@ class IswdEksiParameters(EstimatorParameters):
 
     @property
     def noise(self) -> Noise:
-        """Variances of the Kalman filter, with R as a share of the removed variance."""
+        """Variances of the Kalman filter, with R as a multiple of the removed variance."""
         return Noise(
             self.measurement_noise,
             self.process_noise,
@@ -63,7 +63,7 @@ class IswdEksiParameters(EstimatorParameters):
 
 
 class IswdEksi(Estimator):
-    """Extended Kalman identification of the denoised signal.
+    """Extended Kalman identification of the platform from the denoised signal.
 
     References
     ----------
@@ -78,8 +78,8 @@ class IswdEksi(Estimator):
     parameters = IswdEksiParameters()
     needs_denoised = True
     look = PlotStyle('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
-    # All parameters but the last belong to the denoiser. Other parameters have little effect; see
-    # docs/method.md.
+    # All but the last are parameters of the denoiser. Other parameters are not searched, because
+    # they have little effect; see docs/method.md.
     axes = (
         Axis('gamma6', 0.0, 1.2, 0.1),
         Axis('gamma7', 0.0, 1.2, 0.5),
@@ -89,11 +89,11 @@ class IswdEksi(Estimator):
     )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform."""
+        """Return the steady state of the identified platform, after `doubt` if it is set."""
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window. All windows are identified at once."""
+        """Return the load in each window. All windows are identified in one call."""
         passes = [denoised_pass(window) for window in windows]
         removed = [
             np.var(raw_samples(window) - window.denoised[window.window_begin : window.window_end])
@@ -120,14 +120,14 @@ def identify_passes(
     Parameters
     ----------
     passes : sequence of (ndarray, (n_i,), ndarray, (n_i,))
-        Denoised signal in kg up to t3, and share of the product on the belt at each sample, which
-        increases to 1 at t2.
+        Denoised signal in kg up to t3, and fraction of the product on the belt at each sample,
+        which increases to 1 at t2.
     removed_variance : ndarray, (passes,) float64
         Variance in kg^2 that denoising removed between t2 and t3.
     noise : Noise
-        Variances of the Kalman filter, with R as a share of the removed variance.
+        Variances of the Kalman filter, with R as a multiple of the removed variance.
     rise : float or ndarray, (passes,)
-        Factor of R while the load rises, because no product enters the belt quite evenly.
+        Factor of R while the load rises, at least 1, because no product enters quite evenly.
 
     Returns
     -------

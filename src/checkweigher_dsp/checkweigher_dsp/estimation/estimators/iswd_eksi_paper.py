@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Literal implementation of ISWD-EKSI as in the paper, with errata applied, as a reference.
+"""Reference implementation of ISWD-EKSI, which follows the paper literally with errata applied.
 
 The implementation uses PyWavelets and filterpy for one window at a time. Section and equation
 numbers refer to Long et al.; docs/method.md lists the errata. Choices that the paper does not
@@ -35,7 +35,7 @@ _LEAST_NOISE = 1e-12  # least value of R relative to the squared load
 
 @dataclass(frozen=True)
 class IswdEksiPaperParameters(EstimatorParameters):
-    """Parameters of the literal ISWD-EKSI, whose values the paper does not state."""
+    """Parameters of the literal ISWD-EKSI. The paper does not state their values."""
 
     node: ClassVar[str] = 'identifier.iswd_eksi_paper'
 
@@ -49,7 +49,7 @@ class IswdEksiPaperParameters(EstimatorParameters):
 
 
 class IswdEksiPaper(Estimator):
-    """Literal implementation of ISWD-EKSI for the raw window from t2 to t3.
+    """Literal implementation of ISWD-EKSI, which denoises the raw samples from t2 to t3.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def identify(signal: Array, measurement: float, process: float) -> Any:
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
     """
-    # filterpy is only imported when it is used, because it loads SciPy, which is slow.
+    # Import filterpy only when it is used, because it loads SciPy, which is slow.
     from filterpy.kalman import ExtendedKalmanFilter
 
     platform = ExtendedKalmanFilter(dim_x=5, dim_z=1)  # with X0 = 0 and P0 = I

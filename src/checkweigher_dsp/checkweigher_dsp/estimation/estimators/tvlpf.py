@@ -31,7 +31,7 @@ from checkweigher_dsp.signal import Array
 
 @dataclass(frozen=True)
 class TvlpfParameters(EstimatorParameters):
-    """Parameters of TVLPF: the cut-off as a function of the relative time in the window."""
+    """Parameters of TVLPF: number of sections, and cut-off as a function of time in the window."""
 
     node: ClassVar[str] = 'identifier.tvlpf'
 
@@ -97,8 +97,8 @@ def lowpass_weights(
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
     :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`. It has the pole of an analogue section and unity
-    gain at any cut-off. The initial value of all sections is the first sample. Otherwise the output
-    would only approach a constant load, and would be biased.
+    gain at any cut-off. The initial value of all sections is the first sample, because otherwise
+    the output would only approach a constant load and would be biased.
 
     The filter is linear, so the last output is a weighted mean of the samples. The weights are
     computed by the transposed cascade, which runs backwards in time.

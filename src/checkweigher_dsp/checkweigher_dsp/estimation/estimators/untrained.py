@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates of the load on a machine without training, and their uncertainty.
 
-The only assumption is a constant load in the window. Nothing is assumed about the platform or the
-rise of the load. [own derivation, docs/method.md]
+`window_level` assumes only a constant load in the window. The other functions compare the rise of
+the load with an even rise on the default platform. [own derivation, docs/method.md]
 """
 
 from dataclasses import replace
@@ -21,38 +21,38 @@ from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
 _PARTS = 64  # least number of parts of a window, which resolve 80 Hz on a slow belt
-# Additional noise at both ends of a window, as shares of the variance of the disturbance. It is
-# larger at t2, where ring-down and a late load extend far into the window, than at t3.
+# Additional noise at both ends of a window, as fractions of the variance of the disturbance. It is
+# larger at t2 than at t3, because ring-down and a late load extend far into the window.
 _ENTRY_NOISE = 0.05
 _EXIT_NOISE = 0.001
 _EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends
-_WHITE = 1e-3  # share of white noise, which limits the weights for a single oscillation
+_WHITE = 1e-3  # fraction of white noise, which limits the weights for a single oscillation
 _ITERATIONS = 2
 SETTLE_TIME = 0.1  # duration of the ring-down after the previous item in s
 _RISE_PARTS = 3  # number of parts of the rise, above the period of most platforms
-# Factor of the standard deviation by the spectrum, which is too large because ringing decays. The
-# factor was measured on 21 machines, for which no estimator had a model.
+# Factor of the standard deviation of the level, which is too large because ringing decays. The
+# factor was measured on 21 machines that no estimator was trained on.
 _STATED = 0.6
 
 
 def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
-    """Return the weighted mean of an estimate that uses the rise of the load and `window_level`.
+    """Return the weighted mean of `window_level` and of an estimate that uses the rise of the load.
 
-    The two are weighted by their inverse variances. The variance of `load` increases with the
-    residual between t1 and t2 and with the lag of the rise. Both are caused by misplaced
+    Level and estimate are weighted by their inverse variances. The variance of `load` increases
+    with the residual between t1 and t2 and with the lag of the rise. Both are caused by misplaced
     photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their effect over
     the pass. The variance of the result is that of the level alone, because a single pass cannot
     show whether a rise that fits is misleading.
     """
     if not is_in_window(load, window):
-        return load  # The load changed during the rise, and the identifier will refuse it.
+        return load  # The identifier rejects a load outside the range of the samples.
     level, deviation = window_level(window)
     misplaced = load.mass * lag_doubt(window) / (2 * transit(window))
     misfit = rise_misfit(window, load.mass) * rise_time(window) / transit(window)
     by_rise = load.variance + misfit**2 + misplaced**2
     by_level = deviation**2
     total = by_rise + by_level
-    if not total > 0:  # This is also the case for NaN.
+    if not total > 0:  # The total may be NaN.
         return load
     mass = (by_level * load.mass + by_rise * level) / total
     variance = (_STATED * deviation) ** 2
@@ -65,8 +65,8 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
     The weights of the mean are Gauss-Markov weights. The covariance of the disturbance is that of
     the window about its level, plus that of the empty belt before the window. For a broadband
     disturbance, the result is close to a plain mean. For spectral lines, it is close to a mean with
-    a smooth window. Additional noise reduces the weights near t2, where ringing and an incomplete
-    load may remain, and near t3.
+    smooth weights. Additional noise reduces the weights near t3 and even more near t2, where
+    ringing and an incomplete load may remain.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
@@ -92,11 +92,11 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 
 
 def rise_misfit(window: WeighWindow, mass: float) -> float:
-    """Return the rms residual in kg between t1 and t2 for a linear rise to a load of `mass` in kg.
+    """Return the rms residual in kg between t1 and t2 of a linear rise to a load of `mass` in kg.
 
     The assumed load lags by the delay of the default platform. The residual is computed from the
     means of the thirds of the rise, so that ringing averages out. The noise of the empty belt is
-    subtracted.
+    subtracted. If the rise has fewer than three samples, the result is 0.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
