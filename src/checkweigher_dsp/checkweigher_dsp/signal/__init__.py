@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Mathematics that several stages use: averages, autoregression, Kalman filter, platform."""
+"""Algorithms that several stages use: averages, autoregression, Kalman filter, platform model."""
 
 import numpy as np
 from numpy.typing import NDArray

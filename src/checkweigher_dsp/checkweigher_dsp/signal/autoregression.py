@@ -12,7 +12,7 @@ import numpy as np
 
 from checkweigher_dsp.signal import Array
 
-# The recursion of an energy restarts below this share, at which three digits are lost.
+# An energy is summed again below this fraction of its last sum, at which three digits are lost.
 _LEFT = 1e-3
 
 
@@ -47,8 +47,8 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     forward and backward errors are filtered as one matrix. An impulse follows each signal at a
     distance above the order, and its response contains the coefficients. The energy in the
     denominator is updated recursively: it is multiplied by 1 - k^2, and the squares of the two
-    errors that are not used at the next order are subtracted. The energy is summed again if
-    rounding errors would matter.
+    errors that are not used at the next order are subtracted. If rounding errors would matter, the
+    energy is summed again.
 
     References
     ----------
@@ -77,14 +77,14 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     for used in range(count - 1, count - 1 - order, -1):
         forward, backward = errors[:used], errors[size : size + used]
         if energy <= least:
-            # The energy of a signal that is predicted exactly is 0.
+            # Avoid a division by 0 if the signal is predicted exactly.
             energy = float(forward.dot(forward) + backward.dot(backward)) or 1.0
             least = _LEFT * energy
         reflection = -2.0 * float(forward.dot(backward)) / energy
         reflections.append(reflection)
         turn[0, 1] = turn[1, 0] = reflection
         turned = turn.dot(errors.reshape(2, size)).ravel()
-        # The first forward error and the last backward error are not used at the next order.
+        # Omit the first forward error and the last backward error, unused at the next order.
         first, last = turned.item(0), turned.item(size + used - 1)
         energy = (1.0 - reflection * reflection) * energy - first * first - last * last
         errors = turned[1:-1]
@@ -98,7 +98,7 @@ def akaike_order(powers: Array, count: int) -> int:
 
     The criterion of order m is n ln(power) + 2 m, for a model that was fitted to n = `count`
     samples. `powers`, (p + 1,), contains the powers of the prediction errors for the orders 0 to p.
-    The lowest of equally good orders is chosen.
+    Of equally good orders, the lowest is chosen.
 
     References
     ----------
@@ -109,7 +109,7 @@ def akaike_order(powers: Array, count: int) -> int:
     >>> akaike_order(np.array([4.0, 1.0, 0.99]), 100)  # the second order is worth 1, not 2
     1
     """
-    # A power below the rounding error of the signal is no evidence for a higher order.
+    # Limit the powers, because a power below the rounding error is no evidence for a higher order.
     least = max(_ROUNDING * float(powers[0]), float(np.finfo(np.float64).tiny))
     criterion = count * np.log(np.maximum(powers, least)) + 2 * np.arange(len(powers))
     return int(np.argmin(criterion))

@@ -34,7 +34,7 @@ def batch_mean_std_error(samples: Array) -> float:
 
 
 def hann_mean(samples: Array) -> Any:
-    """Compute the Hann-weighted mean of windows. The weights exclude the zeros of a Hann window.
+    """Compute the mean of windows, weighted by a Hann window without the zeros at its ends.
 
     The mean is unbiased for a constant load. An oscillation with two or more periods in the window
     is reduced to less than 3 % at any phase, whereas a plain mean requires whole periods.

@@ -157,7 +157,7 @@ def _filter(
     """Return the state after all samples. Its numbers are floats or arrays (windows,)."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
-    # No in-place assignments, because several names share an array.
+    # Do not assign in place, because several names share an array.
     for z, u, r in zip(samples, inputs, measurement, strict=False):
         # Row 1 of F P, and the first element of F P F' + Q. Row 2 of F P is row 1 of P.
         g1 = u * p15 - a1 * p11 - a2 * p12 - x * p13 - y * p14

@@ -8,9 +8,9 @@ and xi the damping ratio of the empty platform, the reading y in kg obeys
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
 where m0 is the moving mass, m(t) the load and f(t) the force divided by g. The load increases
-linearly while the product enters. The moving mass is approximated by stairs, because within a stair
-the response to a linear force has a closed form. So the response is computed without numerical
-integration. [own derivation]
+linearly while the product enters. The moving mass is approximated by steps, because while it is
+constant the response to a linear force has a closed form. So the response is computed without
+numerical integration. [own derivation]
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ import numpy as np
 
 from checkweigher_dsp.signal import Array
 
-# Number of stairs at each end of the belt. With 8 stairs, the error of the moving mass is at most
+# Number of steps at each end of the belt. With 8 steps, the error of the moving mass is at most
 # 1/16 of the mass of the product, and 0 on average.
 _STAIRS = 8
 
@@ -37,7 +37,7 @@ class Platform:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """Times in s at which the load of a product begins and ends to rise and to fall.
+    """Times in s of the beginning and end of the rise and of the fall of the load of a product.
 
     The times of the fall are infinite if the product does not leave.
     """
@@ -95,7 +95,7 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
 
 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
-    """Return the free oscillations that begin with value 1 at rest, and with slope omega at 0."""
+    """Return the free oscillations with value 1 and slope 0, and with value 0 and slope omega."""
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
     return cosine + decay / damped * sine, omega / damped * sine
@@ -104,10 +104,10 @@ def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tupl
 def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
     """Return the solution on each segment of constant moving mass after the entry.
 
-    A solution contains the begin in s, the decay rate and the damped angular frequency of the
-    segment, and the constant and the rate of the forced response. Then follow the cosine and sine
-    coefficients of three responses: to the load, and of the free oscillations that begin at the
-    entry with value 1 and with slope omega.
+    A solution contains the beginning of the segment in s, its decay rate and its damped angular
+    frequency, and the constant and the rate of the forced response. Then follow the cosine and sine
+    coefficients of three responses: the response to the load, and the free oscillations that begin
+    at the entry with value 1 and with slope omega.
     """
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
@@ -137,7 +137,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
 
 
 def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
-    """Return begin, duration, initial load, rate of the load and mean load of each segment."""
+    """Return beginning, duration, initial load, load rate and mean load of each segment."""
     segments = []
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):

@@ -41,7 +41,7 @@ class Prewhitener:
         self._order = order
         # Row m predicts sample m from all samples before it, for m below the order.
         self._start = np.zeros((order, order))
-        # The variance of a prediction error is that of the innovations divided by these factors.
+        # The variance of the innovations divided by these factors is that of a prediction error.
         remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
         scales = np.sqrt(remaining) / std_dev
         taps = np.zeros(order + 1)
@@ -53,7 +53,7 @@ class Prewhitener:
         self._taps = taps / std_dev
 
     def whiten(self, signals: Array) -> Array:
-        """Return the filtered signals (..., n), in units of the standard deviation of the noise."""
+        """Return the filtered signals (..., n), in units of the std. dev. of the innovations."""
         result = np.empty(signals.shape)
         begin = min(self._order, signals.shape[-1])
         result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
@@ -103,11 +103,11 @@ def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, fl
         raise ValueError(f'no segment of noise is longer than {order} samples')
     power = float(sum(np.sum(segment**2) for segment in kept) / sum(map(len, kept)))
     if not power > 0:
-        raise ValueError('the segments hold no noise')
+        raise ValueError('the segments contain no noise')
     if len(kept) == 1:
         _, reflections = burg(kept[0], order)
         return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
-    # All segments are in one array, padded with zeros that are never used.
+    # Store all segments in one array, padded with zeros that are never used.
     longest = max(map(len, kept))
     forward = np.zeros((len(kept), longest))
     for row, segment in zip(forward, kept, strict=True):
@@ -119,9 +119,9 @@ def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, fl
         valid = np.arange(longest - m - 1) < (lengths - m - 1)[:, None]
         ahead, behind = forward[:, 1:] * valid, backward[:, :-1] * valid
         energy = np.sum(ahead**2 + behind**2)
-        # The energy of a signal that is predicted exactly is 0.
+        # Avoid a division by 0 if the signal is predicted exactly.
         reflection = -2 * np.sum(ahead * behind) / energy if energy > 0 else 0.0
         forward, backward = ahead + reflection * behind, behind + reflection * ahead
         reflections[m] = reflection
-        power *= max(1 - reflection**2, 0.0)  # Rounding may cause a reflection above 1.
+        power *= max(1 - reflection**2, 0.0)  # Rounding may give a factor below 0.
     return reflections, math.sqrt(power)

@@ -5,7 +5,7 @@ r"""Lag of the samples behind the photo-eyes, measured on the rise of the load.
 Between t1 and t2 a product moves onto the belt. A linear system of unity gain, such as the platform
 or an amplifier, delays the rise of the load by the delay at frequency 0. Apart from this, it does
 not change the area under the signal. A clock offset has the same effect. Let the signal y be z on
-the empty belt and z + M under the full load, s the share of the product on the belt according to
+the empty belt and z + M under the full load, s the fraction of the product on the belt according to
 the photo-eyes, and l the lag: [own derivation]
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
@@ -14,10 +14,10 @@ where a is 1 during the rise and falls smoothly to 0 before and after it, so tha
 out. z and M are Hann-weighted means of the empty belt and under the full load. Nothing is assumed
 about the platform.
 
-An uneven rise also causes a lag, although the load is complete at t2. If the load after the share u
-of the rise time is u - k u (1 - u), this part of the lag, the bend, is k (t2 - t1) / 6. The
-residual of the signal has no area, so for small k the bend is the integral of 30 u (1 - u) times
-the residual.
+An uneven rise also causes a lag, although the load is complete at t2. If the load after the
+fraction u of the rise time is u - k u (1 - u), this part of the lag, the bend, is k (t2 - t1) / 6.
+The residual of the signal has no area, so for small k the bend is the integral of 30 u (1 - u)
+times the residual.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ _SHORTEST_EMPTY = 0.06  # shortest time in s of the empty belt that shows its vi
 _FEWEST = 8  # fewest samples for z and for M
 _ROUNDS = 10
 _CLOSE = 1e-5  # change of the lag in s below which the iteration ends
-# Share of the vibration under the full load that is counted as noise. Most of this vibration is
+# Fraction of the vibration under the full load that counts as noise. Most of this vibration is
 # ringing, which averages out.
 _LEVEL_SHARE = 0.25
 # Standard deviations of lag and bend in s that are caused by the impact of a product.
@@ -102,8 +102,8 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
         lag += change
     else:
         return RiseLag()
-    # Samples of the empty belt and of the full load, according to both the signal and the eyes. If
-    # too few samples remain, only the signal is used.
+    # Compute the noise where both the signal and the eyes show an empty belt or the full load. If
+    # too few samples remain, use only the signal.
     begin, end = (int(time.searchsorted(at)) for at in (min(lag, 0.0), rise_time + max(lag, 0.0)))
     stop = int(time.searchsorted(transit + min(lag, 0.0)))
     if min(begin, stop - end) < _FEWEST:
@@ -136,7 +136,7 @@ def lag_of(window: WeighWindow) -> RiseLag:
 def _weights(
     time: Array, rise_time: float, transit: float, lag: float
 ) -> tuple[Array, Array, Array] | None:
-    """Return the weights of the samples in z, in M, and in M times the error of the lag.
+    """Return the weights of the samples in z, in M, and in M times the correction of the lag.
 
     The weights are (n,) each. Returns None if there are too few samples of the empty belt or of the
     full load.

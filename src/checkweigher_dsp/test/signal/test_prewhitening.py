@@ -95,5 +95,5 @@ def test_segments_that_are_all_too_short_are_refused(segments):
 
 @pytest.mark.parametrize('value', [0.0, math.nan])
 def test_stretches_without_noise_are_refused(value):
-    with pytest.raises(ValueError, match='the segments hold no noise'):
+    with pytest.raises(ValueError, match='the segments contain no noise'):
         pooled_reflections([np.full(20, value)], 2)
