@@ -316,17 +316,17 @@ ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
             'inspections: .* names a device twice',
         ),
         ('reject', {'stations': 'UNDER; OVER', **ONE_STATION}, 'station_distances: 1 values, but'),
-        ('reject', {'stations': 'HEAVY', **ONE_STATION}, r"stations\[0\]: 'HEAVY' is no"),
-        ('reject', {'stations': 'ACCEPT', **ONE_STATION}, r"stations\[0\]: 'ACCEPT' is no"),
+        ('reject', {'stations': 'HEAVY', **ONE_STATION}, r"stations\[0\]: 'HEAVY' is not"),
+        ('reject', {'stations': 'ACCEPT', **ONE_STATION}, r"stations\[0\]: 'ACCEPT' is not"),
         (
             'reject',
             {'stations': '0.2..0.1', **ONE_STATION},
-            r'stations\[0\]: .* no range of masses',
+            r'stations\[0\]: .* is not a mass range',
         ),
         (
             'reject',
             {'stations': 'UNDER; ', 'station_distances': (1, 2), 'station_delays': (0, 0)},
-            r'stations\[1\]: has to say what',
+            r'stations\[1\]: must state what',
         ),
     ],
 )

@@ -3,7 +3,7 @@
 """Batch rules for prepackages according to EU Directive 76/211/EEC, Annex I, section 1.
 
 Two rules must be satisfied after each item, not only at the end of the batch. By the first rule, an
-item below the tolerance limit TU1 is accepted only if the share of such items among the accepted
+item below the tolerance limit TU1 is accepted only if the fraction of such items among the accepted
 items remains within a quota. By the second rule, which is optional, an item below the nominal
 weight is accepted only if the mean of the accepted items remains at or above the nominal weight.
 """
@@ -46,7 +46,7 @@ class BatchTally:
         return self.product, self.batch
 
     def has_room(self, quota: float) -> bool:
-        """Return whether the next accepted item may be below TU1 for a `quota` of such items."""
+        """Return whether the `quota` allows the next accepted item to be below TU1."""
         return self.below_tu1 + 1 <= quota * (self.accepted + 1) * (1 + ROUNDING)
 
 
@@ -67,7 +67,7 @@ class BatchRules:
         return latest
 
     def judge(self, verdict: Verdict, product: ProductOnLine) -> Verdict:
-        """Return a verdict after the rules are applied, with the counts of its batch."""
+        """Apply the rules to a verdict, and return it with the counts of its batch."""
         tally = self.remember(BatchTally.of(product))
         decision, reasons = verdict.decision, verdict.reasons
         if decision is Decision.ACCEPT and (broken := broken_rules(verdict.mass, tally, product)):
@@ -85,7 +85,7 @@ class BatchRules:
 
 
 def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tuple[str, ...]:
-    """Return the rules that an item with a mass in kg would break if it was accepted."""
+    """Return the rules that an accepted item with a mass in kg would break."""
     broken = []
     if _below_tu1(mass, product) and not tally.has_room(product.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)

@@ -10,7 +10,7 @@ from checkweigher_dsp.rejection.outfeed_watch import OutfeedEdge
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.timing import ArrivalClock
 
-_PATIENCE = NANOSECONDS // 10  # waiting time for a mass without a reject time in ns
+_PATIENCE = NANOSECONDS // 10  # waiting time in ns for the mass of an item without a reject time
 _PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time for the mass of a given-up item in ns
 # Waiting time for an announcement in ns, above the time after which stalled samples are ignored.
 _PATIENCE_UNTAKEN = 3 * NANOSECONDS // 10
@@ -30,7 +30,7 @@ class Deadlines:
     parameters : RejectParameters
         Parameters of the stage, which may be replaced at any time.
     newest : int
-        Stamp of the newest samples that the segmenter has processed.
+        Stamp of the newest block of samples that the segmenter has processed.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -46,7 +46,7 @@ class Deadlines:
         self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges, by stamp
 
     def add_edge(self, edge: EyeEdge, now: int) -> int:
-        """Add an edge that arrived at `now`, and return its arrival without the delay."""
+        """Add an edge that arrived at `now`, and return its arrival time without the delay."""
         came = self._arrivals.came(edge.stamp, now)
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._came[edge.stamp] = came
@@ -94,7 +94,7 @@ class Deadlines:
     def await_devices(self, pending: PendingItem, over: int | None, now: int | None) -> bool:
         """Set the deadline of a verdict that waits for inspection devices.
 
-        All devices have answered at the stamp `over`. Returns whether the verdict waits; it does
+        All devices have answered at the stamp `over`. Returns whether the verdict waits. It does
         not wait beyond the deadline of the item.
         """
         ready = None if over is None else self._arrivals.at(over)
@@ -113,7 +113,7 @@ class Deadlines:
             return late_from is not None and now > late_from
         if late_from is None:
             late_from = self._arrivals.at(reject_at)
-        if late_from is None:  # The stage has just started.
+        if late_from is None:  # No edge has arrived since the stage started.
             return reject_at < self.newest
         lead = reject_at - verdict.station_at if verdict.station_at else 0
         return now > late_from - lead

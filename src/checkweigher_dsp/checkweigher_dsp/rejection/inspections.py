@@ -4,9 +4,9 @@
 
 A device is at a distance before or behind the infeed eye. It answers for an item within its answer
 time after the item has passed. The verdict on an item waits until the answer times of all devices
-are over. An item that a device rejects is a FAULT with a reason for the device. An item has the
-reason NotInspected if the rejector cannot wait so long, or if a device was not running. So each
-item has one verdict, which does not change later.
+are over, so that it does not change later. An item that a device rejects is a FAULT with a reason
+for the device. An item is a FAULT with the reason NotInspected if the rejector cannot wait so long,
+or if a device was not running.
 """
 
 from collections import deque
@@ -35,7 +35,7 @@ _MAX_SIGNALS = 1_000  # maximum number of rejects that wait for their items
 _MAX_JUDGED = 400  # maximum number of stored verdicts
 _MAX_OUTAGES = 100  # maximum number of stored outages
 _NAMED_PATIENCE = NANOSECONDS  # waiting time in ns of a reject that names its item
-_SLOWEST_BELT = 0.1  # belt speed in m/s for which other rejects wait long enough
+_SLOWEST_BELT = 0.1  # lowest belt speed in m/s for which rejects without a number wait long enough
 _LATENESS = 2 * NANOSECONDS  # largest delay of an edge behind the samples in ns
 _EVER = 2**62  # time in ns beyond any stamp
 
@@ -73,7 +73,7 @@ class _Signal:
 
 
 class Inspections:
-    """Assignment of the rejects by inspection devices to items.
+    """Assignment of the rejects of inspection devices to items.
 
     Stamps and times are in ns.
 
@@ -84,8 +84,8 @@ class Inspections:
     judged : deque of (Verdict, Passage or None)
         Latest verdicts of this stream, which are final, with the passages of the items.
     missed : StopRequest or None
-        Stop request for the first reject that was too late or belongs to no item. The caller
-        removes it.
+        Stop request for the first reject that was not applied to its item. The caller removes the
+        request.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -93,15 +93,15 @@ class Inspections:
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
-        # The devices are considered as not running until they report that they run. The last
-        # outage may not have ended.
+        # Periods in which not all devices ran, which begin before the first report. The last one
+        # may not have ended.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
         """Set whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
-        # The outage may have begun before the latest edges arrived.
+        # Date an outage back, because it may have begun before the latest edges arrived.
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:
@@ -117,7 +117,7 @@ class Inspections:
         for verdict, passage in reversed(self.judged):
             if self._is_of(reject, verdict.item_id, passage):
                 if verdict.decision is Decision.ACCEPT:
-                    self._miss(reject, verdict.item_id, 'its item was accepted before')
+                    self._miss(reject, verdict.item_id, 'the item was already accepted')
                 return
         if not reject.item_id and reject.device not in self.parameters.devices:
             self._miss(reject, 0, 'the device is not in reject.inspections')
@@ -130,7 +130,7 @@ class Inspections:
         self._signals.append(_Signal(reject, now + patience))
 
     def over_at(self, passage: Passage | None) -> int | None:
-        """Return the stamp at which all devices have answered for an item, None without devices."""
+        """Return the stamp at which all devices have answered for an item, or None."""
         return max((span.end for _, span in self._spans(passage)), default=None)
 
     def _spans(self, passage: Passage | None) -> Iterator[tuple[str, Span]]:
@@ -147,7 +147,7 @@ class Inspections:
             yield device, Span(begin - slack, end + slack)
 
     def heed(self, verdict: Verdict, passage: Passage | None, over: bool | None) -> Verdict:
-        """Return a verdict with the reasons of devices that reject the item, as a FAULT if any.
+        """Return a verdict, as a FAULT with reasons if a device rejects or missed the item.
 
         The mass is not changed. `over` is whether the answer times are over, or None without a
         clock. If the `passage` is None, only rejects that name the item are applied.
@@ -186,10 +186,10 @@ class Inspections:
         return min((signal.forget_at for signal in self._signals if not signal.used), default=None)
 
     def advance(self, now: int) -> None:
-        """Report the rejects whose item was not seen by `now` as missed."""
+        """Remove the rejects that expire by `now`, and report those without an item as missed."""
         for signal in self._signals:
             if signal.forget_at <= now and not signal.used:
-                self._miss(signal.reject, signal.reject.item_id, 'no item was there')
+                self._miss(signal.reject, signal.reject.item_id, 'no item was at the device')
         kept = [signal for signal in self._signals if signal.forget_at > now]
         self._signals = deque(kept, maxlen=_MAX_SIGNALS)
 

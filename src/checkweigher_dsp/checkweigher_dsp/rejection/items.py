@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-MAX_JUDGED = 1_024  # how many numbers are stored, more than the queue length of the topic items
+MAX_JUDGED = 1_024  # maximum number of stored numbers, above the queue length of the topic items
 _MAX_OWN = 1_000  # maximum number of stored numbers of items without an announcement
 
 
 @dataclass(slots=True, eq=False)
 class PendingItem:
-    """Announced item without a verdict. Times are in ns on the clock of arrivals."""
+    """Item without a verdict. Times are in ns on the clock of arrivals unless stated otherwise."""
 
     item: Item
     reject_at: int | None = None  # reject time on the clock of the stamps
@@ -25,12 +25,12 @@ class PendingItem:
 
 
 class PendingItems:
-    """Announced items without a verdict, and the numbers of items with a verdict.
+    """Announced items without a verdict, and the latest numbers of items with a verdict.
 
     Parameters
     ----------
     judged : iterable of int
-        Numbers of items that an earlier process has judged.
+        Numbers of items with a verdict by an earlier process.
 
     Attributes
     ----------
@@ -39,21 +39,21 @@ class PendingItems:
     largest : int
         Largest number so far, or 0 without items.
     passed_over : list of int
-        Numbers of items that were judged under another number. The caller empties the list.
+        Numbers of items whose verdict has another number. The caller empties the list.
     """
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
         self.pending: dict[int, PendingItem] = {}
-        # Whether this process has judged an item, by number in the order of the verdicts.
+        # Whether a verdict is by this process, by item number in the order of the verdicts.
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:], False)
         self.passed_over: list[int] = []
-        self._forgotten = 0  # largest judged number that is no longer stored
+        self._forgotten = 0  # largest number with a verdict that is no longer stored
         # Numbers of items that no segmenter announced.
         self._own: deque[int] = deque(maxlen=_MAX_OWN)
         self.largest = max(self._judged, default=0)
 
     def announce(self, item: Item) -> PendingItem | None:
-        """Add an announcement and return its item, or None if the item was already judged."""
+        """Add an announcement and return its item, or None if the item has a verdict."""
         pending = self.pending.get(item.item_id)
         if pending is not None:
             pending.item = item
@@ -65,15 +65,15 @@ class PendingItems:
         return pending
 
     def has_verdict(self, number: int) -> bool:
-        """Return whether an item was already judged."""
+        """Return whether an item has a verdict."""
         return number in self._judged or number <= self._forgotten
 
     def judged_here(self, number: int) -> bool:
-        """Return whether this process has judged an item and still stores the number."""
+        """Return whether this process gave the verdict on an item and still stores the number."""
         return self._judged.get(number, False)
 
     def judge(self, number: int) -> None:
-        """Remove an item, because it was judged."""
+        """Store the number of an item that has a verdict, and remove the item."""
         self.pending.pop(number, None)
         self._judged[number] = True
         self.largest = max(self.largest, number)
@@ -83,7 +83,7 @@ class PendingItems:
             self._forgotten = max(self._forgotten, forgotten)
 
     def pass_over(self, number: int) -> None:
-        """Remove an item, because it was judged under another number."""
+        """Remove an item whose verdict has another number, and store its number."""
         self.judge(number)
         self.passed_over.append(number)
 

@@ -15,11 +15,11 @@ _NOISE = 1e-3  # largest plausible standard deviation in kg of masses below this
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Return the verdict on an estimate by the limits of the product.
 
-    An item that was not weighed is a FAULT. An item with a wrong length or speed or an implausible
-    standard deviation is also a FAULT, with its mass.
+    An item without a mass is a FAULT. An item with a wrong length or speed or an implausible
+    standard deviation, or during a performance test, is also a FAULT, but with its mass.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
-    if product.performance_test:  # The test also counts passes without a mass.
+    if product.performance_test:  # Passes without a mass also count in the test.
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     low, high = product.lower_limit, product.upper_limit
     return Verdict(
@@ -38,7 +38,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
 
 
 def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) -> Verdict:
-    """Return the verdict on an item whose mass has not come in time."""
+    """Return the verdict on an item whose mass has not arrived in time."""
     test = (Reason.PERFORMANCE_TEST.value,) if product.performance_test else ()
     return Verdict(
         item.item_id,
@@ -53,7 +53,7 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 
 
 def refused(verdict: Verdict) -> Verdict:
-    """Return a verdict as a FAULT without a mass, because another node may have sent its data."""
+    """Return a verdict as a FAULT without a mass, because a foreign node may have sent its data."""
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
     return replace(
         verdict, decision=Decision.FAULT, reasons=reasons, mass=math.nan, std_dev=math.nan
@@ -100,7 +100,7 @@ def _outside(value: float, low: float, high: float) -> bool:
 
 
 def decide(mass: float, lower_limit: float, upper_limit: float) -> Decision:
-    """Return the decision on a mass in kg. A mass that equals a limit in kg is accepted."""
+    """Return the decision on a mass by the limits, in kg. A mass equal to a limit is accepted."""
     if mass < lower_limit:
         return Decision.UNDER
     return Decision.OVER if mass > upper_limit else Decision.ACCEPT

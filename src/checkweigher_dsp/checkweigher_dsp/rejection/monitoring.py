@@ -42,7 +42,7 @@ class RejectMonitor:
     """Monitor that compares the verdicts with the edges of the eye behind the rejector.
 
     An edge of this eye belongs to the item with the nearest reject time, within
-    ``confirmation_time``. It is evaluated as soon as no nearer item can follow.
+    ``confirmation_time``. The edge is evaluated as soon as no nearer item can follow.
 
     Attributes
     ----------
@@ -55,11 +55,11 @@ class RejectMonitor:
     conditions : MachineConditions
         Conditions at the inputs of the machine.
     test : PerformanceTest or None
-        State of the performance test.
+        Latest state of the performance test.
     strangers : str
         Other nodes that publish topics of the line, or empty.
     zero_step : str
-        Step of the zero since the zero was last set, or empty.
+        Excessive step of the zero since the zero was last set, or empty.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -88,7 +88,7 @@ class RejectMonitor:
         return min(times) + 1 if times else None
 
     def add_verdict(self, verdict: Verdict) -> None:
-        """Add a verdict."""
+        """Add a verdict. Requests a stop after too many successive rejects or failures."""
         rejected = verdict.decision is not Decision.ACCEPT
         if Reason.PERFORMANCE_TEST not in verdict.reasons:
             self._in_a_row = _counted_on(self._in_a_row, rejected)
@@ -99,14 +99,15 @@ class RejectMonitor:
         self._failed_in_a_row = _counted_on(self._failed_in_a_row, failed)
         if self._failed_in_a_row >= _FAILED_IN_A_ROW:
             self.stop(StopReason.STAGE_FAILED, verdict.item_id, verdict.reject_at)
-        # An item that a station removes does not reach the eye behind the rejector.
+        # Do not expect an item that a station removes, because it does not reach the eye.
         if self._window and verdict.reject_at is not None and not (rejected and verdict.station):
             self._expected.append(_Expected(verdict.item_id, verdict.reject_at, rejected))
 
     def add_zero(self, estimate: MassEstimate, tolerance: float) -> None:
         """Request a stop if the zero has changed suddenly since the previous item.
 
-        The limit is the `tolerance` of the product in kg, plus an allowance for drift.
+        The limit is the lesser of ``max_zero_step`` and the `tolerance` of the product in kg, plus
+        an allowance for drift.
         """
         if estimate.t1 is None or not math.isfinite(estimate.zero):
             return
@@ -120,7 +121,7 @@ class RejectMonitor:
             self.stop(StopReason.ZERO_STEP, estimate.item_id, text=self.zero_step)
 
     def add_zero_change(self, change: ZeroChange) -> None:
-        """Add a zero that was set on request, which may differ from the previous zero."""
+        """Add a zero that was set on request, whose step is no reason to stop."""
         self.zero_step = ''
         self._zero = change.zero, change.stamp
 
@@ -133,10 +134,10 @@ class RejectMonitor:
         """Request a stop if there is a persistent reason at `now`, in ns of the system clock."""
         if self.trouble:
             if self.request is not None and self.request.reason is StopReason.DRIVER_TROUBLE:
-                self.request = None  # The text of the request may have changed.
+                self.request = None  # Replace the request, because its text may have changed.
             self.stop(StopReason.DRIVER_TROUBLE, text=self.trouble)
         if not self.conditions.known:
-            self.stop(StopReason.DRIVER_TROUBLE, text='the machine inputs are not read')
+            self.stop(StopReason.DRIVER_TROUBLE, text='the machine inputs are unknown')
         for word, name in zip(self.conditions.conditions, self.conditions.inputs, strict=False):
             self.stop(_REASONS.get(word, StopReason.UNKNOWN), text=f'input {name}')
         if self.test is not None and _forbids(self.test, now):
@@ -153,7 +154,7 @@ class RejectMonitor:
         self.request = self.request or StopRequest(reason, item_id, stamp, text)
 
     def advance(self, now: int) -> int:
-        """Evaluate edges and items up to `now` in ns; return how many edges belong to no item."""
+        """Evaluate edges and items up to `now` in ns. Returns the number of edges of no item."""
         window = self._window
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
@@ -187,7 +188,7 @@ class RejectMonitor:
 
 
 def _forbids(test: PerformanceTest, now: int) -> bool:
-    """Return whether the performance test forbids the line to run."""
+    """Return whether the performance test stops the line at `now` in ns."""
     if test.state in (PerformanceState.IN_TIME, PerformanceState.DUE):
         return test.stop_at is not None and test.stop_at <= now
     return test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of items that leave the belt while the segmenter is dead or delayed."""
+"""Detection of items that leave the belt while the segmenter is delayed or has ended."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import math
 
 from checkweigher_core.records import Eye, EyeEdge, Item
 
-# An eye that clears for a shorter time in ns flickers. The time exceeds usual debounce times.
+# Shortest time in ns for which an eye clears between two items, above usual debounce times.
 FLICKER = 20_000_000
 _MOST = 1_000  # maximum number of stored edges and items
 
@@ -19,7 +19,7 @@ class OutfeedEdge:
 
     stamp: int  # time stamp in ns
     came: int  # arrival in ns on the clock of arrivals
-    after: int  # largest number of an item at the arrival
+    after: int  # largest item number at the arrival
 
 
 class OutfeedWatch:
@@ -30,7 +30,7 @@ class OutfeedWatch:
     Attributes
     ----------
     open : list of OutfeedEdge
-        Edges of no announced item that the segmenter has not processed.
+        Outfeed edges that the segmenter has not processed and that belong to no announced item.
     """
 
     def __init__(self) -> None:
@@ -43,11 +43,11 @@ class OutfeedWatch:
         self._taken: tuple[float, float] = (math.inf, -math.inf)
         self._clear_since = -math.inf
         self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # stamps of all edges
-        # Times t1 and t3 of items whose verdict preceded their announcement.
+        # Times t1 and t3 of items with a verdict before their announcement.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
-        """Add an edge of an eye that arrived at `came`; `after` is the largest number so far."""
+        """Add an edge that arrived at `came`; `after` is the largest item number at this time."""
         self._stamps.append(edge.stamp)
         if edge.eye != Eye.OUTFEED:
             return
@@ -67,13 +67,13 @@ class OutfeedWatch:
             self.remove(t3)
 
     def has_seen(self, t3: int | None) -> bool:
-        """Return whether an edge with this stamp has come in this stream."""
+        """Return whether an edge with this stamp has arrived in this stream."""
         return t3 in self._stamps
 
     def take_to(self, stamp: int, count: int) -> None:
         """Remove the last `count` edges up to a stamp, because the segmenter has processed them."""
         first = -math.inf
-        if 0 < count < len(self._stamps):  # The segmenter was started after this stage.
+        if 0 < count < len(self._stamps):  # only if the segmenter was started later
             known = sorted(each for each in self._stamps if each <= stamp)
             first = known[-count] if count < len(known) else first
         self._taken = first, stamp

@@ -21,7 +21,7 @@ _speed = partial(parameter, unit='m/s', minimum=0)
 
 @dataclass(frozen=True)
 class RejectParameters(Parameters):
-    """Parameters of the reject stage: limits without recipes, rejector, devices and stations."""
+    """Parameters of the reject stage: limits before a product, rejector, devices and stations."""
 
     node: ClassVar[str] = 'reject'
 

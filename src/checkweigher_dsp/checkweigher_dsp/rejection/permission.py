@@ -8,9 +8,9 @@ from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.records import NANOSECONDS, StreamStatus
 
 _HINTS = {
-    'samples': 'check load cell, driver and segmenter: no new samples are taken',
-    'eyes': 'check that the driver runs: nothing publishes photo_eyes',
-    'load cell': 'check that the driver runs: nothing publishes load_cell/info',
+    'samples': 'check load cell, driver and segmenter: no new samples are processed',
+    'eyes': 'check that the driver runs: no node publishes photo_eyes',
+    'load cell': 'check that the driver runs: no node publishes load_cell/info',
 }
 _STAGE_HINT = 'check its process: it has ended, hangs or is halted'
 _SAMPLES = 'samples'
@@ -61,15 +61,15 @@ class PermissionRule:
         return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return the time until the first sign of life expires, or 0 if a sign has expired."""
+        """Return the time until the first sign of life expires, or 0 if one has expired."""
         oldest = min(sign or 0 for sign in self._signs.values())
         return max(oldest + self._fresh_time - now, 0)
 
     def finding(self) -> Finding:
-        """Return the aspect Permission for the last decision."""
+        """Return the aspect Permission for the last call of `may_run`."""
         concerns = [
             Concern(Level.WARN, f'withdrawn: no {name}', _HINTS.get(name, _STAGE_HINT))
             for name in self._missing
-            if self.deadlines and self._signs[_SAMPLES] is not None  # False while the line starts
+            if self.deadlines and self._signs[_SAMPLES] is not None  # not while the line starts
         ]
         return conclude('Permission', 'given' if self._given else 'withdrawn', concerns)

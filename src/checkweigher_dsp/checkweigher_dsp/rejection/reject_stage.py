@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reject stage, which gives a verdict on each item in time for the rejector.
 
-The segmenter announces each item with its number. If the mass of an item does not arrive, because a
-stage hangs or has died, the item becomes a FAULT in time for the rejector.
+The segmenter announces each item by an `Item` record. If the mass of an item does not arrive,
+because a stage hangs or has ended, the item becomes a FAULT in time for the rejector.
 """
 
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ from checkweigher_dsp.rejection.timing import belt_speed
 
 
 class RejectStage:
-    """Stage that gives one verdict on each announced item, which is a FAULT without a mass in time.
+    """Stage that gives one verdict on each item. An item without a mass in time is a FAULT.
 
     Announcements, edges and estimates may arrive in any order, because an estimate waits for the
     announcement of its item. The argument `now` of the methods is the time of arrival in ns of a
@@ -30,8 +30,8 @@ class RejectStage:
     without the delay of the transmission. Without `now`, no item has a deadline, and the verdicts
     depend only on time stamps.
 
-    An item that leaves while the segmenter is dead or delayed becomes a FAULT at its deadline. It
-    is the oldest announced item on the belt, or an item with the next free number.
+    An item that leaves while the segmenter is delayed or has ended becomes a FAULT at its deadline.
+    It is the oldest announced item on the belt, or an item with the next free number.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class RejectStage:
     weigh_length : float, optional
         Distance between the eyes in m.
     judged : iterable of int
-        Numbers of items that an earlier process has judged.
+        Numbers of items with a verdict by an earlier process.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class RejectStage:
     def take(
         self, record: Item | EyeEdge | MassEstimate | StreamStatus, now: int | None = None
     ) -> list[Verdict]:
-        """Process a record and return verdicts; a `StreamStatus` must be that of the segmenter."""
+        """Add a record or a status of the segmenter, and return the verdicts that are due."""
         if isinstance(record, Item):
             return self._add_item(record, now)
         if isinstance(record, MassEstimate):
@@ -135,7 +135,7 @@ class RejectStage:
         if pending is None:
             self.late_items += 1
             number = item.item_id
-            # A segmenter that has lost its numbers uses some of them again.
+            # Detect a segmenter that has lost its numbers and uses some of them again.
             again = not self.items.judged_here(number) and self._watch.has_seen(item.t3)
             self.out_of_numbers |= not watched and (again or self.items.is_own(number))
             return []
@@ -147,8 +147,9 @@ class RejectStage:
     def _judge_lost(self, leaving: PendingItem, now: int | None) -> list[Verdict]:
         """Return the verdicts on lost items, which were on the belt ahead of a leaving item.
 
-        Items leave in the order of their entry, so an earlier item is lost if the segmenter was
-        restarted. The leaving item is the oldest lost item if its entry was not seen.
+        Items leave in the order of their entry. So the segmenter has lost an earlier item that is
+        still on the belt, by a restart. If the entry of the leaving item is unknown, it is the
+        oldest lost item.
         """
         if leaving.item.t3 is None or now is None:
             return []
@@ -184,7 +185,7 @@ class RejectStage:
         verdicts = [self._give(item, now) for item in overdue]
         verdicts += self._judge_unannounced(now)
         self.early.advance(now)
-        # This call is the last one, because it removes rejects that the verdicts above may need.
+        # Expired rejects are removed last, because the verdicts above may need them.
         self.inspections.advance(now)
         return verdicts
 

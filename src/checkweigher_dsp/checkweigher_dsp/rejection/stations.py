@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reject stations and sorting zones of a line, in addition to the rejector.
+"""Stations of a line in addition to the rejector, which reject or sort items.
 
-A station removes items with one of its decisions or reasons, and accepted items in one of its
-ranges of masses in kg, such as ``0.150..0.155``. An item goes to the first station that removes it.
-Other rejected items, and all items at an unknown place, go to the rejector.
+A station removes rejected items with one of its decisions or reasons, and accepted items in one of
+its mass ranges in kg, such as ``0.150..0.155``. An item goes to the first station that removes it.
+Other rejected items, such as those at an uncertain place, go to the rejector.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ class Station:
 
 
 def station_of(text: str, distance: float, delay: float, name: str) -> Station:
-    """Return the station that a text describes. `ParameterError` names the first wrong word."""
+    """Return the station that a text describes. Raises `ParameterError` if a word is wrong."""
     words, ranges = set[str](), list[tuple[float, float]]()
     for word in text.split():
         if '..' in word:
@@ -47,11 +47,11 @@ def station_of(text: str, distance: float, delay: float, name: str) -> Station:
             words.add(word)
         else:
             raise ParameterError(
-                f'{name}: {word!r} is no decision that rejects, no reason of a verdict and no '
+                f'{name}: {word!r} is not a decision that rejects, a reason of a verdict, or a '
                 'range of masses in kg such as 0.150..0.155'
             )
     if not words and not ranges:
-        raise ParameterError(f'{name}: has to say what the station takes')
+        raise ParameterError(f'{name}: must state what the station removes')
     return Station(distance, delay, frozenset(words), tuple(ranges))
 
 
@@ -78,7 +78,7 @@ def _range(name: str, word: str) -> tuple[float, float]:
     except ValueError:
         low = high = math.nan
     if not 0 <= low < high:
-        raise ParameterError(f'{name}: {word!r} is no range of masses in kg such as 0.150..0.155')
+        raise ParameterError(f'{name}: {word!r} is not a mass range in kg such as 0.150..0.155')
     return low, high
 
 

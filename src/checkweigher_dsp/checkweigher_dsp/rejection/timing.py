@@ -7,7 +7,7 @@ import math
 from checkweigher_core.records import NANOSECONDS
 
 _DRIFT = 500e-6  # largest relative drift between two clocks
-# A stamp that is earlier than the newest stamp by more than this time in ns is of a new stream.
+# A stamp more than this time in ns before the newest stamp belongs to a new stream.
 RESTART = 2 * NANOSECONDS
 
 
@@ -21,8 +21,8 @@ def belt_speed(t1: int | None, t3: int | None, length: float | None) -> float:
 class StreamClock:
     """Clock that shows the time of the stamps.
 
-    If the clock is not `running`, it shows the stamp of the last message. Times are in ns, and
-    `now` is the time of a monotonic clock, the clock of arrivals.
+    If the clock is not `running`, it shows the stamp of the last message. Times are in ns. `now` is
+    the time of a monotonic clock, the clock of arrivals.
     """
 
     def __init__(self, *, running: bool) -> None:
@@ -41,7 +41,7 @@ class StreamClock:
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return the arrival time at which the clock shows `stamp`, or None without a message."""
+        """Return the arrival time at which the clock shows `stamp`, or None if it is unknown."""
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
             return None

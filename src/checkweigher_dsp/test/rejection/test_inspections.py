@@ -138,13 +138,13 @@ def test_a_reject_outside_the_time_of_the_item_is_not_its_own_and_stops_the_line
     line.wait(900)
 
     assert line.verdict(60_000).decision is Decision.ACCEPT
-    assert line.missed == (0, 'metal: no item was there')
+    assert line.missed == (0, 'metal: no item was at the device')
 
 
 @pytest.mark.parametrize(
     ('mass', 'decision', 'missed'),
     [
-        (0.15, Decision.ACCEPT, (1, 'metal: its item was accepted before')),
+        (0.15, Decision.ACCEPT, (1, 'metal: the item was already accepted')),
         (0.3, Decision.OVER, None),  # rejected anyway
     ],
 )
