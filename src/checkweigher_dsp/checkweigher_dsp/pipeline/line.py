@@ -47,7 +47,7 @@ class LineParameters:
         Raises
         ------
         ParameterError
-            If the file cannot be read, or a value is not valid.
+            If the file cannot be read or a value is not valid.
         """
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
         with opened(path) as sections:
@@ -59,7 +59,7 @@ class LineParameters:
                 raise in_section(error, sections) from None
 
     def with_values(self, changes: Mapping[str, object]) -> Self:
-        """Return a copy with changed values, whose names are such as ``denoise.stretch``.
+        """Return a copy with changed values by parameter name, such as ``denoise.stretch``.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class WeighingLine:
         weighings = []
         for step in steps:
             if isinstance(step, Item):
-                self._reject_stage.take(step)  # Without a clock, no verdict follows.
+                self._reject_stage.take(step)  # This returns no verdict without a clock.
             else:
                 estimate = next(estimates)
                 verdicts = self._reject_stage.take(estimate)
@@ -144,7 +144,7 @@ class WeighingLine:
 def estimate_masses(
     windows: Sequence[WeighWindow], denoiser: Denoiser, identifier: Identifier
 ) -> list[MassEstimate]:
-    """Return the estimate of each window. Windows are denoised if the estimator requires it."""
+    """Return the estimate of each window, which is denoised first if the estimator requires it."""
     if identifier.needs_denoised:
         windows = denoiser.denoise_all(windows)
     return identifier.estimate_all(windows)
