@@ -189,8 +189,8 @@ def test_verdicts_that_come_late_and_masses_that_do_not_come_are_errors(spinner:
 
     hint = told.wait('reject: Verdicts', Level.ERROR, '3 verdicts came after the reject time')
     assert 'actuator_delay' in hint
-    hint = told.wait('reject: Line', Level.ERROR, 'no mass came of the last 3 items')
-    assert hint == 'identifier is not there: start it'
+    hint = told.wait('reject: Line', Level.ERROR, 'no mass of the last 3 items has arrived')
+    assert hint == 'identifier does not run: start it'
 
 
 def test_a_message_that_cannot_be_used_is_told_of(spinner: Spinner):

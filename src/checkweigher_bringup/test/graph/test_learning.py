@@ -43,7 +43,7 @@ def test_what_was_learned_outlives_a_restart_and_not_the_service(
     assert '1 of 1 speeds and lengths are weighed' in finding(identifier).text
     (record,) = tmp_path.glob('checkweigher/*.learned')
     wait_for(lambda: len(line.entries('learned')) == 1)
-    assert 'weighs; scatter' in line.entries('learned')[0].new['learned']
+    assert 'weighs; standard deviation' in line.entries('learned')[0].new['learned']
 
     line.restart('identifier')
     identifier = line.stages['identifier']
@@ -54,7 +54,7 @@ def test_what_was_learned_outlives_a_restart_and_not_the_service(
     assert (answer.success, answer.message) == (True, '1 speeds and lengths forgotten')
     assert line.entries('learned')[-1].new == 'forgotten'
     assert '"kinds": []' in record.read_text()
-    assert finding(identifier).text.startswith('0 items seen')
+    assert finding(identifier).text.startswith('0 items at one')
 
 
 def test_a_record_that_cannot_be_used_is_told_and_the_line_weighs(line: Line, tmp_path: Path):

@@ -21,26 +21,26 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
 from checkweigher_core.records.reasons import Reason
 
-_TOO_MANY_FAILED = 0.05  # share of failed items that causes a warning
+_TOO_MANY_FAILED = 0.05  # fraction of failed items that causes a warning
 _FEWEST_FAILED = 2  # least number of failed items that causes a warning
 _ALL_FAIL = 5  # number of successive failed items that causes an error
-_BUSY = 0.5  # share of the time that causes a warning
+_BUSY = 0.5  # fraction of the time that causes a warning
 _BUSY_SPAN = 10.0  # period of the measurement in s
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
-_RECENT = 10  # number of recent items
+_RECENT = 10  # number of items for the current median
 _USUAL = 300  # largest number of items for the usual value
 _FEWEST_USUAL = 30  # least number of items for the usual value
 # Relative change of the natural frequency that causes a warning. A product with a tenth of the
 # moving mass lowers the frequency by 5 %.
 _FREQUENCY_CHANGE = 0.2
 _SWINGS = 0.5  # damping ratio above which the frequency is not defined
-_UNCERTAIN = 0.5  # share of max_relative_std_dev that causes a warning
+_UNCERTAIN = 0.5  # fraction of max_relative_std_dev that causes a warning
 _MAX_EDGES = 200  # maximum number of stored edges
 _NO_MASSES = 3  # number of successive items without a mass that causes an error
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
-    """Return an error for successive failed items, and a warning for a large share of them."""
+    """Return an error after successive failed items, and a warning if many recent items failed."""
     in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
     hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
     return [
@@ -126,7 +126,7 @@ class ConvergenceWatch:
         self._usual = RecentValues(60 * MINUTE, _USUAL)
 
     def add(self, now: float, estimate: MassEstimate) -> None:
-        """Add the estimate of a window that is not a fault, at `now` in s."""
+        """Add the estimate of a window that is not a fault; `now` is the time in s."""
         self._items.add(now, [reason for reason in estimate.reasons if reason in _NOT_CONVERGED])
         if estimate.weighed and estimate.mass > 0:
             self._relative.add(now, estimate.std_dev / estimate.mass)
@@ -137,7 +137,7 @@ class ConvergenceWatch:
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence. `max_relative_std_dev` is that of the identifier."""
+        """Return the aspect Convergence by a parameter of the identifier."""
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -154,16 +154,16 @@ class ConvergenceWatch:
             *failures(self._items, 'were not identified'),
             warn_if(
                 relative > _UNCERTAIN * max_relative_std_dev,
-                f'masses are uncertain by {100 * relative:.1f} %',
+                f'the masses have a relative standard deviation of {100 * relative:.1f} %',
                 'check Belt noise of segmenter, and run tune on passes of this machine',
             ),
             warn_if(
                 abs(frequency - usual) > _FREQUENCY_CHANGE * usual,
-                f'the platform swings at {frequency:.1f} Hz, usually at {usual:.1f} Hz',
-                'check its fastening, and for something that lies on it or touches it',
+                f'the platform oscillates at {frequency:.1f} Hz, usually at {usual:.1f} Hz',
+                'check its fastening, and whether an object lies on it or touches it',
             ),
         ]
-        certain = f'masses are certain to {100 * relative:.2f} %'
+        certain = f'relative standard deviation {100 * relative:.2f} %'
         return conclude(
             'Convergence', 'no item yet' if math.isnan(relative) else certain, concerns, values
         )
@@ -197,12 +197,12 @@ class VerdictTiming:
         if came is None or verdict.t3 is None:
             return
         self._latency.add(now, now - came)
-        # A verdict without a mass always waits until the last moment.
+        # A verdict without a mass is omitted, because it always waits for its deadline.
         if verdict.reject_at is not None and not missing:
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the aspect Verdicts. The arguments are parameters of the reject stage."""
+        """Return the aspect Verdicts by two parameters of the reject stage."""
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         latency, margin = 1e3 * self._latency.median, self._margin.smallest
@@ -222,8 +222,8 @@ class VerdictTiming:
             ),
             warn_if(
                 deadlines and margin < verdict_margin,
-                f'a verdict came only {1e3 * margin:.0f} ms before its time',
-                'check the load on this machine; a rejector further away leaves more time',
+                f'a verdict came only {1e3 * margin:.0f} ms before its reject time',
+                'check the load on this machine; a more distant rejector leaves more time',
             ),
         ]
         has_come = f'{latency:.1f} ms after the outfeed edge'
@@ -236,19 +236,19 @@ class VerdictTiming:
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
         other = 'check the other nodes and the load on this machine'
-        hint = f'{missing} is not there: start it' if missing else other
+        hint = f'{missing} does not run: start it' if missing else other
         concerns = [
             error_if(
                 in_a_row >= _NO_MASSES,
-                f'no mass came of the last {in_a_row} items that the eyes saw',
+                f'no mass of the last {in_a_row} items has arrived',
                 hint,
             ),
-            error_if(bool(missing), 'no masses can come', hint),
+            error_if(bool(missing), 'no mass can arrive', hint),
             warn_if(
-                failed > 0, f'no mass came of {failed} of the last {len(self._masses)} items', hint
+                failed > 0, f'{failed} of the last {len(self._masses)} items have no mass', hint
             ),
         ]
-        return conclude('Line', 'a mass comes of every item', concerns, values)
+        return conclude('Line', 'the mass of each item has arrived', concerns, values)
 
 
 class RejectorWatch:
@@ -265,7 +265,7 @@ class RejectorWatch:
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector. `confirmed` is whether an eye is behind the rejector."""
+        """Return the aspect Rejector; `confirmed` is whether an eye is behind the rejector."""
         self._strays.forget(now)
         values: Values = {
             'reject_eye_strays': self._count,
@@ -274,7 +274,7 @@ class RejectorWatch:
         concerns = [
             warn_if(
                 len(self._strays) > 0,
-                f'reject_eye saw {self._strays.total:.0f} things near no reject time',
+                f'reject_eye saw {self._strays.total:.0f} objects that match no reject time',
                 'check rejector_distance, actuator_delay and confirmation_time',
             )
         ]

@@ -13,14 +13,14 @@ from checkweigher_core.records import GRAMS
 from checkweigher_dsp.estimation.learning.change import strongest_frequency
 from checkweigher_dsp.estimation.learning.learner import ItemKind, LearnedKinds, LearningParameters
 
-_HINT = 'look at what was changed: belt, rollers, feet; then call forget_learned to learn it'
+_HINT = 'check what was changed (belt, rollers, feet), then call forget_learned to learn again'
 _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def learning_finding(
     known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
-    """Return the aspect Learning. `trouble` is why the learned state cannot be stored, or empty."""
+    """Return the aspect Learning; `trouble` is why the learned state is not stored, or empty."""
     if not on:
         return Finding('Learning', Level.OK, 'off')
     concerns = [
@@ -31,14 +31,14 @@ def learning_finding(
             for kind in known.kinds
             if kind.change is not None
         ),
-        warn_if(bool(trouble), f'not kept over a restart: {trouble}', 'look at it'),
+        warn_if(bool(trouble), f'the learned state is not stored: {trouble}', 'check the file'),
     ]
     values: Values = {_name(kind): describe(kind) for kind in known.kinds}
     weighing = sum(kind.weighs for kind in known.kinds)
-    text = f'{weighing} of {len(known.kinds)} speeds and lengths are weighed by what was learned'
+    text = f'{weighing} of {len(known.kinds)} speeds and lengths are weighed by learned weights'
     if not weighing:
         most = max((kind.items for kind in known.kinds), default=0)
-        text = f'{counted(most, "item")} seen, {parameters.fewest} are needed at a speed and length'
+        text = f'{counted(most, "item")} at one speed and length, {parameters.fewest} are needed'
     return conclude('Learning', text, concerns, values)
 
 
@@ -65,9 +65,9 @@ def describe(kind: ItemKind) -> str:
     frequency = strongest_frequency(taught, _duration(kind))
     state = 'weighs' if kind.weighs else 'does not weigh'
     return (
-        f'{text}, {state}; scatter of held-out items {after:.3g} g, of the estimator '
-        f'{before:.3g} g; rise at quarters of t1..t2 {shares} of the plateau; noise before t1, to '
-        f't2 and to t3 {noise} g; most of it at {frequency:.1f} Hz'
+        f'{text}, {state}; standard deviation of held-out items {after:.3g} g, with the estimator '
+        f'{before:.3g} g; load at the quarters of t1..t2 {shares} of the final load; noise before '
+        f't1, from t1 to t2, and from t2 to t3 {noise} g; strongest frequency {frequency:.1f} Hz'
     )
 
 

@@ -23,7 +23,7 @@ _DRIFT_SPAN = 1800.0  # longest period for the measurement of the drift in s
 _DRIFT_PERIOD = 10.0  # interval between two readings for the drift in s
 _SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
-_NEAR_LIMIT = 0.75  # share of zero_range that causes a warning
+_NEAR_LIMIT = 0.75  # fraction of zero_range that causes a warning
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
 _SPECTRUM = 1024  # number of samples of a spectrum
 _FEWEST_SAMPLES = 64  # least number of samples of a segment
@@ -35,7 +35,7 @@ _NOISY = 3.0  # ratio to the usual noise that causes a warning
 
 
 class ZeroWatch:
-    """Statistics of the distance of the zero from calibration, and of its drift.
+    """Statistics of the distance of the zero from the zero of calibration, and of its drift.
 
     `zero_range` is the largest permitted distance in kg. `began` is the time in s at which the line
     was started.
@@ -57,7 +57,7 @@ class ZeroWatch:
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
         """Add the zero at `now` in s; `item` is whether an item is weighed at this time."""
-        if zero.counts != self._zero.counts:  # This is also the case for the first zero.
+        if zero.counts != self._zero.counts:  # The initial zero is NaN, so the first one differs.
             self._updated, self._missed_since = now, math.inf
         elif item:
             self._missed_since = min(self._missed_since, now)
@@ -93,7 +93,7 @@ class ZeroWatch:
         concerns = [
             error_if(
                 not self._zero.trusted,
-                f'the zero is {GRAMS * distance:+.1f} g from calibration, out of its limits',
+                f'the zero is {GRAMS * distance:+.1f} g from calibration, outside its limits',
                 'clean the belt, free the platform, call the service zero or calibrate',
             ),
             warn_if(
@@ -103,14 +103,14 @@ class ZeroWatch:
             ),
             warn_if(
                 self._range > 0 and abs(distance + drift) > self._range,
-                f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour',
-                'check for dirt that builds up'
+                f'the zero drifts by {GRAMS * drift:+.1f} g/h and leaves zero_range in an hour',
+                'check whether dirt builds up on the belt'
                 if now - self._began > _WARM_UP
                 else 'let the load cell warm up',
             ),
             warn_if(
                 self._item - self._missed_since > _UPDATE_PATIENCE,
-                f'the empty belt was not read for {now - self._missed_since:.0f} s of products',
+                f'products have passed for {now - self._missed_since:.0f} s without a new zero',
                 'increase the spacing of the products or decrease settle_time',
             ),
         ]
@@ -174,7 +174,7 @@ class BeltNoiseWatch:
             ),
             warn_if(
                 noise > _NOISY * usual and len(self._recent) == _RECENT_SEGMENTS,
-                f'{well}, {ratio:.1f} times the usual',
+                f'{well}, {ratio:.1f} times the usual noise',
                 hint,
             ),
         ]

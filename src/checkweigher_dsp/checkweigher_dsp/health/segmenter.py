@@ -18,8 +18,8 @@ _MILLI = 1e3
 # a third of this value.
 _CHANGED = 1.5
 _LARGE = 2.0  # lag in ms that causes a warning
-_MANY_UNCHECKED = 0.5  # share of unchecked items that causes a warning
-_FEWEST = 10  # least number of items
+_MANY_UNCHECKED = 0.5  # fraction of unchecked items that causes a warning
+_FEWEST = 10  # least number of items for the findings on the lag
 
 
 class SegmenterWatch:
@@ -29,7 +29,7 @@ class SegmenterWatch:
         self._parameters = parameters
         self._began = began
         self._load_cell: LoadCell | None = None
-        # The first load cell sets these three.
+        # `begin_stream` sets these three when the first load cell is known.
         self._samples: SampleWatch
         self._zero: ZeroWatch
         self._noise: BeltNoiseWatch
@@ -83,13 +83,13 @@ class SegmenterWatch:
         self._noise.add(now, segmenter.idle_belt() / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects. `offset_of_clocks` is the time of day in s minus `now`."""
+        """Return all aspects; `offset_of_clocks` is the time of day in s minus `now`."""
         self._eyes.look(now)
         if self._load_cell is None:
             missing = error_if(
                 now - self._began > PATIENCE,
-                'no load_cell/info has come',
-                'check that the driver runs and publishes it reliable and transient local',
+                'no load_cell/info has arrived',
+                'check that the driver runs and publishes it with QoS reliable, transient local',
             )
             return [conclude('Samples', 'waits for load_cell/info', [missing])]
         self._samples.look(now)
@@ -104,7 +104,7 @@ class SegmenterWatch:
         ]
 
     def _stream(self, now: float) -> Finding:
-        """Return the aspect Samples. After the end of a stream, samples are not missing."""
+        """Return the aspect Samples. After the end of a stream, no samples are expected."""
         finding = self._samples.finding(now, now - self._stream_began)
         if self._end is None:
             return finding
@@ -125,27 +125,27 @@ def edges_finding(check: EdgeCheck) -> Finding:
         'items_unchecked': check.unchecked,
     }
     side = 'later' if change > 0 else 'earlier'
-    # Each item is a fault if the lag is too large to be learned.
+    # A lag that is too large to be learned makes each item a fault, and is therefore an error.
     too_large = math.isnan(check.learned) and check.checked >= _FEWEST
     beyond = lag if too_large else reference
     is_large = not check.is_stated and abs(beyond) > _LARGE
     unstated = Concern(
         Level.ERROR if too_large else Level.WARN,
-        f'samples lag {beyond:.1f} ms more behind the eyes than rise_lag says',
-        'measure it by calibrate --dynamic, or set rise_lag to what the amplifier delays',
+        f'the load lags {beyond:.1f} ms more behind the eyes than rise_lag states',
+        'measure it by calibrate --dynamic, or set rise_lag to the delay of the amplifier',
     )
     concerns = [
         error_if(
             abs(change) > _CHANGED,
-            f'the load comes on {abs(change):.1f} ms {side} than the eyes say and said before',
+            f'relative to the eyes, the load rises {abs(change):.1f} ms {side} than before',
             'check the filter of the amplifier, the clocks, and the place and delay of the eyes',
         ),
         unstated if is_large else None,
         warn_if(
             check.unchecked > _MANY_UNCHECKED * max(check.checked + check.unchecked, _FEWEST),
-            'the rise of most items is not seen, so that nothing confirms the eyes',
+            'the rise of the load is not visible for most items, so that the eyes are not checked',
             'leave at least 0.06 s of empty belt before each item',
         ),
     ]
-    well = 'no item yet' if math.isnan(lag) else f'the load comes on {lag:+.1f} ms from the eyes'
+    well = 'no item yet' if math.isnan(lag) else f'lag of the load {lag:+.1f} ms from rise_lag'
     return conclude('Eyes and samples', well, concerns, values)

@@ -67,10 +67,11 @@ def test_uncertain_masses_and_a_changed_platform_are_warned_of():
         watch.add(second, estimate(frequency=27.0))
     finding = watch.finding(50.0, 0.25)
     assert finding.level == Level.WARN
-    assert finding.text == 'the platform swings at 27.0 Hz, usually at 36.0 Hz'
+    assert finding.text == 'the platform oscillates at 27.0 Hz, usually at 36.0 Hz'
     for second in range(50, 60):
         watch.add(second, estimate(std_dev=0.02))
-    assert watch.finding(60.0, 0.25).text == 'masses are uncertain by 20.0 %'
+    certain = 'the masses have a relative standard deviation of 20.0 %'
+    assert watch.finding(60.0, 0.25).text == certain
     assert watch.finding(60.0, 0.5).level == Level.OK
 
 
@@ -122,11 +123,11 @@ def test_items_without_a_mass_name_the_stage_that_is_missing():
     watch = VerdictTiming()
     watch.add(0.0, verdict(1))
     assert watch.line(0.0, '').level == Level.OK
-    assert watch.line(0.0, 'identifier').hint == 'identifier is not there: start it'
+    assert watch.line(0.0, 'identifier').hint == 'identifier does not run: start it'
     for number in (2, 3, 4):
         assert watch.line(0.0, '').level < Level.ERROR
         watch.add(0.0, verdict(number, estimate_id=0))
-    assert watch.line(0.0, '').text == 'no mass came of the last 3 items that the eyes saw'
+    assert watch.line(0.0, '').text == 'no mass of the last 3 items has arrived'
 
 
 def test_the_rejector_is_told_of_with_what_to_do():

@@ -95,7 +95,7 @@ def test_noise_above_the_parameter_or_its_own_past_is_warned_of():
         watch.add(second, shaking(0.004, 9.0))
     finding = watch.finding(63.0)
     assert finding.level == Level.WARN
-    assert finding.text.endswith('4.0 times the usual')
+    assert finding.text.endswith('4.0 times the usual noise')
     assert 'strongest at 9.4 Hz' in finding.hint  # 9 Hz on a grid of 0.94 Hz
     for second in range(63, 66):
         watch.add(second, shaking(0.001))

@@ -83,9 +83,9 @@ def test_after_thirty_items_the_masses_scatter_less_and_say_so():
     )
     finding = learning_finding(identifier.learned, PARAMETERS.learning, on=True)
     assert finding.level is Level.OK
-    assert 'weighs; scatter' in finding.values['1.000 m/s, 100 mm']
+    assert 'weighs; standard deviation' in finding.values['1.000 m/s, 100 mm']
     # The load comes on evenly: at quarters of t1..t2 a quarter of it each.
-    assert 'plateau' in finding.values['1.000 m/s, 100 mm']
+    assert 'final load' in finding.values['1.000 m/s, 100 mm']
 
 
 def test_with_gain_and_offset_from_references_the_stated_deviation_is_that_of_the_masses():
