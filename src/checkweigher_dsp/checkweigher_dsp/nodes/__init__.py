@@ -4,5 +4,5 @@
 
 import os
 
-# Several threads slow down the small matrices of an item. numpy reads the variable at its import.
+# One thread is fastest for the small matrices of an item. numpy reads the variable at its import.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -10,7 +10,7 @@ from checkweigher_dsp.rejection.timing import StreamClock
 
 
 class DeadlineTimer:
-    """Timer for the next deadline, with the clocks of the arrivals and of the stamps in ns.
+    """Timer for the next deadline, with a clock of arrivals and a clock of stamps, both in ns.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class DeadlineTimer:
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to the earlier of an arrival and a stamp, or clear it if both are None."""
+        """Set the timer to the earlier of an arrival time and a stamp, or clear it without both."""
         times = [due if self.clock.running else None]
         if stamp is not None:
             times.append(self.clock.reaches(stamp, time.monotonic_ns()))

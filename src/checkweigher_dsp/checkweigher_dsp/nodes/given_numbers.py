@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File of the latest item numbers of a node, which the next process of the node reads."""
+"""File with the latest item numbers of a node, which the next process of the node reads."""
 
 import os
 from pathlib import Path
@@ -17,12 +17,12 @@ _KEPT = 'kept over runs'  # identity of the run in a file with a given path
 
 
 class GivenNumbers:
-    """File of the latest item numbers of a node.
+    """File with the latest item numbers of a node.
 
     A run is one process of `run` or `ros2 launch`, which restarts its nodes. A restarted node
-    continues the numbers. In the next run, the numbers begin at 1 unless a `path` is set. An empty
-    file with the suffix `.begun` then shows that numbers were used. If they are lost, the number of
-    milliseconds since 1970 is taken as the last number, because no line can have used more.
+    continues the numbers. In the next run, the numbers begin at 1 unless a `path` is set. With a
+    path, an empty file with the suffix `.begun` shows that numbers were used. If they are lost, the
+    milliseconds since 1970 are used as the last number, because no line can have used more.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class GivenNumbers:
     numbers : frozenset of int
         Latest numbers before the start of this process.
     last : int
-        Largest number that may have been used before, or 0 if no number was used.
+        Largest number that an earlier process may have used, or 0 if no number was used.
     trouble : str
         Reason why numbers are unknown or cannot be stored, or empty.
     """
@@ -61,7 +61,7 @@ class GivenNumbers:
             whole = self._begin(self._file, _KEPT if path else parent_identity())
             self.last = max(self.numbers, default=0)
             if path and known and not whole:
-                self.trouble = f'{file}: was damaged or removed; the numbers it had are not known'
+                self.trouble = f'{file}: was damaged or removed, so its numbers are unknown'
                 self.last = time.time_ns() // 1_000_000
             if path:
                 begun.touch()
@@ -77,10 +77,10 @@ class GivenNumbers:
         if not places:
             os.ftruncate(file, 0)
             os.pwrite(file, line.encode() + (b' ' * (_NUMBER - 1) + b'\n') * self._most, 0)
-        # A line that is incomplete or was never written is not a decimal number.
+        # Ignore lines that are incomplete or were never written, which are not decimal numbers.
         found = {int(text): n for n, text in enumerate(places) if text.strip().isdecimal()}
         self.numbers = frozenset(found)
-        # The next place need not follow the largest number, because later numbers may be smaller.
+        # Overwrite the smallest number, because the last one written need not be the largest.
         free = [place for place, text in enumerate(places) if not text.strip()]
         oldest = found[min(found)] if found else 0
         self._next = free[0] if free else oldest
@@ -91,9 +91,9 @@ class GivenNumbers:
         """Write a number before it is used.
 
         The number is stored even if the process is killed. The file does not grow, so that it can
-        be written on a full disk. Only the first number of each thousand is synchronised with the
-        disk. No number is used twice after a power failure, because the segmenter continues at the
-        next thousand.
+        be written on a full disk. Only the first number after a start and of each thousand is
+        synchronised with the disk. This suffices after a power failure, because the segmenter
+        continues at the next thousand.
         """
         if self._file is None:
             return
@@ -114,12 +114,12 @@ class GivenNumbers:
             self._file = None
 
     def _fail(self, error: Exception) -> None:
-        self.trouble = f'the numbers of items are not kept over a restart: {error}'
+        self.trouble = f'item numbers are not stored for a restart: {error}'
         self.close()
 
 
 def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
-    """Return the file of the numbers of a node. The node logs a warning if it cannot be used."""
+    """Return the file with the numbers of a node. The node logs any trouble as a warning."""
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     numbers = GivenNumbers(name, domain, path, most)
     if numbers.trouble:

@@ -42,12 +42,12 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Begin to process windows, and store the state that is already learned."""
+        """Begin to process windows, and record the state that an earlier process has learned."""
         super().start()
         self._note_learned()
 
     def destroy_node(self) -> None:
-        """Destroy the node after the learned state was written to its file."""
+        """Destroy the node after the learned state is written to its file."""
         self._record.close()
         super().destroy_node()
 
@@ -62,7 +62,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             if self._record.trouble:
                 self.warn(self._record.trouble)
         self._identifier = Identifier(self.parameters, known, Failures(self.item_failed))
-        # The usual values of two estimators cannot be compared.
+        # Reset the statistics, because the usual values of two estimators cannot be compared.
         self._convergence = ConvergenceWatch()
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -81,7 +81,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             self._note_learned()
 
     async def _on_forget(self, request: Any, response: Any) -> Any:
-        """Delete the learned state after an entry was written to the audit log."""
+        """Delete the learned state after an entry is written to the audit log."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, 'forgotten'):
             response.message = f'{reason}: not forgotten'

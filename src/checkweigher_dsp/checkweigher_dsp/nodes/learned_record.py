@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File of the learned state of a node, which the next process of the node reads."""
+"""File with the learned state of a node, which the next process of the node reads."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,10 +14,10 @@ NONE = '-'
 
 
 class LearnedRecord:
-    """File of the learned state of a node.
+    """File with the learned state of a node.
 
-    A file that cannot be read is ignored, because the line can weigh by the estimator until it has
-    learned again.
+    A file that cannot be read is ignored, because the estimator can weigh without the learned
+    state.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class LearnedRecord:
     def __init__(self, wanted: str, node: str = '') -> None:
         self.trouble = ''
         self._path: Path | None = None
-        # The file is written by a thread, so that no item waits for the disk.
+        # Write the file in a thread, so that no item waits for the disk.
         self._writer = ThreadPoolExecutor(1, 'learned record')
         try:
             if wanted != NONE:
@@ -53,7 +53,7 @@ class LearnedRecord:
         return None
 
     def write(self, known: LearnedKinds, *, now: bool = False) -> None:
-        """Replace the content of the file. With `now`, the call waits until it is written."""
+        """Replace the content of the file. With `now`, wait until the file is written."""
         if self._path is not None:
             written = self._writer.submit(self._write, self._path, known)
             if now:

@@ -21,7 +21,7 @@ _MARGIN = round(0.001 * NANOSECONDS)  # delay after the expiry of a sign of life
 class PermissionGiver:
     """Output of the permission to run the line.
 
-    No message is sent while a callback of the process runs. So a node that hangs does not give
+    No message is sent while a callback of the process runs, so that a node that hangs does not give
     permission.
 
     Parameters
@@ -38,7 +38,7 @@ class PermissionGiver:
     Attributes
     ----------
     rule : PermissionRule
-        Rule by which the line may run.
+        Rule for the permission.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class PermissionGiver:
 
     def _repeat(self) -> None:
         self.give()
-        # The permission is withdrawn as soon as the sign of life of a stage expires.
+        # Wake up as soon as the sign of life of a stage expires, to withdraw the permission.
         now = time.monotonic_ns()
         left = self.rule.fresh_for(now)
         self._timer.set(now + (left + _MARGIN if 0 < left < _PERIOD else _PERIOD))
@@ -73,7 +73,7 @@ class PermissionGiver:
     def give(self) -> None:
         """Send the permission, or its withdrawal."""
         for stage, entry in self._stages.items():
-            if entry.makers:  # Stages of this process need not send signs of life.
+            if entry.makers:  # A stage of this process need not send signs of life.
                 self._add_sign(stage, None)
         present = {name: entry.count() > 0 for name, entry in self._publishers.items()}
         run = self.rule.may_run(present, time.monotonic_ns(), stopped=self._is_stopped())

@@ -28,7 +28,7 @@ class ProductInUse:
         self.show()
 
     def show(self) -> None:
-        """Publish the present limits if they have changed."""
+        """Publish the current limits if they have changed."""
         shown = replace(self._stage.product, **BatchTally().counts)
         if shown != self._shown:
             self._shown = shown
@@ -39,12 +39,12 @@ class ProductInUse:
         node, in_use = self._node, self._stage.product
         if not (node.parameters.needs_product or in_use.stamp):
             node.get_logger().warning(
-                'reject.needs_product is false: after its start this node accepts by the limits '
-                'of its parameter file until it has those of a product'
+                'reject.needs_product is false: after a start, the limits of the parameter file '
+                'are used until a product arrives'
             )
         if product.stamp == in_use.stamp:
             product = replace(in_use, **BatchTally.of(product).counts)
-        else:  # Limits that a user sets later are checked together with these.
+        else:  # Set the parameters, so that later changes are checked together with these limits.
             node.parameters = replace(node.parameters, **limits_of(product))
         self._stage.product = product
         self.show()

@@ -38,8 +38,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     """Node that publishes the verdict on each announced item in time for the rejector.
 
     The node requests a stop of the line while it is not active. With `keep_numbers` or the
-    parameter `numbers`, it stores the numbers of judged items in a file. The next process of the
-    node reads this file and the latched announcements, and judges the items without a verdict.
+    parameter `numbers`, it stores the numbers of items with a verdict in a file. The next process
+    of the node reads this file and the latched announcements, and gives the missing verdicts.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         )
         self._timer = DeadlineTimer(self, self._tick, running=self.parameters.deadlines)
         self._stream = 0
-        # The product is subscribed before the estimates, so that it is processed first.
+        # Subscribe to the product before the estimates, so that it is processed first.
         self._product = ProductInUse(self, self._stage)
         load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
@@ -87,14 +87,14 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._stops.show()
 
     def activate(self) -> None:
-        """Begin to judge items, and withdraw the stop request."""
+        """Begin to give verdicts, and withdraw the stop request NotReady."""
         self._monitor.restart()
         self._stops.begin()
         self._verdicts.send(self._stage.judge_complete(self._timer.now))
         self._update()
 
     def deactivate(self) -> None:
-        """Request a stop, and reject the items on the line."""
+        """Request a stop, and give verdicts on the items on the line without further masses."""
         was_active = self._stops.active
         self._stops.end()
         if was_active:
@@ -106,7 +106,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return [self._stops.output, self._verdicts.output]
 
     def destroy_node(self) -> None:
-        """Destroy the node and close the file of the numbers."""
+        """Destroy the node and close its file of item numbers."""
         super().destroy_node()
         self._numbers.close()
 
@@ -122,7 +122,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.stream != self._stream:
-            # Edges of the first stream may arrive before its first status, and are kept.
+            # Keep the edges of the first stream, which may arrive before its first status.
             if self._stream:
                 self._stage.restart()
                 self._monitor.restart()
@@ -137,7 +137,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._go_on()
 
     def _on_record(self, record: Item | MassEstimate) -> None:
-        """Process an announcement, or an estimate while the node is active."""
+        """Add an announcement, or an estimate if the node is active, and send due verdicts."""
         stage = self._stage
         if isinstance(record, MassEstimate):
             if not self._stops.active:
@@ -171,7 +171,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._update()
 
     def _go_on(self) -> None:
-        """Judge the items that are due while the node is active."""
+        """Send the verdicts that are due if the node is active."""
         if not self._stops.active:
             return
         unknown = self._stage.early.unknown
@@ -182,17 +182,17 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _tick(self) -> None:
-        """Judge the items that are due, and evaluate the eye behind the rejector."""
+        """Send the verdicts that are due, and evaluate the eye behind the rejector."""
         self._go_on()
         stamp = self._timer.stamp
         if stamp is not None and (strays := self._monitor.advance(stamp)):
             self.count('reject_eye strays')
             self._rejector_watch.add_strays(time.monotonic(), strays)
-            self.warn('reject_eye saw something near no reject time')
+            self.warn('reject_eye saw an object that matches no reject time')
         self._update()
 
     def _update(self) -> None:
-        """Exchange states between the stage and the monitor, and set the timer."""
+        """Update stage, monitor and stop request from each other, and set the timer."""
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)
         stamp = self._timer.stamp

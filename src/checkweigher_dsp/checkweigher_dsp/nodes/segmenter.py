@@ -35,9 +35,9 @@ from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-_MAX_EARLY = 1_000  # maximum number of samples and edges that wait for load_cell/info
-# The status is sent with the samples instead of by a timer. The driver follows its pace in a
-# replay, and the permission to run the line expires without it.
+_MAX_EARLY = 1_000  # maximum number of blocks and edges that wait for load_cell/info
+# The status is sent with the samples instead of by a timer, because a replay waits for it, and the
+# permission to run the line must expire without samples.
 _STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
 _STATUS_BLOCKS = 100  # largest number of blocks between two messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
@@ -84,25 +84,25 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._end_timer = self.create_one_shot_timer(self._finish_incomplete)
         self._stall_timer = self.create_one_shot_timer(self._go_by_edges)
         self._zero_requests: list[Future] = []
-        # The service has its own callback group, so that samples are processed while it waits.
+        # Give the service its own callback group, so that samples are processed while it waits.
         self._zero_group = ReentrantCallbackGroup()
         self.create_service(Trigger, ports.ZERO, self._on_zero, callback_group=self._zero_group)
 
     def destroy_node(self) -> None:
-        """Destroy the node and close the file of the numbers."""
+        """Destroy the node and close its file of item numbers."""
         self._numbers.close()
         super().destroy_node()
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
-        """Wait until an empty belt at rest has set the zero, and answer."""
+        """Request a new zero, and answer when an empty belt has set it or the request failed."""
         if self._segmenter is None:
-            response.message = 'no load_cell/info has come: not zeroed'
+            response.message = 'no load_cell/info has arrived: not zeroed'
             return response
         if reason := await self.change_record.write(changes.ZERO, ports.ZERO, 'requested'):
             response.message = f'{reason}: not zeroed'
             return response
         answer: Future = Future()
-        # Another thread completes the answer, so the executor has to be woken up.
+        # Wake up the executor, because another thread completes the answer.
         answer.add_done_callback(lambda _: self.executor.wake())
         self._zero_requests.append(answer)
         self._segmenter.zero_keeper.request()
@@ -121,7 +121,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if self._segmenter is not None:
             if load_cell == self._segmenter.load_cell:
                 return
-            self.warn('load_cell/info has changed: what is on the belt is a fault')
+            self.warn('load_cell/info has changed: the items on the belt are faults')
         self.diagnostics.set_hardware(load_cell)
         self._start(load_cell)
         while self._early:
@@ -135,7 +135,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish(before, before.give_up(Reason.SOURCE_RESTARTED))
             self._items_before += before.cutter.count
             self._count = before.item_count
-            self._answer_zero(False, 'the stream was started again: not zeroed')
+            self._answer_zero(False, 'a new stream has begun: not zeroed')
         self._segmenter = Segmenter(
             load_cell, self.parameters, self._count, Failures(self.item_failed)
         )
@@ -144,7 +144,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         segmenter = self._segmenter
         if segmenter is None:
             self._early.append(event)
-            self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
+            self.warn('samples or edges arrive without load_cell/info: no item can be weighed')
             return
         self._watch.add(time.monotonic(), event)
         leaving = segmenter.leaving_since
@@ -160,7 +160,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (
             signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
             or self._blocks_since_report >= _STATUS_BLOCKS
-            # Without a status, the node reject would judge an item that leaves as lost.
+            # Without a status, the node reject would assume that the leaving item is unknown.
             or segmenter.leaving_since not in (None, leaving)
         ):
             self._publish_status(StreamState.RUNNING)
@@ -192,7 +192,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)  # The driver waits for this status.
 
     def _begin_stream(self, stream: int) -> None:
-        # Samples of the first stream may arrive before its first status.
+        # Do not restart for the first stream, whose samples may arrive before its first status.
         follows, self._stream = self._stream != 0, stream
         self.get_logger().info(f'stream {stream} began')
         self._end = None
@@ -231,7 +231,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         samples, edges = self._end
         self.warn(
             f'the stream has ended: {samples} samples and {edges} edges were sent, but '
-            f'{self._segmenter.samples} and {self._segmenter.edges} have come'
+            f'{self._segmenter.samples} and {self._segmenter.edges} have arrived'
         )
         self._finish(self._segmenter)
 

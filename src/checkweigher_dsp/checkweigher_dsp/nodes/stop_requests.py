@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output and reset of the request to stop the line."""
+"""Output of the stop request, and service that resets it."""
 
 from collections.abc import Callable
 import time
@@ -29,9 +29,9 @@ _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 class StopRequests:
     """Output of the stop request of a monitor, and the service that resets the request.
 
-    A node that is not `active` requests a stop. `driver` is the input of the status of the driver.
-    The function `update` is called after each change of a reason, and must call `show`. The
-    function `shown` is called after each message.
+    A node that is not `active` requests a stop. `driver` is the input for the driver status. The
+    function `update` is called after each check of the reasons, and must call `show`. The function
+    `shown` is called after each published change of the request.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class StopRequests:
         self._check()
 
     def _check(self) -> None:
-        """Request a stop if there is a reason in the line, the machine or the performance test."""
+        """Request a stop if the line, the machine or the performance test gives a reason."""
         self._monitor.check(time.time_ns())
         self._update()
 
@@ -114,7 +114,7 @@ class StopRequests:
         """Clear the stop request, unless one of its reasons persists."""
         cleared, shown = self._monitor.request, self._shown
         self._monitor.strangers = self.strangers.look()
-        # The last message of a publisher that has ended is ignored.
+        # Ignore the last message of a publisher that has ended.
         if not self._driver.count():
             self._monitor.trouble = ''
         if not self._conditions.count():
@@ -126,7 +126,7 @@ class StopRequests:
         self.show()
         request = self.request
         if request is not None and request == shown:
-            # The request is sent again, because the driver waits for a response to the reset.
+            # Send the request again, because the driver waits for a response to the reset.
             self.output.send(request)
         response.success = request is None
         if request is not None:

@@ -18,8 +18,8 @@ _UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of a publisher that DDS finds before it
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
     """Return the names of the nodes that publish a topic, apart from `maker`, its proper node.
 
-    If there is only one name, it is taken as the proper node. Several publishers of the same name
-    are no strangers, because DDS lists the publisher of a killed node until its lease ends.
+    A single name counts as the proper node. Several publishers of the same name are not strangers,
+    because DDS lists the publisher of a killed node until its lease ends.
     """
     names = set(publishers)
     return sorted(names - {maker}) if len(names) > 1 else []
@@ -43,10 +43,10 @@ class StrangerWatch:
         self.found = ''
 
     def look(self) -> str:
-        """Read the publishers of all topics from the ROS graph, and return the strangers."""
+        """Return the strangers, from the publishers of all watched topics in the ROS graph."""
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
-            if self._node.count_publishers(topic) < 2:  # This is faster than reading the names.
+            if self._node.count_publishers(topic) < 2:  # Counting is faster than reading the names.
                 continue
             listed = self._node.get_publishers_info_by_topic(topic)
             names = [full_name(each) for each in listed if each.node_name != _UNNAMED]
@@ -58,4 +58,4 @@ class StrangerWatch:
     def finding(self) -> Finding:
         """Return the aspect Publishers."""
         concern = error_if(bool(self.found), self.found, Reason.FOREIGN_PUBLISHER.hint)
-        return conclude('Publishers', 'each topic of the line has one maker', [concern])
+        return conclude('Publishers', 'each topic of the line has one publisher', [concern])

@@ -19,9 +19,8 @@ from checkweigher_dsp.rejection.items import PendingItems
 class VerdictOutput:
     """Output of the verdicts, with counters, log messages and findings.
 
-    The numbers of judged items are stored in the file `numbers`. `items` contains the numbers of
-    items that were judged under another number. The function `sent` is called with each verdict
-    after its publication.
+    The numbers of items with a verdict are stored in the file `numbers`, including those in
+    ``items.passed_over``. The function `sent` is called with each verdict after its publication.
     """
 
     def __init__(
@@ -49,8 +48,8 @@ class VerdictOutput:
 
     def _send(self, verdict: Verdict) -> None:
         node, item = self._node, f'item {verdict.item_id}'
-        # The number is stored before the publication, so that no number is used twice. Other
-        # work follows the publication, because the rejector waits for the verdict.
+        # Store the number before the publication, so that no number is used twice. Do other work
+        # after the publication, because the rejector waits for the verdict.
         self._numbers.give(verdict.item_id)
         self.output.send(verdict)
         self._watch.add(time.monotonic(), verdict)
@@ -64,7 +63,7 @@ class VerdictOutput:
         self._sent(verdict)
 
     def findings(self, now: float) -> list[Finding]:
-        """Return the findings on the verdicts and on the line before this node."""
+        """Return the aspects Verdicts and Line."""
         node = self._node
         no_masses = node.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
         margin, deadlines = node.parameters.verdict_margin, node.parameters.deadlines

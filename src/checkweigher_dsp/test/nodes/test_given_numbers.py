@@ -84,4 +84,4 @@ def test_without_a_file_it_says_so_and_goes_on(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path / 'file'))
     numbers = GivenNumbers('/lane/reject', 0)
     numbers.give(7)
-    assert 'not kept over a restart' in numbers.trouble
+    assert 'not stored for a restart' in numbers.trouble

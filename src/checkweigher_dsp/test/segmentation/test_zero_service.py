@@ -24,7 +24,7 @@ def test_without_a_load_cell_the_service_says_so(process):  # noqa: F811
     answer = _call(process, caller.create_client(Trigger, ZERO))
     process.wait_for(answer.done)
     assert not answer.result().success
-    assert answer.result().message == 'no load_cell/info has come: not zeroed'
+    assert answer.result().message == 'no load_cell/info has arrived: not zeroed'
 
 
 def test_the_service_answers_when_the_belt_was_zeroed(process):  # noqa: F811
