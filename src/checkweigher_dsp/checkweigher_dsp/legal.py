@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Legally relevant software: the program and the libraries that decide masses and verdicts.
 
-Its digest covers every Python file and library of the packages below, the version of Python, and
-the kernel of the linear algebra (BLAS) that this processor uses. What only shows, stores or
-transmits a result is in other packages of the checkweigher, and not in the digest.
+Its digest covers every Python file and library of the packages below except tests, the version of
+Python, and the kernel of the linear algebra library (BLAS) that this processor uses. Software that
+only shows, stores or transmits results is in other packages, which the digest does not cover.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ import numpy as np
 
 OWN = ('checkweigher_core', 'checkweigher_dsp')
 LIBRARIES = ('numpy', 'pywt')
-_LEFT_OUT = {'tests', 'test', '__pycache__'}  # folders
+_LEFT_OUT = {'tests', 'test', '__pycache__'}  # folders that the digest does not cover
 _KERNEL = ('scipy_openblas_get_corename64_', 'scipy_openblas_get_corename', 'openblas_get_corename')
 
 
@@ -30,8 +30,8 @@ _KERNEL = ('scipy_openblas_get_corename64_', 'scipy_openblas_get_corename', 'ope
 class LegalSoftware:
     """Digests of the parts of the legally relevant software, and their common digest."""
 
-    sha256: str  # of all parts, hexadecimal
-    parts: dict[str, str]  # SHA-256 of each package; version of Python; BLAS kernel
+    sha256: str  # SHA-256 of all parts, hexadecimal
+    parts: dict[str, str]  # SHA-256 of each package, version of Python, and BLAS kernel, by name
 
     @property
     def value(self) -> dict[str, object]:
@@ -75,7 +75,7 @@ def files_of(package: str) -> Iterator[tuple[str, Path]]:
     assert spec is not None
     assert spec.origin is not None
     root = Path(spec.origin).parent
-    # The wheel of NumPy has its BLAS in a folder beside it.
+    # Include the folder beside the package, in which the wheel of NumPy stores its BLAS.
     for folder in (root, root.with_name(f'{package}.libs')):
         for path in sorted(folder.rglob('*')):
             name = path.relative_to(root.parent).as_posix()
@@ -87,7 +87,7 @@ def files_of(package: str) -> Iterator[tuple[str, Path]]:
 
 def blas_kernel() -> str:
     """Return the name of the BLAS kernel that NumPy uses on this processor, or 'unknown'."""
-    np.dot(np.ones(2), np.ones(2))  # the library is loaded now
+    np.dot(np.ones(2), np.ones(2))  # This loads the library.
     maps = Path('/proc/self/maps').read_text(encoding='utf-8', errors='replace').splitlines()
     for path in sorted({line.split(maxsplit=5)[-1] for line in maps if 'blas' in line}):
         library = ctypes.CDLL(path)
