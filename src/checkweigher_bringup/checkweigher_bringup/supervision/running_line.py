@@ -65,8 +65,8 @@ def run_line(
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
     `page` has the options of the page, or is None if the page is not served. With a `folder`, the
     line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways
-    of the file `gateways` run beside the line. Raises `UserError` if a line already runs in this lane, and
-    `SettingsError` if the file `gateways` is invalid.
+    of the file `gateways` run beside the line. Raises `UserError` if a line already runs in this
+    lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
