@@ -24,6 +24,7 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
         line = process.stderr.readline()
         found = re.fullmatch(r'page: https?://127\.0\.0\.1:(\d+)/.*\n', line)
         assert found, line
+        process.said = line
         yield process, int(found[1])
     finally:
         process.kill()

@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+import os
 import queue
 import time
 from typing import Any
@@ -114,10 +115,18 @@ class EchoNode(ResultListener):
         """Return a weighing with the known mass of its item, if the line published one."""
         return ResultJoiner((), list(self._references)).join(weighing)
 
+    def place(self) -> str:
+        """Return the name of the topic of the verdicts, and the ROS domain."""
+        domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+        return f'{self.resolve_topic_name(ports.VERDICT.name)} in ROS_DOMAIN_ID {domain}'
+
     def silence(self) -> str:
         """Return a text that explains why no verdict has arrived."""
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:
-                return f'no verdict yet: no node publishes {name}; is the line running, and here?'
-        return 'no verdict yet: the line is running, but no product has passed'
+                return (
+                    f'no verdict on {self.place()}: no node publishes {name}; start the line, or '
+                    'give --namespace and ROS_DOMAIN_ID of the running one'
+                )
+        return f'no verdict on {self.place()}: the line is running, but no product has passed'

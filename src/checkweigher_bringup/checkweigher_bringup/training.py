@@ -71,7 +71,7 @@ def read_passes(
     """
     cuts = [segmenter] if untrained is None else [segmenter, untrained]
     calls = [partial(passes_of_bag, str(bag), lane, cuts, len(bags) == 1) for bag in bags]
-    found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
+    found = list(zip(bags, run_jobs(calls, n_jobs, 'reading'), strict=True))
     broken = [each for _, each in found if isinstance(each, BagError)]
     if len(broken) == len(bags):
         raise broken[0]

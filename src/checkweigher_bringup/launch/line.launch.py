@@ -60,14 +60,21 @@ ARGUMENTS = {
     'folder': 'folder of this machine with calibration, trained parameters, recipes and audit log; '
     'created if necessary; the nodes dynamic_setting and verifier then also run',
     'page': 'whether the web page of the line is served, at http://127.0.0.1:8080/',
+    'page_host': 'address of the page; any other than 127.0.0.1 needs TLS',
+    'page_certificate': 'certificate file of the page for TLS (PEM)',
+    'page_key': 'key file of this certificate (PEM)',
     'batch_reports': 'whether a report is written beside the record of each batch that ends',
     'gateways': 'settings file of the gateways (YAML); a gateway runs for each section',
     'lanes': 'description of lanes on several hosts (YAML), which replaces the arguments above '
-    'except respawn, page and gateways',
+    'except respawn, page, page_... and gateways',
     'host': 'name of this host in the file lanes',
     'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
 }
-WITH_LANES = ('respawn', 'page', 'gateways', 'lanes', 'host', 'log_level')
+PAGE_OPTIONS = ('host', 'certificate', 'key')
+WITH_LANES = (
+    *('respawn', 'page', *(f'page_{name}' for name in PAGE_OPTIONS), 'gateways'),
+    *('lanes', 'host', 'log_level'),
+)
 
 
 def generate_launch_description():
@@ -122,7 +129,7 @@ def make_line(context):
             node(name, IfCondition('true' if own[name] else 'false'), own[name])
             for name in OF_MACHINE
         ),
-        make_page(kept),
+        make_page(context, kept),
         *make_gateways(context, kept),
         node('batch_reporter', IfCondition(LaunchConfiguration('batch_reports'))),
     ]
@@ -164,7 +171,7 @@ def make_host(context, lanes, host):
         )
         for share in line.shares(host)
     ]
-    return [*environment, *nodes, make_page(kept), *make_gateways(context, kept)]
+    return [*environment, *nodes, make_page(context, kept), *make_gateways(context, kept)]
 
 
 def own_file(share):
@@ -175,11 +182,13 @@ def own_file(share):
     return file.name
 
 
-def make_page(kept):
+def make_page(context, kept):
     """Return the action that starts the page of all lanes if the argument `page` is true."""
+    options = {name: LaunchConfiguration(f'page_{name}').perform(context) for name in PAGE_OPTIONS}
     return Node(
         package='checkweigher_web',
         executable='page',
+        arguments=[w for name, value in options.items() if value for w in (f'--{name}', value)],
         condition=IfCondition(LaunchConfiguration('page')),
         **kept,
     )

@@ -79,6 +79,7 @@ def test_parameters(command: str, text: str, names: str, tmp_path: Path):
         ('replay', BAG, '--rate', 'fast'),
         ('replay', BAG, '--namespace', '1lane'),
         ('echo', '--count', '0'),
+        ('run', '--page-host', '0.0.0.0'),
         ('polish',),
         (),
     ],
@@ -92,7 +93,6 @@ def test_options(arguments: tuple[object, ...]):
     [
         (('--port', 70000), 'is not in 0..65535'),
         (('--keep', '/nowhere/at/all'), 'there is no folder /nowhere/at/all; make it first'),
-        (('--keep', '/tmp'), 'needs a user: checkweigher user add NAME --role R'),
         (('--trust', __file__), f'{__file__}: is not an Ed25519 public key'),
         (('--trust', '/none'), '/none: cannot be read: No such file'),
         (('--trust', __file__, '--bag', BAG), '--trust: of a running line only'),

@@ -65,8 +65,11 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
     return [(f'{entry.subject}.{name}', old.get(name), new[name]) for name in names]
 
 
-def shortened(value: Any, widest: int = _WIDEST) -> str:
-    """Return a value as printable text with at most `widest` characters. None becomes a dash."""
+def shortened(value: Any, widest: int | None = _WIDEST) -> str:
+    """Return a value as printable text with at most `widest` characters, or in full if it is None.
+
+    The value None becomes a dash.
+    """
     text = '-' if value is None else value if isinstance(value, str) else json.dumps(value)
     text = text if text.isprintable() else repr(text)
-    return text if len(text) <= widest else text[: widest - 3] + '...'
+    return text if widest is None or len(text) <= widest else text[: widest - 3] + '...'

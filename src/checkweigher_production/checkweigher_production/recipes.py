@@ -30,7 +30,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
+from statistics import NormalDist
+from typing import Any, ClassVar
 
 from checkweigher_core.parameters import (
     ParameterError,
@@ -40,7 +41,7 @@ from checkweigher_core.parameters import (
     flatten,
     parameter,
 )
-from checkweigher_core.records import ProductOnLine
+from checkweigher_core.records import GRAMS, ProductOnLine
 from checkweigher_core.settings_files import Settings, read_settings, settings_of
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
@@ -60,6 +61,20 @@ _LARGEST_MASS = 1e4  # kg
 _LARGEST_ERROR = 0.1  # largest limit of a performance test, relative to the mass
 
 Changes = dict[str, dict[str, object]]
+
+
+@dataclass(frozen=True)
+class Guard(Parameters):
+    """Guard band, which narrows the limits by the deviation that is stated for each mass."""
+
+    node: ClassVar[str] = 'guard'
+
+    risk: float = parameter(
+        0.02,
+        'largest probability that an item outside the limits is accepted',
+        minimum=1e-9,
+        maximum=0.5,
+    )
 
 
 @dataclass(frozen=True)
@@ -102,9 +117,13 @@ class Product(Settings):
     mean_value: bool = parameter(False, 'whether the mean of a batch must never be below nominal')
     filler: FillerParameters | None = parameter(None, 'feedback to the filler')
     test: PerformancePlan | None = parameter(None, 'performance test')
+    guard: Guard | None = parameter(None, 'guard band at the limits')
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'parameters', _parameters(self.parameters))
+        own = _parameters(self.parameters)
+        if self.guard is not None:
+            own.setdefault('reject', {})['guard_risk'] = self.guard.risk
+        object.__setattr__(self, 'parameters', own)
         if self.nominal == 0:
             raise SettingsError('must be above 0', 'nominal')
         if SMALLEST <= self.nominal <= LARGEST:
@@ -178,6 +197,29 @@ class Product(Settings):
     def stage_values(self) -> dict[str, object]:
         """Return all parameters and limits of the recipe. The keys have the form ``node.name``."""
         return flatten(self.parameters) | flatten({'reject': self.limits()})
+
+    def unresolved(self, std_dev: float) -> str:
+        """Return why a scale cannot resolve the tolerances of the recipe, or '' if it can.
+
+        `std_dev` is the stated standard deviation of a mass in kg, or NaN. Twice this deviation may
+        be at most a fifth of the tolerable negative error, as German FPackV (Annex 7, 1 b) has it
+        for the error of a scale. Three deviations, or the guard band if it is wider, must leave
+        nominal within the limits.
+        """
+        fifth = (self.nominal - self.tu1) / 5
+        if 2 * std_dev > fifth:
+            return (
+                f'twice the stated deviation, {2 * GRAMS * std_dev:.2f} g, is above a fifth of the '
+                f'tolerable negative error, {GRAMS * fifth:.2f} g'
+            )
+        band = std_dev * max(3.0, -NormalDist().inv_cdf(self.guard.risk) if self.guard else 0.0)
+        distance = min(self.nominal - self.lower_limit, self.upper_limit - self.nominal)
+        if band > distance:
+            return (
+                f'the stated deviation, {GRAMS * std_dev:.2f} g, is too large for limits '
+                f'{GRAMS * distance:.2f} g from nominal'
+            )
+        return ''
 
     def on_line(self, batch: str) -> ProductOnLine:
         """Return the product and its limits in the form for the reject node."""

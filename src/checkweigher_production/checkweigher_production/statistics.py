@@ -9,6 +9,7 @@ contents without tare. Times are the time stamps of the samples.
 
 from collections import Counter, deque
 import math
+from statistics import median
 
 from checkweigher_core.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
 from checkweigher_core.records.reasons import Reason
@@ -18,6 +19,7 @@ from checkweigher_production.prepackages import ROUNDING
 from checkweigher_production.recipes import Product
 
 _MINUTE = 60 * NANOSECONDS
+_LATEST = 25  # number of masses whose median of the stated deviations is that of the scale
 _NO_PRODUCT = Product('', math.nan)
 # Verdicts with these reasons may belong to the previous stream.
 _OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
@@ -117,6 +119,7 @@ class ProductionRecord:
         self._tallies: dict[tuple[str, str], BatchTally] = {}
         # Number, t1 and t3 of the last items without a product, as many as the topic keeps.
         self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
+        self._std_devs = deque[float](maxlen=_LATEST)  # stated for the latest masses, in kg
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -156,7 +159,14 @@ class ProductionRecord:
         if own is None:
             own = self._all[key] = ProductionStatistics()
         own.add(verdict)
+        if math.isfinite(verdict.std_dev):
+            self._std_devs.append(verdict.std_dev)
         return True
+
+    @property
+    def std_dev(self) -> float:
+        """Median of the stated standard deviations of the latest masses in kg, NaN without any."""
+        return median(self._std_devs) if self._std_devs else math.nan
 
     def summary(self) -> Statistics:
         """Return the statistics of the present product in the present batch."""

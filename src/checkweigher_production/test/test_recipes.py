@@ -5,6 +5,7 @@
 import json
 import math
 from pathlib import Path
+import re
 
 import pytest
 import yaml
@@ -69,6 +70,32 @@ def test_the_reject_node_gets_the_rules_of_the_batch_with_the_packaging_on():
     assert weights == pytest.approx((0.1404, 0.1472, 0.154), rel=EXACT)  # TU2, TU1, nominal
     assert (reject['tu1_quota'], reject['mean_value']) == (0.02, True)
     assert product.filler.max_correction == 0.004
+
+
+def test_the_guard_of_a_recipe_is_a_parameter_of_the_reject_node():
+    product = settings_of(Product, {**GOOD, 'guard': {'risk': 0.01}}, 'crisps')
+    assert product.stage_values()['reject.guard_risk'] == 0.01
+    assert product_of({'name': 'crisps', **plain(product)}) == product  # as records have it
+    with pytest.raises(SettingsError, match='risk'):
+        settings_of(Product, {**GOOD, 'guard': {'risk': 0.6}}, 'crisps')
+
+
+@pytest.mark.parametrize(
+    ('recipe', 'std_dev', 'said'),
+    [
+        ({}, 0.0006, ''),  # tolerable negative error of 150 g: 6.8 g
+        ({}, 0.0007, 'twice the stated deviation, 1.40 g, is above a fifth .*, 1.36 g'),
+        ({'lower_limit': 0.149}, 0.0003, ''),
+        ({'lower_limit': 0.149}, 0.0004, r'0.40 g, is too large for limits 1.00 g'),
+        ({'upper_limit': 0.151}, 0.0004, r'0.40 g, is too large for limits 1.00 g'),
+        ({'lower_limit': 0.149, 'guard': {'risk': 1e-4}}, 0.0003, r'0.30 g, is too large'),
+        ({'lower_limit': 0.149}, math.nan, ''),
+    ],
+)
+def test_a_recipe_that_the_scale_cannot_resolve_says_why(recipe, std_dev, said):
+    product = settings_of(Product, {'nominal': 0.15, **recipe}, 'crisps')
+    assert re.search(said, product.unresolved(std_dev))
+    assert bool(product.unresolved(std_dev)) == bool(said)
 
 
 def test_a_test_product_and_a_target_may_be_up_to_half_off():

@@ -16,7 +16,7 @@ def test_all_pass_through_whether_there_is_a_bar_or_not(monkeypatch, capsys, cou
     monkeypatch.setattr(sys.stderr, 'isatty', lambda: True)
     monkeypatch.setattr(progress, '_DELAY', delay)
 
-    assert list(with_progress(range(count), 'reading', unit='chunks')) == list(range(count))
+    assert list(with_progress(range(count), 'reading')) == list(range(count))
     assert ('reading' in capsys.readouterr().err) == (not delay)
 
 

@@ -114,20 +114,27 @@ def jobs_done_by(workers: Callable[[], Workers]) -> Iterator[None]:
 
 
 def run_jobs(
-    jobs: Sequence[Job], n_jobs: int | None = None, doing: str = '', unit: str = 'steps'
+    jobs: Sequence[Job],
+    n_jobs: int | None = None,
+    doing: str = '',
+    sizes: Sequence[float] | None = None,
 ) -> list[Any]:
     """Run independent jobs, and return their results in the same order.
 
     A job is a function without parameters (see `functools.partial`). Jobs and results must be
     picklable. `n_jobs` is the number of processes on this machine, by default one for each core. If
     it is 1, this process runs the jobs. On a terminal, a progress bar with the label `doing` is
-    shown.
+    shown. `sizes` are proportional to the expected times of the jobs, which are equal by default.
 
     Raises `WorkerLostError` if the worker of a job was killed, and again when the job was repeated
     alone, and `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
     with closing(jobs_as_done(jobs, n_jobs)) as results:
-        found = dict(with_progress(results, doing, len(jobs), unit=unit))
+        if sizes is None:
+            found = dict(with_progress(results, doing, len(jobs)))
+        else:
+            shares = [size / sum(sizes) for size in sizes]
+            found = dict(with_progress(results, doing, 1.0, size=lambda result: shares[result[0]]))
     for result in found.values():
         if isinstance(result, WorkerLostError):
             raise result

@@ -7,6 +7,7 @@ import math
 import operator
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -35,6 +36,14 @@ def test_a_bar_on_a_terminal_says_what_is_done_to_its_end(monkeypatch, capsys, n
     shown = capsys.readouterr().err
     assert 'tuning:   0%' in shown
     assert 'tuning: 100%' in shown
+
+
+def test_the_bar_of_unequal_jobs_advances_by_their_sizes(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, 'isatty', lambda: True)
+    monkeypatch.setattr(progress, '_DELAY', 0.0)
+    run_jobs([partial(time.sleep, 0.15)] * 3, 1, 'tuning', [12, 6, 2])
+    shown = re.findall(r'tuning: +(\d+)%', capsys.readouterr().err)
+    assert shown == ['0', '60', '90', '100']
 
 
 def test_workers_are_other_processes_with_one_thread_for_matrices_each(monkeypatch, capfd):

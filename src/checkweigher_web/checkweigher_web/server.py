@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Web server of the page, by default on the loopback address."""
 
+import argparse
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,10 +22,12 @@ from nicegui import app as nicegui
 from nicegui import ui
 import rclpy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 import uvicorn
 
 from checkweigher_core.ros.graph.policy import PAGE, enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
+from checkweigher_web import ADDRESS
 from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
 from checkweigher_web.access.login import add_login
@@ -85,8 +88,6 @@ def serve(
         own = ['--ros-args', *enclave_arguments('', PAGE)]
         rclpy.init(args=[*sys.argv, *own], signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown)
-        if keep is not None and not access.users.now():
-            raise PageError('--keep: needs a user: checkweigher user add NAME --role R')
         spinner = Spinner()
         stack.callback(spinner.stop)
         watch = Watch(spinner, namespace, SHOWN if keep is None else HELD)
@@ -219,7 +220,9 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
     # The address is printed last, because a caller may then send signals to the server.
-    nicegui.on_startup(lambda: print(f'page: {site.address}', file=sys.stderr, flush=True))
+    code = access.first_code
+    first = f'; no user yet: log in with the code {code} to make the first one' if code else ''
+    nicegui.on_startup(lambda: print(f'page: {site.address}{first}', file=sys.stderr, flush=True))
     config = uvicorn.Config(
         Guard(app, access),
         http=PromptProtocol,
@@ -238,8 +241,12 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
 
 def main() -> None:
     """Serve the page of all lanes."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument('--host', default=ADDRESS)
+    parser.add_argument('--certificate', type=Path)
+    parser.add_argument('--key', type=Path)
     try:
-        serve(Site())
+        serve(Site(**vars(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
     except KeyboardInterrupt:  # uvicorn raises the signal again after a regular end.
         pass
     except ValueError as error:

@@ -12,6 +12,7 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, check_positive
 from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_driver.calibration.file import (
+    calibrated_sources,
     calibration_table,
     check_calibrated_source,
     check_calibration_file,
@@ -32,7 +33,8 @@ from checkweigher_driver.devices import source_class
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     """Guide the technician through the masses, and write the calibration file."""
     if arguments.source is None:
-        raise UserError('--source: must be the source to calibrate, such as aed')
+        names = ', '.join(calibrated_sources())
+        raise UserError(f'--source: must be the source to calibrate: {names}')
     check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
     if not arguments.mass_uncertainty >= 0:
         raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')

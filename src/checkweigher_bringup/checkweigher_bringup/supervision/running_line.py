@@ -33,7 +33,6 @@ from checkweigher_core.ros.graph.policy import RUN
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.services import GATEWAYS
 from checkweigher_gateways.settings import read_gateways
-from checkweigher_web.access.users import UserFile, default_users
 
 Command = Callable[[], Sequence[str]]  # returns the words of a command for its next start
 
@@ -57,17 +56,17 @@ def run_line(
     driver: Mapping[str, object],
     *,
     apart: bool,
-    page: int | None = None,
+    page: Sequence[str] | None = None,
     folder: MachineFolder | None = None,
     gateways: Path | None = None,
 ) -> int:
     """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
-    `page` is the port of the page, or None if the page is not served. With a `folder`, the line
-    keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways of the
-    file `gateways` run beside the line. Raises `UserError` if a line already runs in this lane, and
-    `SettingsError` if the file `gateways` is invalid.
+    `page` has the options of the page, or is None if the page is not served. With a `folder`, the
+    line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways
+    of the file `gateways` run beside the line. Raises `UserError` if a line already runs in this
+    lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
@@ -196,19 +195,16 @@ def _node_commands(
 
 
 def _page_commands(
-    port: int | None, namespace: str, folder: MachineFolder | None
+    options: Sequence[str] | None, namespace: str, folder: MachineFolder | None
 ) -> dict[str, Command]:
-    if port is None:
+    if options is None:
         return {}
 
-    def command() -> list[str]:
-        words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
-        words += ['--namespace', namespace]
-        if folder is not None and UserFile(default_users()).now():
-            words += ['--keep', str(folder.path / 'kept')]
-        return words
-
-    return {_PAGE: command}
+    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', *options]
+    words += ['--namespace', namespace]
+    if folder is not None:
+        words += ['--keep', str(folder.path / 'kept')]
+    return {_PAGE: partial(list, words)}
 
 
 def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:

@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from reject_line import START, RejectLine, edges
 from running import PATIENCE, ROOT, run_command
 
-from checkweigher_bringup.commands.line.status import table
+from checkweigher_bringup.commands.line.status import lane_table, table
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.health.findings import Level
@@ -268,10 +268,18 @@ def test_the_status_has_the_hint_on_a_line_of_its_own_and_keeps_to_the_width():
     row = Row('a/segmenter', 'Belt noise', Level.WARN, 'too much; ' + 20 * 'check ', (('g', '5'),))
     lines = list(table([row, replace(row, level=Level.OK, message='2 g')], 80, values=False))
     assert max(map(len, lines)) <= 80
-    assert lines[1].endswith('Belt noise    too much')
+    assert lines[1].endswith('Belt noise  too much')
     assert lines[2].lstrip().startswith('-> check')
     assert [line for line in lines if line.strip() == 'g 5'] == lines[-2:-1]
     assert lines[-1].startswith('OK')
+
+
+def test_the_lanes_show_the_worst_with_its_hint_to_the_end():
+    hint = 'check rollers, belt joint, motor and floor'
+    row = Row('a/segmenter', 'Belt noise', Level.WARN, f'5 g, 3 times the usual; {hint}')
+    _, *lines = lane_table([row], 60)
+    shown = ' '.join(' '.join(lines).split())
+    assert shown == f'WARN a 0 0 0 segmenter Belt noise: 5 g, 3 times the usual -> {hint}'
 
 
 def test_the_status_of_nothing_says_so_and_fails():

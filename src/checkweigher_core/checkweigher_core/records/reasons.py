@@ -42,6 +42,7 @@ class Reason(StrEnum):
     EDGE_MISMATCH = 'EdgeMismatch'
     MEAN_VALUE_REQUIREMENT = 'MeanValueRequirement'
     TU1_QUOTA = 'TU1Quota'
+    GUARD_BAND = 'GuardBand'
     METAL_DETECTED = 'MetalDetected'
     XRAY_DETECTED = 'XrayDetected'
     VISION_REJECTED = 'VisionRejected'
@@ -116,6 +117,7 @@ _HINTS = {
     Reason.ZERO_OUT_OF_RANGE: 'the zero is out of range or has jumped; clean the belt, call zero',
     Reason.EDGE_MISMATCH: 'load and edges differ in time; check clocks, filter and eye positions',
     Reason.MEAN_VALUE_REQUIREMENT: 'the mean of the batch would be below nominal; check the filler',
+    Reason.GUARD_BAND: 'within the limits, but too uncertain for the guard band of the recipe',
     Reason.TU1_QUOTA: 'below TU1, and the quota of the batch is used up; check the filler',
     Reason.NO_PRODUCT: 'no product is selected, so there are no limits; select a product',
     Reason.OVERLOAD: 'the load exceeded the load-cell capacity; check load and calibration',

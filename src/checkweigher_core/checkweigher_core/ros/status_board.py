@@ -134,7 +134,8 @@ def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
 
 def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
     first = rows[0]  # the worst row
-    text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
+    place = f'{first.node.rpartition("/")[2]} {first.aspect}'.rstrip()
+    text = f'{place}: {first.message}'
     verdicts = tuple(
         (key, value)
         for row in rows

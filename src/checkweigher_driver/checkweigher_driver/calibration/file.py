@@ -25,7 +25,7 @@ from checkweigher_driver.calibration.static_calibration import (
     CalibrationPoint,
     StaticCalibration,
 )
-from checkweigher_driver.devices import source_class
+from checkweigher_driver.devices import SOURCES, source_class
 
 _FIRST_LINE = '# Made by checkweigher calibrate, version '
 
@@ -183,9 +183,18 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
     return {n.removeprefix(prefix): value for n, value in found.items() if n.startswith(prefix)}
 
 
+def calibrated_sources() -> list[str]:
+    """Return the names of the sources with calibration parameters. A bag has none."""
+    return [name for name in SOURCES if _is_calibrated(name)]
+
+
+def _is_calibrated(source: str) -> bool:
+    return {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries())
+
+
 def check_calibrated_source(source: str) -> None:
     """Raise CalibrationError if a source, such as a bag, has no calibration parameters."""
-    if not {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries()):
+    if not _is_calibrated(source):
         raise CalibrationError(f'source {source}: its data contain the calibration')
 
 

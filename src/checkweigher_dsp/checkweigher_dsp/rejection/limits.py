@@ -17,15 +17,21 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
 
     An item without a mass is a FAULT. An item with a wrong length or speed or an implausible
     standard deviation, or during a performance test, is also a FAULT, but with its mass.
+    An item that only the guard band rejects (JCGM 106:2012, 8.3) has the reason GuardBand.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
     if product.performance_test:  # Passes without a mass also count in the test.
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     low, high = product.lower_limit, product.upper_limit
+    decision = Decision.FAULT if reasons else decide(estimate.mass, low, high)
+    if decision is Decision.ACCEPT:
+        guard = parameters.guard_factor * estimate.std_dev
+        decision = decide(estimate.mass, low + guard, high - guard)
+        reasons = () if decision is Decision.ACCEPT else (Reason.GUARD_BAND.value,)
     return Verdict(
         estimate.item_id,
         estimate.t3,
-        Decision.FAULT if reasons else decide(estimate.mass, low, high),
+        decision,
         reasons,
         estimate.mass,
         estimate.std_dev,

@@ -5,6 +5,7 @@
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 import math
+from statistics import NormalDist
 from typing import Any, ClassVar
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
@@ -90,6 +91,14 @@ class RejectParameters(Parameters):
         'whether an item below nominal is accepted only if the mean of the accepted items of the '
         'batch stays at or above nominal; otherwise it is MeanValueRequirement',
     )
+    guard_risk: float = parameter(
+        0.0,
+        'largest probability that an item outside the limits is accepted, by which its stated '
+        'deviation narrows them (JCGM 106); an item that only this rejects is GuardBand; 0: limits '
+        'as they are',
+        minimum=0,
+        maximum=0.5,
+    )
     inspections: str = parameter(
         '', 'inspection devices whose answers a verdict waits for, such as "metal xray vision"'
     )
@@ -171,6 +180,11 @@ class RejectParameters(Parameters):
                 raise ParameterError(
                     f'reject.{name}: {len(values)} values, but {first} has {len(found)}'
                 )
+
+    @cached_property
+    def guard_factor(self) -> float:
+        """Width of the guard band at each limit, in standard deviations of the mass."""
+        return NormalDist().inv_cdf(1 - self.guard_risk) if self.guard_risk else 0.0
 
     @property
     def devices(self) -> tuple[str, ...]:

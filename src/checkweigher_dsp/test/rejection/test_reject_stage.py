@@ -5,6 +5,7 @@
 from dataclasses import replace
 import math
 
+import numpy as np
 import pytest
 
 from checkweigher_core.parameters import ParameterError
@@ -41,6 +42,66 @@ def judge(estimate, parameters):
 )
 def test_both_limits_belong_to_what_is_accepted(mass, decision, parameters):
     assert judge(_estimate(mass), parameters).decision is decision
+
+
+GUARDED = replace(LIMITS, guard_risk=0.02)  # of 0.1 mg: 0.2054 mg at each limit
+
+
+@pytest.mark.parametrize(
+    ('mass', 'decision', 'reasons'),
+    [
+        (0.1002, Decision.UNDER, ('GuardBand',)),
+        (0.1003, Decision.ACCEPT, ()),
+        (0.1997, Decision.ACCEPT, ()),
+        (0.1998, Decision.OVER, ('GuardBand',)),
+        (0.0999, Decision.UNDER, ()),
+    ],
+)
+def test_a_guard_band_is_as_wide_as_the_stated_deviation_asks(mass, decision, reasons):
+    verdict = judge(_estimate(mass), GUARDED)
+    assert (verdict.decision, verdict.reasons) == (decision, reasons)
+    assert (verdict.lower_limit, verdict.upper_limit) == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ('mean', 'spread', 'share'),
+    [
+        *(
+            pytest.param(*filler, None, marks=pytest.mark.soak)
+            for filler in ((0.15, 0.003), (0.1445, 0.0015), (0.1425, 0.0015))
+        ),
+        (0.1432 - 1e-9, 0, 0.02),
+    ],
+)
+def test_of_the_items_outside_no_more_are_accepted_than_the_risk_says(mean, spread, share):
+    """Weigh items of a filler, each on a machine of its own, and print what the guard band costs.
+
+    The worst case are items just below the limit: of these, the share that is accepted is the risk.
+    """
+    rng = np.random.default_rng(1)
+    count, plain = 100_000, RejectParameters(lower_limit=0.1432, upper_limit=0.16)
+    guarded = replace(plain, guard_risk=0.02)
+    std_dev = 1.5e-4 * np.exp(0.5 * rng.normal(size=count))
+    masses = mean + spread * rng.normal(size=count)
+    seen = masses + std_dev * rng.normal(size=count)
+    outside = (masses < plain.lower_limit) | (masses > plain.upper_limit)
+
+    def count_wrong(parameters):
+        accepted = [
+            judge(_estimate(mass, std_dev=each), parameters).decision is Decision.ACCEPT
+            for mass, each in zip(seen, std_dev, strict=True)
+        ]
+        return np.sum(outside & accepted), np.sum(~outside & ~np.array(accepted))
+
+    (plain_accepts, plain_rejects), (accepts, rejects) = map(count_wrong, (plain, guarded))
+    print(
+        f'{mean:.4f} kg: {outside.sum()} outside, accepted {plain_accepts}, {accepts}; '
+        f'{count - outside.sum()} within, rejected {plain_rejects}, {rejects}'
+    )
+    risk = guarded.guard_risk
+    allowed = 4 * math.sqrt(risk * (1 - risk) * outside.sum())
+    assert accepts <= risk * outside.sum() + allowed
+    assert share is None or accepts == pytest.approx(share * count, abs=allowed)
 
 
 def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from checkweigher_core import changes
-from checkweigher_core.health.findings import Finding, conclude, error_if
+from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import BatchResult, ProductOnLine, Statistics
 from checkweigher_core.ros.line_parameters import RefusedError
@@ -84,6 +84,8 @@ class LineSelection:
         finally:
             self.batches.keep(self.recipe.selected, anew=True)
         self._resumed = None, None
+        if why := product.unresolved(production.std_dev):
+            self.warn(f'product {name!r}: {why}')
         self._select_in_counts(product)
 
     def _select_in_counts(self, product: Product) -> None:
@@ -203,6 +205,7 @@ class LineSelection:
         """Return the finding "Recipe" of the diagnostics."""
         production = self.batches.production
         product = production.product
+        unresolved = product.unresolved(production.std_dev) if product else ''
         values: dict[str, float | str] = {
             'product': product.name if product else 'none',
             'batch': production.batch,
@@ -219,6 +222,9 @@ class LineSelection:
                 bool(self.file) and product is None,
                 'no product is selected, so nothing is accepted',
                 'select one on the page, or by the service select_product',
+            ),
+            warn_if(
+                bool(unresolved), unresolved, 'train this product, or run the belt at a lower speed'
             ),
         )
         well = f'product {product.name!r}' if product else 'no product is selected'

@@ -30,6 +30,7 @@ def render_batch(batch: Batch, parts: Sequence[PartFigures]) -> str:
     """Return the report of a batch as one HTML page that needs no other file."""
     return fill(
         'batch.html.j2',
+        f'Batch {batch.name}',
         ('aid', 'iswd_eksi'),
         batch=batch,
         parts=parts,

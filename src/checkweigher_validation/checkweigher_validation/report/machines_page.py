@@ -43,8 +43,8 @@ def render_machines(
     shown = ([each.tuned for each in machines], [each.untrained for each in machines])
     return fill(
         'machines.html.j2',
+        title,
         estimators,
-        title=title,
         provenance=provenance,
         findings=[*_findings(tables, looks), f'{choices(machines).capitalize()}.'],
         tables=[

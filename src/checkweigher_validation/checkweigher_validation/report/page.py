@@ -3,6 +3,8 @@
 """Report of an evaluation as one HTML page with inline figures."""
 
 from collections.abc import Sequence
+import hashlib
+from re import sub
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -16,6 +18,8 @@ from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.tables import LEVELS
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
+
+_NO_ID = 12 * '-'  # in the place of the report id while its digest is computed
 
 
 @rc_context(fname=STYLE)
@@ -35,6 +39,7 @@ def render(
     shown = content.Content(evaluation, accuracy_class)
     return fill(
         'report.html.j2',
+        evaluation.title,
         evaluation.estimators,
         evaluation=evaluation,
         content=shown,
@@ -50,8 +55,12 @@ def render(
     )
 
 
-def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
-    """Return the page from a template with `values` and the plot styles of `estimators`."""
+def fill(template: str, title: str, estimators: Sequence[str] = (), **values: Any) -> str:
+    """Return the page from a template with `values` and the plot styles of `estimators`.
+
+    Each printed sheet has the title and the report id, which is a digest of the page: equal reports
+    have equal ids.
+    """
     environment = Environment(
         loader=PackageLoader('checkweigher_validation.report', ''),
         autoescape=True,
@@ -59,7 +68,10 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
+    environment.filters['css_string'] = _css_string
     shared = {
+        'title': title,
+        'report_id': _NO_ID,
         'grams': content.grams,
         'levels': [f'{100 * level:.0f} %' for level in LEVELS],
         'looks': list(content.looks_of(tuple(estimators)).values()),
@@ -68,7 +80,14 @@ def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
         'picture': picture,
         'speed_label': content.speed_label,
     }
-    return environment.get_template(template).render(shared | values)
+    page = environment.get_template(template).render(shared | values)
+    report_id = hashlib.sha256(page.encode()).hexdigest()[: len(_NO_ID)]
+    return page.replace(_NO_ID, report_id)
+
+
+def _css_string(text: str) -> Markup:
+    """Return a text as the content of a string of CSS in an HTML page."""
+    return Markup(sub(r'[^\w .,:-]', lambda found: f'\\{ord(found[0]):x} ', text))
 
 
 def picture(name: str, figure: Figure, caption: str) -> Markup:

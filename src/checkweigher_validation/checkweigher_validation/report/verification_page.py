@@ -35,7 +35,8 @@ def render_verification(report: Values) -> str:
     tests = {kind: steps for kind, steps in made.items() if steps}
     drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]
     figure = _errors_figure(drawn) if drawn else None
-    return fill('verification.html.j2', report=report, tests=tests, figure=figure)
+    title = f'Verification of {", ".join(map(str, report["machine"].values()))}'
+    return fill('verification.html.j2', title, report=report, tests=tests, figure=figure)
 
 
 def _errors_figure(steps: Sequence[Values]) -> Figure:

@@ -121,11 +121,13 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
+    # Jobs of all estimators are mixed, so that the time left can be told from those that are done.
     tasks = [
         TUNABLES[name](name, group, line, groups)
-        for (name, line), group in product(lines.items(), groups)
+        for group, (name, line) in product(groups, lines.items())
     ]
-    found, broken = _run(_jobs(tasks, budget), n_jobs, 'tuning')
+    jobs = _jobs(tasks, budget)
+    found, broken = _run(jobs, n_jobs, 'tuning', [_work(*each) for each in jobs])
     for (task, _), error in broken.items():
         failed.setdefault(task.name, error)
     may_fail = len(estimators) - 1 if skip_failing else 0
@@ -186,18 +188,22 @@ def _jobs(
         **{(task, None): partial(_tune_speed, task, budget) for task in tasks},
         **{
             (task, fold): partial(_check_fold, task, budget, fold)
+            for fold in range(max(len(_folds(task)) for task in tasks))
             for task in tasks
-            for fold in _folds(task)
+            if fold in _folds(task)
         },
     }
 
 
 def _run(
-    jobs: Mapping[Any, Callable[[], Any]], n_jobs: int | None, text: str
+    jobs: Mapping[Any, Callable[[], Any]],
+    n_jobs: int | None,
+    text: str,
+    sizes: Sequence[float] | None = None,
 ) -> tuple[dict[Any, Any], dict[Any, TuningError]]:
     """Run jobs, and return the results of successful jobs and the errors of the others, by key."""
     calls = [partial(_attempt, job) for job in jobs.values()]
-    ended = list(zip(jobs, run_jobs(calls, n_jobs, text), strict=True))
+    ended = list(zip(jobs, run_jobs(calls, n_jobs, text, sizes), strict=True))
     errors = {key: each for key, each in ended if isinstance(each, TuningError)}
     return {key: each for key, each in ended if key not in errors}, errors
 
@@ -235,6 +241,19 @@ def _folds(task: Tunable) -> range:
     return range(5 if count >= _FEWEST_FOR_FIFTHS else count)
 
 
+def _is_halved(task: Tunable) -> bool:
+    """Return whether a fold has half the budget, which limits the time for all folds."""
+    return len(_folds(task)) < len(task.group.passes)
+
+
+def _work(task: Tunable, fold: int | None) -> float:
+    """Return the expected work of a job relative to other jobs of the same estimator."""
+    count = len(task.group.passes)
+    if fold is None:
+        return count
+    return count * (1 - 1 / len(_folds(task))) / (2 if _is_halved(task) else 1)
+
+
 def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
     """Tune on all passes except a fold, and return the errors of the fold, (n,) in kg."""
     group = task.group
@@ -245,8 +264,7 @@ def _check_fold(task: Tunable, budget: int, fold: int) -> NDArray[np.float64]:
         replace(group, passes=tuple(compress(group.passes, chosen)))
         for chosen in (~held_out, held_out)
     )
-    # The budget is halved to limit the time for all folds.
-    budget = max(budget // 2, 1) if count < len(group.passes) else budget
+    budget = max(budget // 2, 1) if _is_halved(task) else budget
     learned = _tune_speed(type(task)(task.name, learn, task.base, task.others), budget)
     estimates = estimates_of(check, _assemble(task.name, [learned], task.base).parameters)
     return learned.calibration.apply(estimates) - check.masses

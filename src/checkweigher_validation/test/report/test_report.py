@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reports: a sound page without anything from elsewhere, and the numbers of the data in it."""
 
+import hashlib
+import html
 from html.parser import HTMLParser
 import math
 import re
@@ -108,6 +110,19 @@ def test_a_page_needs_nothing_from_elsewhere(request, name):
     # The rest are the names of the namespaces, which no reader fetches.
     addresses = set(re.findall(r'https?://[^"\'<>\s)]+', text))
     assert addresses <= {'http://www.w3.org/2000/svg', 'http://www.w3.org/1999/xlink'}
+
+
+@pytest.mark.parametrize('name', ['text', 'machines'])
+def test_each_printed_sheet_has_title_and_id_of_the_report_and_its_number(request, name):
+    page = request.getfixturevalue(name)
+    title = html.unescape(re.search('<title>(.*)</title>', page)[1])
+    left, report, right = re.findall(r'@bottom-\w+ \{ content: (.*); \}', page)
+    said = re.sub(r'\\([0-9a-f]+) ', lambda found: chr(int(found[1], 16)), left)
+    assert said == f'"{title}"'
+    assert right == '"sheet " counter(page) " of " counter(pages)'
+    (report_id,) = re.fullmatch('"report ([0-9a-f]{12})"', report).groups()
+    without = page.replace(report_id, 12 * '-')
+    assert hashlib.sha256(without.encode()).hexdigest().startswith(report_id)
 
 
 def test_every_reference_within_the_page_has_one_target(page):

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from functools import partial
+import secrets
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
@@ -58,7 +59,16 @@ class Access:
         self.throttle = Throttle()
         # Browsers send a cookie to all ports of a host, so the name of the cookie has the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
+        self._first_code = secrets.token_hex(5)
         self._ended: set[str] = set()  # clients whose session had ended at the last `expel`
+
+    @property
+    def first_code(self) -> str:
+        """Code by which the first user is made, or '' if there are users.
+
+        The code is shown only where the page was started.
+        """
+        return '' if self.users.now() else self._first_code
 
     def session_of(self, client: Client) -> Session | None:
         """Return the session of a page, or None if it has ended or never existed."""

@@ -15,7 +15,7 @@ from rclpy.logging import get_logger
 
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
-from checkweigher_web.access.users import NOBODY, account_name
+from checkweigher_web.access.users import NOBODY, User, account_name, add_first_user
 
 _LARGEST = 4096  # maximum size of a form in bytes
 _PAGE = """<!doctype html>
@@ -25,13 +25,17 @@ _PAGE = """<!doctype html>
 <body><main class="login"><h1>Checkweigher</h1>
 <p role="alert" class="level-ERROR">{said}</p>
 <form method="post" action="{login}" autocomplete="on">
-<input type="hidden" name="token" value="{token}">
-<label>Name <input name="name" autocomplete="username" autofocus required></label>
-<label>Password <input name="password" type="password" autocomplete="current-password" required>
+<input type="hidden" name="token" value="{token}">{first}
+<label>Name <input name="name" autocomplete="username" required {focus}></label>
+<label>Password <input name="password" type="password" autocomplete="{kind}-password" required>
 </label>
-<button>Log in</button>
+<button>{button}</button>
 </form>{look}</main></body></html>
 """
+_FIRST = """
+<p>The page has no user yet. The first one is a technician, who may do everything. The terminal or
+log in which the page was started shows the code.</p>
+<label>Code <input name="code" autocomplete="off" autofocus required></label>"""
 
 
 def logout_form(token: str) -> str:
@@ -72,7 +76,18 @@ class _Forms:
         """
         token = secrets.token_urlsafe(32)
         look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
-        page = _PAGE.format(style=STYLE, login=LOGIN, said=escape(said), token=token, look=look)
+        first = bool(self._access.first_code)
+        page = _PAGE.format(
+            style=STYLE,
+            login=LOGIN,
+            said=escape(said),
+            token=token,
+            first=_FIRST if first else '',
+            focus='' if first else 'autofocus',
+            kind='new' if first else 'current',
+            button='Make the user' if first else 'Log in',
+            look=look,
+        )
         answer = HTMLResponse(page, status, {'Content-Security-Policy': PLAIN_POLICY})
         answer.set_cookie(self._form_cookie, token, **self._cookie)
         return answer
@@ -99,11 +114,16 @@ class _Forms:
             answer = self.form(f'Too many failed attempts: try again in {seconds} s.', 429)
             answer.headers['Retry-After'] = seconds
             return answer
-        user = self._access.users.find(name) or NOBODY
-        if not await asyncio.to_thread(user.has_password, given.get('password', '')):
+        if 'code' in given:
+            user, refusal = await self._first_user(name, given)
+        else:
+            user, refusal = self._access.users.find(name), 'Name or password are wrong.'
+            right = (user or NOBODY).has_password
+            user = user if await asyncio.to_thread(right, given.get('password', '')) else None
+        if user is None:
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
-            return self.form('Name or password are wrong.', 403)
+            return self.form(refusal, 403)
         throttle.forget(*keys)
         self._log.info(f'{who}: {user.role.name.lower()}')
         self._access.sessions.end(request.cookies.get(self._access.cookie, ''))
@@ -112,6 +132,17 @@ class _Forms:
         answer.set_cookie(self._access.cookie, session, **self._cookie)
         answer.delete_cookie(self._form_cookie, **self._cookie)
         return answer
+
+    async def _first_user(self, name: str, given: dict[str, str]) -> tuple[User | None, str]:
+        """Return the first user, or None and the reason of the refusal."""
+        if not _same(given['code'].strip().lower(), self._access.first_code):
+            return None, 'The code is wrong: the page shows it where it was started.'
+        path, password = self._access.users.path, given.get('password', '')
+        try:
+            user = await asyncio.to_thread(add_first_user, path, name, password)
+        except ValueError as error:
+            return None, f'{error}.'
+        return user, ''
 
     async def log_out(self, request: Request) -> Response:
         """End the session, and show the login form."""

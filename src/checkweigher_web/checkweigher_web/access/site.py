@@ -8,6 +8,7 @@ from pathlib import Path
 from socket import gethostname
 from urllib.parse import urlsplit
 
+from checkweigher_core.whole_file import check_folder_of
 from checkweigher_web import ADDRESS, PORT
 from checkweigher_web.access.certificate import check_pair
 from checkweigher_web.access.users import default_users, read_users
@@ -67,29 +68,26 @@ class Site:
     def checked(self) -> 'Site':
         """Return the site with the path of its users file.
 
-        Raises `PageError`, `CertificateError` or `SettingsError` if the site cannot be served.
+        Raises `PageError`, `CertificateError`, `SettingsError` or `OutputError` if the site cannot
+        be served.
         """
         if (self.certificate is None) != (self.key is None):
             raise PageError('--certificate and --key: one needs the other')
         if not self.idle > 0:
             raise PageError(f'--idle {self.idle:g}: must be above 0')
         users = self.users or default_users()
-        self._check_reach(
-            has_users=(users == self.users or users.exists()) and bool(read_users(users))
-        )
+        if users.exists():
+            read_users(users)
+        elif users == self.users:
+            check_folder_of(users)
+        if not self.loopback and not self.certificate:
+            raise PageError(
+                f'{self.host}: this address needs --certificate and --key, which checkweigher '
+                'certificate makes'
+            )
         if self.certificate is not None and self.key is not None:
             check_pair(self.certificate, self.key)
         return replace(self, users=users, origin=_origin(self.origin))
-
-    def _check_reach(self, *, has_users: bool) -> None:
-        """Raise `PageError` if other machines can reach the page without a login or without TLS."""
-        if not self.loopback and not (has_users and self.certificate):
-            raise PageError(
-                f'--host {self.host}: needs --certificate and --key, which checkweigher '
-                'certificate makes, and a user: checkweigher user add NAME --role R'
-            )
-        if self.origin and not has_users:
-            raise PageError('--origin: needs a user: checkweigher user add NAME --role R')
 
 
 def _is_loopback(host: str) -> bool:

@@ -179,6 +179,20 @@ def changing_users(path: Path) -> Iterator[None]:
         raise output_error(path, error) from None
 
 
+def add_first_user(path: Path, name: str, password: str) -> User:
+    """Write a users file with its first user, who is a technician.
+
+    Raises `UsersError` if there are users already, or name or password are not allowed,
+    `SettingsError` if the file is not valid, and `OutputError` if it cannot be written.
+    """
+    user = User(check_name(name), Role.TECHNICIAN, hash_password(name, password))
+    with changing_users(path):
+        if path.exists() and read_users(path):
+            raise UsersError('there is a user already: log in')
+        write_users(path, {user.name: user})
+    return user
+
+
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
     """Return the users of a file. The result is cached for the same `state` of the file."""

@@ -194,6 +194,28 @@ def test_what_others_mistyped_at_the_same_address_is_over_with_a_login(browser: 
         assert browser.log_in('anna').status == 303
 
 
+def test_the_first_user_is_made_by_the_code_that_the_page_has_printed(tmp_path: Path):
+    path = tmp_path / 'users'
+    with served('--users', str(path), '--origin', ORIGIN, '--namespace', '') as (page, port):
+        browser, code = Browser(port), re.findall('with the code ([0-9a-f]{10})', page.said)[0]
+        assert browser.ask('/').headers['location'] == '/login'
+        new = {'name': 'ann', 'password': PASSWORD}
+
+        def make(**fields: str) -> Answer:
+            return browser.ask('/login', {**new, **fields, 'token': browser.ask('/login').token})
+
+        for fields in ({'code': code[:-1]}, {'code': code, 'password': 'short'}):
+            browser.address += '0'
+            assert make(**fields).status == 403
+            assert not path.exists()
+        assert make(code=f' {code.upper()} ').headers['location'] == '/'
+        assert 'ann, technician' in browser.ask('/').text
+        assert read_users(path)['ann'].role == Role.TECHNICIAN
+        browser.address = '10.0.0.9'
+        assert make(name='eve', code=code).status == 403
+        assert list(read_users(path)) == ['ann']
+
+
 def open_socket(browser: Browser, client: str) -> tuple[str, str]:
     """Open a socket of a page by Socket.IO's protocol; return its path and the server's answer."""
     query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'

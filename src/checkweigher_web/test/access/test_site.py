@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from checkweigher_core.whole_file import OutputError
 from checkweigher_web.access.certificate import make_certificate
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role, User, default_users, write_users
@@ -22,15 +23,20 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
     return paths
 
 
-def test_another_address_needs_certificate_key_and_a_user(files: dict[str, Path]):
+def test_another_address_needs_certificate_and_key(files: dict[str, Path]):
     assert Site(host='0.0.0.0', **files).checked().secure
-    for missing in files:
+    for missing in ('certificate', 'key'):
         given = {name: path for name, path in files.items() if name != missing}
-        with pytest.raises(PageError, match=r'--key|user add'):
+        with pytest.raises(PageError, match='--key'):
             Site(host='0.0.0.0', **given).checked()
-    write_users(files['users'], {})
-    with pytest.raises(PageError, match='user add'):
-        Site(host='192.168.1.7', **files).checked()
+    with pytest.raises(PageError, match='--key'):
+        Site(host='192.168.1.7', users=files['users']).checked()
+
+
+def test_users_that_are_not_there_yet_need_their_folder(files: dict[str, Path], tmp_path: Path):
+    assert Site(users=tmp_path / 'new').checked().users == tmp_path / 'new'
+    with pytest.raises(OutputError, match='there is no folder'):
+        Site(users=tmp_path / 'none/users').checked()
 
 
 def test_without_configuration_it_is_open_to_this_machine_alone(files: dict[str, Path]):
@@ -57,5 +63,3 @@ def test_behind_a_proxy_everybody_logs_in_and_the_origin_is_its(files: dict[str,
     for origin in ('http://scale.example', 'scale.example', 'https://scale.example/page'):
         with pytest.raises(PageError):
             Site(users=files['users'], origin=origin).checked()
-    with pytest.raises(PageError, match='user add'):
-        Site(origin='https://scale.example').checked()

@@ -8,7 +8,7 @@ checkweigher calibrate --masses 200 500 1000 --source aed --output /etc/checkwei
 import argparse
 from pathlib import Path
 
-from checkweigher_bringup.commands import NAMESPACE, REQUIRED
+from checkweigher_bringup.commands import NAMESPACE
 from checkweigher_bringup.errors import UserError
 
 OPTIONS = (
@@ -17,8 +17,12 @@ OPTIONS = (
         ('--zero', bool, 'read the empty belt only, and keep the sensitivity'),
         ('--dynamic', bool, 'record passes of --reference at each of --speeds, and train on them'),
     ),
-    ('--output FILE', Path, 'parameter file; one that exists is kept as a version', REQUIRED),
-    ('--source NAME', str, 'source whose calibration it is, such as aed; not with --dynamic'),
+    ('--output FILE', Path, 'parameter file to write; one that exists is kept as a version'),
+    (
+        '--source NAME',
+        str,
+        'source whose calibration it is: simulator, aed or ascii; not with --dynamic',
+    ),
     ('--open', bool, 'open the source; without, the samples are those of a running line'),
     ('--params FILE', Path, 'parameters of the source, which go into the new file as well'),
     NAMESPACE,
@@ -39,7 +43,12 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Guide the user through the masses or the speeds, and write the parameter file."""
     if not (arguments.masses or arguments.zero or arguments.dynamic):
-        raise UserError('one of the arguments --masses --zero --dynamic is required')
+        raise UserError(
+            'choose what to set: --masses G ... (known masses at rest), --zero (the empty belt '
+            'only) or --dynamic (passes of --reference at each of --speeds)'
+        )
+    if arguments.output is None:
+        raise UserError('--output: must name the parameter file to write')
     if arguments.dynamic:
         from checkweigher_bringup.commissioning.dynamic_guide import set_dynamically
 

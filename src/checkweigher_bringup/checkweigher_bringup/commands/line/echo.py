@@ -13,7 +13,7 @@ import time
 
 from checkweigher_bringup.commands import DURATION, NAMESPACE
 
-_PATIENCE = 5.0  # time in s without a verdict after which the reason is shown
+_PATIENCE = 5.0  # time in s without a verdict after which a new reason is shown
 _POLL_PERIOD = 0.2  # s
 
 OPTIONS = (NAMESPACE, ('--count N', int, 'end after N verdicts'), DURATION)
@@ -36,6 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         node = EchoNode()
         spinner.add(node)
+        warn(shown := f'waiting for verdicts on {node.place()}; Ctrl-C ends')
         with suppress(KeyboardInterrupt):
             while table.count < count and time.monotonic() < end:
                 try:
@@ -43,5 +44,6 @@ def run(arguments: argparse.Namespace) -> int:
                 except queue.Empty:
                     if time.monotonic() - node.heard > _PATIENCE:
                         node.heard = time.monotonic()
-                        warn(node.silence())
+                        if (silence := node.silence()) != shown:
+                            warn(shown := silence)
     return 0

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from checkweigher_bringup.commands import NAMESPACE, PARAMS
-from checkweigher_web import PORT
+from checkweigher_web import ADDRESS, PORT
 
 OPTIONS = (
     PARAMS,
@@ -28,6 +28,9 @@ OPTIONS = (
     ),
     ('--page', bool, 'serve the page of the line as well, see page --help'),
     ('--page-port N', int, f'port of the page; default {PORT}'),
+    ('--page-host ADDRESS', str, f'served address; any but {ADDRESS} needs TLS'),
+    ('--certificate FILE', Path, 'certificate of the page for TLS, PEM'),
+    ('--key FILE', Path, 'its key, PEM'),
     (
         '--gateways FILE',
         Path,
@@ -53,7 +56,6 @@ def run(arguments: argparse.Namespace) -> int:
         driver = {'source': 'bag', 'bag.path': str(arguments.bag.absolute())}
     if arguments.source:
         driver['source'] = DriverParameters(source=arguments.source).source
-    page = PORT if arguments.page and arguments.page_port is None else arguments.page_port
     folder = arguments.folder and MachineFolder.made(arguments.folder)
     apart = arguments.processes
     return run_line(
@@ -61,10 +63,30 @@ def run(arguments: argparse.Namespace) -> int:
         namespace,
         driver,
         apart=apart,
-        page=page,
+        page=_page_options(arguments),
         folder=folder,
         gateways=arguments.gateways,
     )
+
+
+def _page_options(arguments: argparse.Namespace) -> list[str] | None:
+    """Return the options for the command `page`, or None if the page is not served.
+
+    Raises `PageError` or `CertificateError` if the page cannot be served.
+    """
+    from checkweigher_web.access.site import Site
+
+    options = {
+        'port': arguments.page_port,
+        'host': arguments.page_host,
+        'certificate': arguments.certificate,
+        'key': arguments.key,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    if not (given or arguments.page):
+        return None
+    Site(**given).checked()
+    return [word for name, value in given.items() for word in (f'--{name}', str(value))]
 
 
 def _run_host(arguments: argparse.Namespace) -> int:

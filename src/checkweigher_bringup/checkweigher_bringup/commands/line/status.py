@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from checkweigher_bringup.commands import DURATION
 from checkweigher_bringup.errors import UserError
+from checkweigher_core.printable import counted
 
 if TYPE_CHECKING:
     from checkweigher_core.ros.status_board import Row, StatusBoard
@@ -26,7 +27,7 @@ _PERIOD = 1.0  # s
 _PATIENCE = 5.0  # maximum time in s to wait for the diagnostics of each stage of a line
 _FIRST_LOOK = 1.5  # further time in s to wait for the diagnostics of the other nodes
 _NARROWEST = 40  # minimum width of the texts, in columns
-_COLUMNS = '{:5}  {:{wide}}  {:12}  '
+_COLUMNS = '{:5}  {:{wide}}  {:{aspects}}  '
 
 OPTIONS = (
     ('--namespace NAME', str, 'only this lane', ''),
@@ -73,35 +74,44 @@ def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
         time.sleep(_FIRST_LOOK)
     for shown in count(1):
         rows = board.rows(time.monotonic())
-        _print(rows, values=arguments.values, heard=board.heard, lanes=arguments.all)
+        _print(rows, arguments, heard=board.heard)
         if shown == arguments.count or time.monotonic() >= end:
             return
         time.sleep(_PERIOD)
 
 
-def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None:
+def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> None:
     from checkweigher_core.ros.status_board import headline
 
     lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
     if not heard:
         lines.append('nothing on /diagnostics: is the line running, and in this ROS_DOMAIN_ID?')
-    width = get_terminal_size().columns
-    lines += lane_table(rows, width) if lanes else table(rows, width, values=values)
-    before, after = ('\033[H\033[J', '\n') if sys.stdout.isatty() else ('', '\n\n')
-    print(before + '\n'.join(lines), end=after, flush=True)
+    width, height = get_terminal_size()
+    if arguments.all:
+        lines += lane_table(rows, width)
+    else:
+        lines += table(rows, width, values=arguments.values)
+    if sys.stdout.isatty() and arguments.count != 1:
+        # Each table replaces the last one. A longer table would scroll its worst rows away.
+        if (left := len(lines) - (height - 2)) > 0:
+            lines[height - 2 :] = [f'{counted(left, "more line")}: --count 1 prints all']
+        print('\033[H\033[J' + '\n'.join(lines), flush=True)
+    else:
+        print('\n'.join(lines), end='\n' if arguments.count == 1 else '\n\n', flush=True)
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
-    """Yield the lines of a table of lanes, cut to `width` columns unless that is too narrow."""
+    """Yield the lines of a table of lanes, `width` columns wide unless that is too narrow."""
     from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
     wide = max([len(each.lane) for each in lanes] + [10])
-    columns = f'{{:5}}  {{:{wide}}}  {{:>7}}  {{:>7}}  {{:>7}}  {{}}'
-    yield columns.format('level', 'lane', 'accept', 'reject', 'fault', 'the worst of it')
+    columns = f'{{:5}}  {{:{wide}}}  {{:>7}}  {{:>7}}  {{:>7}}  '
+    first = columns.format('level', 'lane', 'accept', 'reject', 'fault')
+    yield first + 'the worst of it'
     for each in lanes:
-        line = columns.format(each.level.name, each.lane, *each.counts, each.worst)
-        yield line[: max(width, wide + _NARROWEST)]
+        start = columns.format(each.level.name, each.lane, *each.counts)
+        yield from _beside(start, _wrapped(each.worst, max(width - len(start), _NARROWEST)))
 
 
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
@@ -114,16 +124,27 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
 
     rows = list(rows)
     wide = max([len(row.node) for row in rows] + [10])
-    first = _COLUMNS.format('level', 'node', 'aspect', wide=wide)
-    indent = ' ' * len(first)
+    aspects = max([len(row.aspect) for row in rows] + [6])
+    first = _COLUMNS.format('level', 'node', 'aspect', wide=wide, aspects=aspects)
     yield first + 'what is, and what to check'
-    room = max(width - len(indent), _NARROWEST)
+    room = max(width - len(first), _NARROWEST)
     for row in rows:
-        text, _, hint = row.message.partition('; ')
-        lines = textwrap.wrap(text, room) or ['']
-        if hint:
-            lines += textwrap.wrap('-> ' + hint, room, subsequent_indent='   ')
+        lines = _wrapped(row.message, room)
         if values or row.level != Level.OK:
             lines += textwrap.wrap(', '.join(f'{key} {value}' for key, value in row.values), room)
-        yield _COLUMNS.format(row.level.name, row.node, row.aspect, wide=wide) + lines[0]
-        yield from (indent + line for line in lines[1:])
+        level = row.level.name
+        start = _COLUMNS.format(level, row.node, row.aspect, wide=wide, aspects=aspects)
+        yield from _beside(start, lines)
+
+
+def _wrapped(message: str, room: int) -> list[str]:
+    """Return the lines of a message, with `room` columns. Its hint begins a line of its own."""
+    text, _, hint = message.partition('; ')
+    lines = textwrap.wrap(text, room) or ['']
+    return lines + textwrap.wrap('-> ' + hint, room, subsequent_indent='   ') if hint else lines
+
+
+def _beside(start: str, lines: list[str]) -> Iterator[str]:
+    """Yield lines of text, the first one after `start`, and the others indented to match."""
+    yield (start + lines[0]).rstrip()
+    yield from (' ' * len(start) + line for line in lines[1:])

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from checkweigher_production.audit_log import Entry, Verification
     from checkweigher_production.audit_seal import Seal
 
+_WIDEST = 40  # largest number of characters of a value on a terminal
+
 OPTIONS = (
     ('log LOG', Path, 'audit log; LOG.head is beside it'),
     ('--hash HASH', str, 'an entry with this hash, noted elsewhere, has to be there'),
@@ -44,7 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(_as_json(found, seals), indent=2))
     else:
-        print('\n'.join([*_table(found.entries), *steps_back(found.entries), conclusion(found)]))
+        # A file or another program gets each value in full.
+        widest = _WIDEST if sys.stdout.isatty() else None
+        lines = [*_table(found.entries, widest), *steps_back(found.entries), conclusion(found)]
+        print('\n'.join(lines))
         if seals and found.whole:
             print(sealing(seals, found.entries))
     if found.whole and arguments.seal:
@@ -89,8 +94,8 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
     }
 
 
-def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
-    from checkweigher_core.printable import one_line
+def _table(entries: 'Sequence[Entry]', widest: int | None) -> Iterator[str]:
+    """Yield the lines of a table of entries, with at most `widest` characters of each value."""
     from checkweigher_production.audit_words import changes, shortened
 
     yield f'{"entry":>5}  {"time, UTC":32}  {"who":16}  {"kind":11}  what: old -> new, why'
@@ -98,6 +103,7 @@ def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
         for what, old, new in changes(entry):
             time, kind = shortened(entry.time), shortened(entry.kind)
             begin = f'{entry.sequence:>5}  {time:32}  {shortened(entry.who):16}'
-            change = f'{one_line(what)}: {shortened(old)} -> {shortened(new)}'
-            why = f', {shortened(entry.why)}' if entry.why else ''
+            values = f'{shortened(old, widest)} -> {shortened(new, widest)}'
+            change = f'{shortened(what, None)}: {values}'
+            why = f', {shortened(entry.why, None)}' if entry.why else ''
             yield f'{begin}  {kind:11}  {change}{why}'

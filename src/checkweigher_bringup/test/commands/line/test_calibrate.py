@@ -157,6 +157,8 @@ def test_an_installed_package_is_no_place_for_a_calibration(tmp_path: Path):
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
+        ((), r'--masses G ... .*, --zero .* or --dynamic'),
+        (('--zero',), '--source: must be the source to calibrate: simulator, aed, ascii'),
         (('--masses', 0, '--source', 'simulator'), '--masses 0'),
         (('--zero', '--source', 'bag'), 'its data contain the calibration'),
         (('--zero', '--source', 'nothing'), "'nothing' is not one of"),

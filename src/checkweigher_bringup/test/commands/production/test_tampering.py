@@ -143,6 +143,13 @@ def test_a_second_writer_is_refused_and_costs_no_entry(tmp_path: Path):
     assert (done.returncode, 'the chain is whole: 2 entries' in done.stdout) == (0, True)
 
 
+def test_a_log_that_is_piped_has_each_value_in_full(tmp_path: Path):
+    log, limit = tmp_path / 'audit.log', list(range(100))
+    with AuditLog(log) as audit:
+        audit.append('2026-05-28T06:00:00+00:00', '/reject', 'parameter', 'limits', None, limit)
+    assert str(limit) in run_here('audit', log).stdout
+
+
 def test_a_log_is_sealed_and_checked_by_its_seals(tmp_path: Path):
     log, seals = tmp_path / 'audit.log', tmp_path / 'keys/seals'
     key, public = make_keys(tmp_path / 'keys')
