@@ -62,9 +62,12 @@ def test_a_profile_has_what_its_node_may_do():
     assert found == {(kind, name) for kind in kinds for name in getattr(its, kind)}
 
 
-def test_who_verifies_reads_the_line_and_zeroes_it_and_no_more():
+def test_who_verifies_reads_zeroes_and_records_and_no_more():
     its = rights('verify', 'lane1')
     assert its.publish == {'/rosout', '/parameter_events', '/lane1/verification'}
-    assert {name for name in its.request if name.count('/') == 2} == {'/lane1/zero'}
+    assert {name for name in its.request if name.count('/') == 2} == {
+        '/lane1/zero',
+        '/lane1/record_change',
+    }
     assert enclaves(['lane1'])['/lane1/verifier'] == [('lane1', 'verifier'), ('lane1', 'verify')]
     assert '/lane1/begin_verification' in rights('verifier', 'lane1').reply
