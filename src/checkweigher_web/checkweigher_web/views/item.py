@@ -25,7 +25,7 @@ _ROOM = 0.12  # margin of the scale beside the limits, as a fraction of their ra
 _NARROWEST = 300  # width in px of the scale on a phone
 _WEIGHS = ('driver', *STAGES)
 # Texts for the states of the driver in which the lane does not weigh.
-_ENDED = {
+ENDED = {
     'inactive': 'weighing is stopped',
     'finished': 'weighing has ended, for the source has',
     'failed': 'weighing has ended, for the source has failed',
@@ -147,7 +147,7 @@ def standstill(rows: Sequence[Row]) -> str:
         return f'silent for {silent:.0f} s'
     source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]
     state = dict(source[0].values).get('state', '') if source else ''
-    return '' if state in ('', 'running') else _ENDED.get(state, f'unknown state {state!r}')
+    return '' if state in ('', 'running') else ENDED.get(state, f'unknown state {state!r}')
 
 
 def silence(rows: Sequence[Row]) -> float:

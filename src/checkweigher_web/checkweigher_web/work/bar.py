@@ -13,7 +13,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
-from checkweigher_web.views.item import standstill
+from checkweigher_web.views.item import ENDED, standstill
 from checkweigher_web.views.view import Look
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import MassLimits
@@ -53,16 +53,16 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 
 def work_bar(look: Look) -> None:
-    """Show a button for each of the main actions, and either Start or Stop."""
+    """Show a button for each of the main actions: Start or Stop by the state of the lane."""
     with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
         buttons = {label: ui.button(label, on_click=look.work[label]) for label in _MAIN}
     for button in buttons.values():
         button.props('outline')
 
     def update() -> None:
-        stands = bool(standstill(look.nodes()))
-        buttons['Start'].set_visibility(stands)
-        buttons['Stop'].set_visibility(not stands)
+        stands = standstill(look.nodes())  # A lane that is silent or unknown may have both.
+        buttons['Start'].set_visibility(bool(stands))
+        buttons['Stop'].set_visibility(stands not in ENDED.values())
 
     update()
     ui.timer(_PERIOD, update)
