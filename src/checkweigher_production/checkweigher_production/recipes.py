@@ -102,6 +102,9 @@ class Product(Settings):
     mean_value: bool = parameter(False, 'whether the mean of a batch must never be below nominal')
     filler: FillerParameters | None = parameter(None, 'feedback to the filler')
     test: PerformancePlan | None = parameter(None, 'performance test')
+    release_by: int = parameter(
+        1, 'number of persons who must have signed when a batch is released', minimum=1, maximum=2
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'parameters', _parameters(self.parameters))
