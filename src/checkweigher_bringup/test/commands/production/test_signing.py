@@ -3,6 +3,7 @@
 """Signatures on a batch, and the check of a whole folder, as a user makes and forges them."""
 
 from dataclasses import replace
+import hashlib
 from pathlib import Path
 import shutil
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from running import ROOT
 
 from checkweigher_production.audit_log import AuditLog, head_path, read_log
+from checkweigher_recording.bags.results import mcap_digest
 from checkweigher_validation.batch.signatures import signatures_in
 from checkweigher_web.access.users import Role, User, hash_password, write_users
 
@@ -22,7 +24,7 @@ PASSWORDS = {'anna': 'correct horse', 'ben': 'battery staple', 'eve': 'one two t
 
 @pytest.fixture(scope='module', name='made')
 def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A batch that two persons have signed, one of whom has released it."""
+    """Return the folder of a batch that two persons have signed, one of whom has released it."""
     folder = tmp_path_factory.mktemp('signed')
     record, _ = write_machine(folder / 'machine')
     roles = {'anna': Role.TECHNICIAN, 'ben': Role.OPERATOR, 'eve': Role.TECHNICIAN}
@@ -38,7 +40,23 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         done = sign(record, who, meaning, folder / 'users', password or PASSWORDS[who])
         assert (done.returncode, said in done.stdout + done.stderr) == (status, True), done.stderr
+    write_verification(folder / 'machine')
     return folder
+
+
+def write_verification(machine: Path) -> None:
+    """Write a bag, and the entry that the line makes for the report of its verification."""
+    own = machine / 'verifications/v1'
+    (own / 'bag').mkdir(parents=True)
+    for name in ('bag/line_0.mcap', 'bag/metadata.yaml', 'report.json'):
+        (own / name).write_text(name)
+    value = {
+        'verdict': 'passed',
+        'bag': mcap_digest(own / 'bag'),
+        'report.json': hashlib.sha256((own / 'report.json').read_bytes()).hexdigest(),
+    }
+    with AuditLog(machine / 'audit.log') as log:
+        log.append('2026-05-28T09:00:00', '/product', 'verification', 'v1', None, value)
 
 
 @pytest.fixture(name='folder')
@@ -131,6 +149,18 @@ FORGERIES = {
     'unlisted': (
         lambda f: shutil.copyfile(f / 'machine/batches/L1.jsonl', f / 'machine/batches/L2.jsonl'),
         "L2.jsonl: it is the record of batch 'L1', so it has the name of another one",
+    ),
+    'bag': (
+        lambda f: edit('verifications/v1/bag/line_0.mcap', b'l', b'L', f),
+        'verification v1: its bag is not as it was',
+    ),
+    'no bag': (
+        lambda f: shutil.rmtree(f / 'machine/verifications/v1/bag'),
+        'verification v1: its bag is missing',
+    ),
+    'unlisted bag': (
+        lambda f: shutil.copytree(f / 'machine/verifications/v1', f / 'machine/verifications/v2'),
+        'verification v2: the audit log does not know it',
     ),
     'moved signature': (
         lambda f: forge_signature(f, sha256=64 * '0'),
