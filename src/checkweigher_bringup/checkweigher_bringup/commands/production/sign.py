@@ -107,9 +107,11 @@ def _write_by_line(lane: str, kind: str, subject: str, value: Any, who: str) -> 
     from checkweigher_bringup.settings import check_namespace
     from checkweigher_bringup.spinning import spinning
     from checkweigher_core.ros import ports
+    from checkweigher_core.ros.services import VERIFIER, VERIFY
 
     request = RecordChange.Request(kind=kind, subject=subject, new_value=json.dumps(value), who=who)
-    with spinning(check_namespace(lane)) as spinner:
-        node = rclpy.create_node('sign')
+    # With security on, the enclave of the verifications may write to the log as well.
+    with spinning(check_namespace(lane), VERIFIER) as spinner:
+        node = rclpy.create_node(VERIFY)
         spinner.add(node)
         call(node, RecordChange, ports.RECORD_CHANGE, _PATIENCE, request)
