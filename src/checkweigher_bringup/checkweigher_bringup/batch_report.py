@@ -4,14 +4,17 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+import hashlib
 import json
 import math
 from pathlib import Path
 
+from checkweigher_bringup.errors import LineError
 from checkweigher_core.printable import one_line
-from checkweigher_core.records import GRAMS
+from checkweigher_core.records import GRAMS, utc
 from checkweigher_core.whole_file import write_whole
 from checkweigher_production.audit_chain import LOG_FILE, read_chain
+from checkweigher_production.batch_record import read_events
 from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
@@ -26,10 +29,45 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
     `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
-    own = path.resolve().parents[1] / LOG_FILE
+    own = own_log(path)
     if log is None and not own.is_file():
         return replace(batch, faults=(*batch.faults, _NO_LOG))
     return batch.with_log(read_chain(log or own), path.read_bytes())
+
+
+def own_log(record: Path) -> Path:
+    """Return the path of the audit log of the machine whose folder has a record."""
+    return record.resolve().parents[1] / LOG_FILE
+
+
+def keys_of(users: Path | None) -> dict[str, str]:
+    """Return the public keys of the users in a file, by name."""
+    from checkweigher_web.access.users import read_users
+
+    return {} if users is None else {user.name: user.keys for user in read_users(users).values()}
+
+
+def item_lines(path: Path, log: Path | None, item: int) -> Iterator[str]:
+    """Yield the verdicts on an item in the record of a batch, each with the hash of its line.
+
+    Raises `LineError` if there is none, or if the record cannot be trusted.
+    """
+    batch = read_recorded(path, log)
+    lines, found = path.read_bytes().splitlines(), 0
+    for number, (kind, event) in enumerate(read_events(path), 1):
+        if kind == 'verdict' and event.item_id == item:
+            found += 1
+            mass = f'{GRAMS * event.mass:.3f} g' if math.isfinite(event.mass) else 'no mass'
+            reasons = f' ({", ".join(event.reasons)})' if event.reasons else ''
+            yield f'batch {one_line(batch.name)}, line {number}: item {item}: {mass} with packaging'
+            time = utc(event.t3) if event.t3 else 'no time'
+            yield f'  {event.decision.name}{one_line(reasons)}, {time}'
+            yield f'  SHA-256 of the line: {hashlib.sha256(lines[number - 1]).hexdigest()}'
+    if not found:
+        raise LineError(f'{path}: has no item {item}')
+    if batch.faults:
+        raise LineError(f'{path}: NOT trusted: {one_line(batch.faults[0])}')
+    yield f'the record agrees with the audit log {one_line(batch.log)}'
 
 
 def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:
@@ -64,6 +102,8 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
         yield f'{title}: the record {agrees} the audit log {one_line(batch.log)}{state}'
     for fault in batch.faults:
         yield f'{title}: NOT trusted: {one_line(fault)}'
+    for each in batch.signatures:
+        yield f'{title}: {one_line(each.meaning)} by {one_line(each.who)}, {one_line(each.time)}'
     if batch.strays:
         yield f'{title}: {batch.strays} items of another batch in the record are not counted'
     for part in parts:

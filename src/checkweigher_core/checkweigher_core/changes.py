@@ -13,6 +13,7 @@ RECORD, REPORT = 'record', 'report'  # record and report of a batch
 TUNED = 'tuned'
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
 TEST, TEST_BEGUN = 'test', 'test_begun'  # end and beginning of a performance test
+SIGNATURE = 'signature'  # electronic signature on the record of a batch
 VERIFICATION = 'verification'  # the report of a verification was written
 SOFTWARE = 'software'  # legally relevant software of the line, at each start
 LOG = 'log'  # the log before this one

@@ -47,7 +47,8 @@ _NEWER = ('station', 'station_at')  # fields of a verdict that are missing in ol
 _HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # end of a line
 _HASH_SIZE = 76  # bytes of the end of a line
 # Events of the life of a record, which are in the audit log.
-BEGUN, CONTINUED, STOPPED, ENDED = 'begun', 'continued', 'stopped', 'ended'
+BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'
+STOPPED, ENDED = 'stopped', 'ended'
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 
@@ -98,7 +99,7 @@ class RecordState:
     """State of a record, for the audit log."""
 
     batch: str
-    event: str  # BEGUN, CONTINUED, STOPPED or ENDED
+    event: str  # BEGUN, CONTINUED, WRITTEN, STOPPED or ENDED
     sha256: str  # SHA-256 of the file, hexadecimal
     size: int = -1  # length of the file in bytes, -1 if unknown
     broken: str = ''  # reason why the record is broken, or empty
@@ -293,6 +294,10 @@ class RecordWriter:
         """Append a line with a verdict, a stop request, feedback to the filler, or a mapping."""
         self._submit(self._append, line_of(kind, values))
 
+    def note(self) -> None:
+        """Tell the state of the record, which protects its lines so far even if power is lost."""
+        self._submit(self._note)
+
     def end(self, time: str) -> None:
         """End the record."""
         self.write('end', {'time': time})
@@ -356,6 +361,10 @@ class RecordWriter:
     def _tell(self, event: str, broken: str = '') -> None:
         digest = self._hash.hexdigest()
         self.states.put(RecordState(self._batch, event, digest, self._size, broken))
+
+    def _note(self) -> None:
+        if self._file is not None:
+            self._tell(WRITTEN)
 
     def _release(self, event: str) -> None:
         if self._file is not None:

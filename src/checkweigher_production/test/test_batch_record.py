@@ -84,8 +84,10 @@ def test_a_record_that_was_changed_while_nobody_wrote_it_is_broken_for_good(tmp_
     writer.begin('L1', 'noon')
     for number in range(1, 4):
         writer.write('verdict', Verdict(number, number, Decision.UNDER))
+    writer.note()
     writer.close()
-    states = [writer.states.get(), writer.states.get()]
+    states = [writer.states.get() for _ in range(3)]
+    assert [each.event for each in states] == ['begun', 'written', 'stopped']
     path = record_path(tmp_path, 'L1')
     honest = path.read_bytes()
     begin, first, second, third = honest.splitlines(keepends=True)
@@ -105,6 +107,9 @@ def test_a_record_that_was_changed_while_nobody_wrote_it_is_broken_for_good(tmp_
     for forged, reason in forgeries.items():
         assert reason in fault_of(forged, states), reason
     assert fault_of(honest, states) == ''
+    # After a kill, the lines before the last state are still protected, and others may follow.
+    assert 'its first' in fault_of(chained(begin, edited, second, third), states[:2])
+    assert fault_of(added, states[:2]) == ''
 
     path.write_bytes(added)
     writer = RecordWriter(tmp_path)

@@ -12,7 +12,7 @@ import statistics
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
-from checkweigher_msgs.srv import NewBatch, ResetStatistics
+from checkweigher_msgs.srv import NewBatch, RecordChange, ResetStatistics
 from graph import wait_for
 from here import run_here
 from product_line import Line
@@ -70,6 +70,24 @@ def test_the_audit_log_believes_no_parameter_event(line: Line):
     assert [(e.subject, e.old, e.new) for e in line.entries('parameter')] == [
         ('/lane1/reject.upper_limit', 'inf', 0.5)
     ]
+
+
+def test_results_and_signatures_come_into_the_log_with_names_that_are_claims(line: Line):
+    for kind, subject, success in (
+        ('verification', '20260528T060000Z', True),
+        ('signature', 'no such batch', False),
+    ):
+        answer = line.call(
+            RecordChange, 'record_change', kind=kind, subject=subject, new_value='{"a": 1}',
+            who='chief.inspector',
+        )  # fmt: skip
+        assert answer.success is success, answer.message
+    (entry,) = line.entries('verification', 'signature')
+    assert (entry.subject, entry.new, entry.who) == (
+        '20260528T060000Z',
+        {'a': 1},
+        'claimed:chief.inspector',
+    )
 
 
 def test_a_clock_that_was_set_back_and_the_log_before_are_in_a_new_log(

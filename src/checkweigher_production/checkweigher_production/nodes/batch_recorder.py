@@ -243,6 +243,11 @@ class LineBatches:
             return True
         return not (self.production.has_batch(batch) or self.has_record(batch))
 
+    def note(self) -> None:
+        """Have the state of the record written to the audit log."""
+        if self._writer is not None:
+            self._writer.note()
+
     def states(self) -> Iterator[RecordState]:
         """Yield the states of records for the audit log since the last call."""
         while self._writer is not None and not self._writer.states.empty():

@@ -115,6 +115,9 @@ class LineAudit:
             self.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
         elif kind == changes.REPORT and self._has_record(subject):
             self.trail.state(kind, subject, value, Author(f'graph:{self._namespace}/{REPORTER}'))
+        elif kind == changes.SIGNATURE and self._has_record(subject):
+            by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
+            self.trail.note(kind, subject, None, value, by)
         elif kind == changes.VERIFICATION and len(subject) <= _LONGEST_NAME:
             by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
             self.trail.note(kind, one_line(subject), None, value, by)

@@ -42,6 +42,7 @@ from checkweigher_production.nodes.performance import LineTest
 
 _PATIENCE = 2.0  # longest time to wait for an answer of another node in s
 _POLL_PERIOD = 0.5  # s
+_NOTE_PERIOD = 3600.0  # time in s between two states of the record in the audit log
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,7 @@ class ProductNode(StageNode[ProductParameters]):
         self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
         if known.batch_folder:
             self.create_timer(_POLL_PERIOD, self._advance_records)
+            self.create_timer(_NOTE_PERIOD, self._batches.note)
         if known.audit_log:
             self._audit_others()
 

@@ -33,6 +33,7 @@ from checkweigher_production.batch_record import (
 from checkweigher_production.recipes import Product
 from checkweigher_validation.accuracy.results import ItemResult
 from checkweigher_validation.batch.counts import count_faults
+from checkweigher_validation.batch.signatures import Signature, signature_faults, signatures_in
 
 _MOST_FAULTS = 3  # largest number of faults in the counts of a record that are told
 
@@ -90,7 +91,13 @@ class Batch:
     faults: tuple[str, ...] = ()  # reasons why the record cannot be trusted
     strays: int = 0  # number of items in the record that belong to another batch
     software: str = ''  # SHA-256 of the legally relevant software, of the last start
+    signatures: tuple[Signature, ...] = ()
     after: str = ''  # hash of the last entry of the audit log before the batch
+
+    @property
+    def persons(self) -> int:
+        """Number of persons who must have signed when the batch is released."""
+        return max((part.product.release_by for part in self.parts), default=1)
 
     def with_log(self, logs: LogChain, data: bytes) -> 'Batch':
         """Return the batch with its changes and alarms in the audit logs, and `in_log`.
@@ -106,6 +113,8 @@ class Batch:
             fault = fault or 'it has an end of which the audit log does not know'
         if fault:
             faults.append(fault)
+        signatures = signatures_in(logs.entries, self.name)
+        faults += signature_faults(signatures, self.name, self.sha256, self.persons)
         first, last_one = self._span_of(logs.entries)
         during = logs.entries[first:last_one]
         alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
@@ -117,6 +126,7 @@ class Batch:
             alarms=tuple(last.values()),
             in_log=in_log,
             log=logs.identity,
+            signatures=signatures,
             software=software_in(logs.entries[:last_one]),
             faults=(*self.faults, *faults),
         )

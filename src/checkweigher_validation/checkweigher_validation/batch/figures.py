@@ -115,6 +115,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
         'stops': batch.stops,
         'alarms': [asdict(each) for each in batch.alarms],
         'filler': [asdict(each) for each in batch.corrections],
+        'signatures': [asdict(each) for each in batch.signatures],
         'changes': [asdict(entry) for entry in batch.changes],
     }
     return plain_values(content)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import lru_cache
+import hashlib
 import os
 from pathlib import Path
 import re
@@ -15,6 +16,8 @@ import unicodedata
 
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
+from argon2.low_level import Type, hash_secret_raw
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.printable import one_line
@@ -25,6 +28,7 @@ from checkweigher_core.whole_file import output_error
 SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
+_COST = 3, 65_536, 4  # time, memory in KiB and threads of RFC 9106 for low memory
 _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for low memory
 
 
@@ -50,6 +54,7 @@ class User(Settings):
     name: str = parameter(text='of the login')
     role: Role = parameter(text='what the user may do', choices=ROLES)
     hash: str = parameter(text='argon2 hash of the password')
+    keys: str = parameter('', 'Ed25519 public keys of the signatures so far, hexadecimal')
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -62,6 +67,25 @@ class User(Settings):
             return _HASHER.verify(self.hash, unicodedata.normalize('NFC', password))
         except (VerificationError, InvalidHashError):
             return False
+
+
+def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
+    """Return the key by which a user of a file signs, which is derived from the password.
+
+    The file gets the public key with the first signature. A new password has a new key.
+    """
+    salt = hashlib.sha256(f'checkweigher signature {user.hash}'.encode()).digest()[:16]
+    secret = unicodedata.normalize('NFC', password).encode()
+    seed = hash_secret_raw(secret, salt, *_COST, 32, Type.ID)
+    key = Ed25519PrivateKey.from_private_bytes(seed)
+    public = key.public_key().public_bytes_raw().hex()
+    with changing_users(path):
+        users = read_users(path)
+        known = users[user.name].keys.split()
+        if public not in known:
+            own = replace(users[user.name], keys=' '.join([*known, public]))
+            write_users(path, users | {user.name: own})
+    return key
 
 
 def default_users() -> Path:

@@ -3,6 +3,7 @@
 """Verify the chain of an audit log and show what was changed.
 
 checkweigher audit /var/log/checkweigher/lane1.log
+checkweigher audit --all /var/lib/checkweigher/lane1
 """
 
 import argparse
@@ -12,6 +13,7 @@ import json
 from pathlib import Path
 import re
 import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 from checkweigher_bringup.errors import UserError
@@ -21,9 +23,16 @@ if TYPE_CHECKING:
     from checkweigher_production.audit_seal import Seal
 
 _WIDEST = 40  # largest number of characters of a value on a terminal
+_PATIENCE = 2.0  # time in s after which faults are looked for once more
 
 OPTIONS = (
-    ('log LOG', Path, 'audit log; LOG.head is beside it'),
+    ('log LOG', Path, 'audit log; LOG.head is beside it', {'nargs': '?'}),
+    (
+        '--all FOLDER',
+        Path,
+        'folder of a machine: check its logs, and all records, reports and verifications by them',
+    ),
+    ('--users FILE', Path, 'with --all: users of the page, whose keys the signatures must have'),
     ('--hash HASH', str, 'an entry with this hash, noted elsewhere, has to be there'),
     ('--json', bool, 'print JSON instead of a table'),
     ('--seal KEY', Path, 'seal the log: sign its last hash by this Ed25519 private key (PEM)'),
@@ -34,6 +43,12 @@ OPTIONS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the changes. Return 1 if the chain is broken or contradicts the seals, otherwise 0."""
+    if (arguments.log is None) == (arguments.all is None):
+        raise UserError('give a LOG, or --all FOLDER')
+    if arguments.all is not None:
+        if arguments.hash or arguments.json or arguments.seal:
+            raise UserError('--hash, --json and --seal are for one LOG, not with --all')
+        return _check_folder(arguments)
     from checkweigher_production.audit_log import read_log
     from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
     from checkweigher_production.audit_words import conclusion, steps_back
@@ -56,6 +71,35 @@ def run(arguments: argparse.Namespace) -> int:
         seal = _seal(arguments, found, seals_file)
         print(f'sealed: seal {seal.number}, through entry {seal.entries}', file=sys.stderr)
     return 0 if found.whole else 1
+
+
+def _check_folder(arguments: argparse.Namespace) -> int:
+    """Print what the folder of a machine has and lacks. Return 1 if there is a fault."""
+    from checkweigher_bringup.audit_folder import faults_in, summary
+    from checkweigher_bringup.batch_report import keys_of
+    from checkweigher_production.audit_chain import LOG_FILE, read_chain
+    from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
+
+    folder = arguments.all
+    keys = keys_of(arguments.users) if arguments.users else None
+    for last in (False, True):
+        chain = read_chain(folder / LOG_FILE)
+        faults = list(faults_in(folder, chain, keys))
+        if not faults or last:
+            break
+        time.sleep(_PATIENCE)  # a line that runs may be about to write an entry
+    lines = list(summary(folder, chain))
+    log, found = chain.logs[-1]
+    if arguments.trust and found.whole:
+        path = arguments.seals or seals_path(log)
+        seals, found = hold_to_seals(found, path, public_key(arguments.trust))
+        if found.whole:
+            lines.append(sealing(seals, found.entries))
+        else:
+            faults.append(found.reason)
+    print('\n'.join([*lines, *(f'FAULT: {each}' for each in faults)]))
+    print(f'{folder}: {"NOT as it was written" if faults else "all is as it was written"}')
+    return int(bool(faults))
 
 
 def _noted_hash(given: str | None) -> str:

@@ -29,6 +29,8 @@ OPTIONS = (
         'audit log that vouches for the record; default audit.log of the folder of the machine',
         {'dest': 'log'},
     ),
+    ('--users FILE', Path, 'users of the page, whose keys the signatures must have'),
+    ('--item N', int, 'show the verdict on item N of a record, as it was printed or sent, instead'),
     ('--seed S', int, 'draws the samples of the reference test; default 1', 1),
     ('--sampling', ('double', 'single'), _PLANS, 'double'),
     'the product, which a record has itself',
@@ -58,6 +60,12 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_production.reference_method import SamplingPlan
     from checkweigher_validation.batch.figures import figures_of
 
+    if arguments.item is not None:
+        from checkweigher_bringup.batch_report import item_lines
+
+        for line in item_lines(arguments.source, arguments.log, arguments.item):
+            print(line)
+        return 0
     html, json_file = arguments.html, arguments.json
     check_output_file(html, arguments.overwrite)
     check_output_file(json_file, arguments.overwrite)
@@ -74,15 +82,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(arguments: argparse.Namespace) -> 'Batch':
-    from checkweigher_bringup.batch_report import read_recorded
+    from dataclasses import replace
+
+    from checkweigher_bringup.batch_report import keys_of, read_recorded
     from checkweigher_bringup.settings import refuse
     from checkweigher_validation.batch.batch import read_csv
+    from checkweigher_validation.batch.signatures import foreign_keys
 
     if arguments.source.suffix == '.jsonl':
         why = 'the record of a batch has its product and its masses'
         refuse(arguments, why, 'nominal', 'recipes', 'product', 'params', 'estimator', 'lane')
-        return read_recorded(arguments.source, arguments.log)
-    refuse(arguments, 'only the record of a batch is compared with an audit log', 'log')
+        batch = read_recorded(arguments.source, arguments.log)
+        faults = foreign_keys(batch.signatures, keys_of(arguments.users))
+        return replace(batch, faults=(*batch.faults, *faults)) if arguments.users else batch
+    refuse(arguments, 'only for the record of a batch', 'log', 'users', 'item')
     product = _product(arguments)
     if arguments.source.suffix == '.csv':
         return read_csv(arguments.source, product)

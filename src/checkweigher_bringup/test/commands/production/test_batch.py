@@ -2,19 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command batch as a user runs it: on a bag, on its CSV, and on what it cannot use."""
 
-from dataclasses import asdict
 import json
 from pathlib import Path
 
 from here import refused, run_here
+from made_machine import write_machine
 from running import BAGS, ROOT
-
-from checkweigher_core.records import Decision, Verdict
-from checkweigher_core.settings_files import settings_of
-from checkweigher_dsp.rejection.batch_rules import BatchTally, count
-from checkweigher_production.audit_log import AuditLog
-from checkweigher_production.batch_record import RecordWriter
-from checkweigher_production.recipes import Product
 
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
 
@@ -37,32 +30,10 @@ def test_a_bag_and_its_csv_are_the_same_batch(tmp_path: Path):
     assert html.read_text().count('<svg') == 2
 
 
-def write_machine(folder: Path) -> tuple[Path, Path]:
-    """Write the record and the audit log of a batch as a line does; return their paths."""
-    log, tins = folder / 'audit.log', settings_of(Product, {'nominal': 0.1}, 'tins')
-    folder.mkdir()
-    with AuditLog(log) as audit:
-        audit.append('2026-05-28T05:00:00', '/product', 'selection', 'product', None, 'tins')
-        writer = RecordWriter(folder / 'batches')
-        writer.begin('L1', '2026-05-28T06:00:00', audit_log=str(log), audit_hash=audit.last_hash)
-        writer.write('product', asdict(tins))
-        tally = BatchTally('tins', 'L1')
-        for number in (1, 2):
-            tally = count(0.1, tally, tins.on_line('L1'), accepted=True)
-            of_batch = {'product': 'tins', 'batch': 'L1', **tally.counts}
-            writer.write('verdict', Verdict(number, 1, Decision.ACCEPT, mass=0.1, **of_batch))
-        writer.end('2026-05-28T07:00:00')
-        writer.close()
-        while not writer.states.empty():
-            value = writer.states.get().value
-            audit.append('2026-05-28T07:00:01', '/product', 'record', 'L1', None, value)
-    return folder / 'batches/L1.jsonl', log
-
-
 def test_a_record_is_trusted_as_far_as_the_log_of_the_machine_vouches_for_it(tmp_path: Path):
     record, log = write_machine(tmp_path / 'machine')
     said = report(record, 0)
-    assert 'agrees with the audit log audit.log, 3 entries, the last one has the hash ' in said
+    assert 'agrees with the audit log audit.log, 4 entries, the last one has the hash ' in said
     elsewhere = tmp_path / 'elsewhere' / 'L1.jsonl'
     elsewhere.parent.mkdir()
     elsewhere.write_bytes(record.read_bytes())
@@ -71,7 +42,7 @@ def test_a_record_is_trusted_as_far_as_the_log_of_the_machine_vouches_for_it(tmp
     pages = []
     for path in (record, elsewhere):
         html, numbers = path.with_suffix('.html'), path.with_suffix('.json')
-        report(path, 0, '--log', log, '--html', html, '--json', numbers)
+        report(path, 0, '--log', log, '--html', html, '--json', numbers, '--overwrite')
         pages.append((html.read_bytes(), numbers.read_bytes()))
     assert pages[0] == pages[1]
 

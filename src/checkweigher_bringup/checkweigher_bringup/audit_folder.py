@@ -1,0 +1,119 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Check of all records in the folder of a machine against its audit logs."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from datetime import date, timedelta
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from checkweigher_core.changes import RECORD, REPORT, VERIFICATION
+from checkweigher_core.printable import one_line
+from checkweigher_production.audit_chain import LogChain, logs_in
+from checkweigher_production.audit_log import Entry
+from checkweigher_production.audit_words import conclusion, steps_back
+from checkweigher_production.batch_record import SUFFIX, RecordError, record_path
+from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.results import mcap_digest
+from checkweigher_validation.batch.batch import read_record
+from checkweigher_validation.batch.signatures import foreign_keys
+from checkweigher_validation.verification.plan import VERIFICATIONS
+
+BATCHES = 'batches'
+
+
+def faults_in(
+    folder: Path, chain: LogChain, keys: Mapping[str, str] | None = None
+) -> Iterator[str]:
+    """Yield what is missing, unknown or not as it was written in the folder of a machine.
+
+    `keys` has the public keys of the signatures of each user, or is None if they are not compared.
+    """
+    entries = chain.entries
+    if chain.fault:
+        yield chain.fault
+    known = {path.name for path, _ in chain.logs}
+    for path in logs_in(folder):
+        if path.name not in known:
+            yield f'{path.name}: no later log names it'
+    yield from _batch_faults(folder / BATCHES, chain, keys)
+    for batch, files in _latest(entries, REPORT).items():
+        yield from _file_faults(folder / BATCHES, f'report on batch {one_line(batch)!r}', files)
+    made = _latest(entries, VERIFICATION)
+    for name, values in made.items():
+        yield from _verification_faults(folder / VERIFICATIONS / Path(name).name, values)
+    for path in sorted((folder / VERIFICATIONS).glob('*/bag')):
+        if path.parent.name not in made:
+            yield f'verification {path.parent.name}: the audit log does not know it'
+
+
+def _batch_faults(folder: Path, chain: LogChain, keys: Mapping[str, str] | None) -> Iterator[str]:
+    """Yield the faults of the records of batches, and the batches without a record."""
+    for name in _latest(chain.entries, RECORD):
+        with suppress(RecordError):
+            if not record_path(folder, name).exists():
+                yield f'batch {one_line(name)!r}: its record is missing'
+    for path in sorted(folder.glob(f'*{SUFFIX}')):
+        try:
+            batch = read_record(path).with_log(chain, path.read_bytes())
+            foreign = () if keys is None else foreign_keys(batch.signatures, keys)
+            faults = (*batch.faults, *foreign)
+        except (OSError, RecordError) as error:
+            faults = (str(error),)
+        # A fault of the log is told once, not for each batch.
+        yield from (f'{path.name}: {one_line(each)}' for each in faults if each != chain.fault)
+
+
+def _verification_faults(folder: Path, values: Any) -> Iterator[str]:
+    what = f'verification {folder.name}'
+    if not isinstance(values, dict):
+        yield f'{what}: its entry in the audit log cannot be used'
+        return
+    try:
+        if mcap_digest(folder / 'bag') != values.get('bag'):
+            yield f'{what}: its bag is not as it was'
+    except BagError:
+        yield f'{what}: its bag is missing'
+    yield from _file_faults(folder, what, {n: v for n, v in values.items() if '.' in n})
+
+
+def _file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
+    """Yield the files, by name with their SHA-256 digests, that are missing or were changed."""
+    for name, digest in files.items() if isinstance(files, dict) else ():
+        path = folder / Path(name).name
+        if not path.is_file():
+            yield f'{what}: {path.name} is missing'
+        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            yield f'{what}: {path.name} is not as it was'
+
+
+def summary(folder: Path, chain: LogChain) -> Iterator[str]:
+    """Yield what was checked, and the days on which nothing was written."""
+    for path, found in chain.logs:
+        yield f'{path.name}: {conclusion(found)}'
+        yield from (f'{path.name}: {each}' for each in steps_back(found.entries))
+    entries = chain.entries
+    counts = ((kind, len(_latest(entries, kind))) for kind in (RECORD, REPORT, VERIFICATION))
+    known = ', '.join(f'{kind} {count}' for kind, count in counts)
+    yield f'{folder}: the audit log knows of each kind: {known}'
+    if silent := ', '.join(_silent_days(entries)):
+        yield f'days without an entry: {silent}'
+
+
+def _silent_days(entries: list[Entry]) -> Iterator[str]:
+    """Yield the days between the first and the last entry on which nothing was written."""
+    days = set[date]()
+    for entry in entries:
+        with suppress(ValueError):
+            days.add(date.fromisoformat(entry.time[:10]))
+    for day, following in zip(ordered := sorted(days), ordered[1:], strict=False):
+        if following - day > timedelta(1):
+            last = following - timedelta(1)
+            yield f'{day + timedelta(1)}' + (f' to {last}' if last > day + timedelta(1) else '')
+
+
+def _latest(entries: list[Entry], kind: str) -> Mapping[str, Any]:
+    """Return the last value of each subject of a kind."""
+    return {entry.subject: entry.new for entry in entries if entry.kind == kind}
