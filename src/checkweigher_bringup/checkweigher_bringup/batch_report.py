@@ -96,6 +96,20 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
     The items of a batch may belong to several products. `parts` has the figures of each product.
     """
     title = f'batch {one_line(batch.name)}'
+    yield from _trust_lines(batch, title)
+    for part in parts:
+        counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
+        product = one_line(part.product.name or 'no product')
+        yield f'{title}, {product}: {part.items} items: {counts or "none"}'
+        for why, count in part.reasons.items():
+            yield f'  {count:>6} {one_line(why)}'
+        if not math.isnan(part.mean):
+            yield f'  {_mean(part)}'
+            yield from _judgement(part)
+
+
+def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
+    """Yield what the audit log says of a record, its faults and its signatures."""
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'
         agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'
@@ -106,15 +120,6 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
         yield f'{title}: {one_line(each.meaning)} by {one_line(each.who)}, {one_line(each.time)}'
     if batch.strays:
         yield f'{title}: {batch.strays} items of another batch in the record are not counted'
-    for part in parts:
-        counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
-        product = one_line(part.product.name or 'no product')
-        yield f'{title}, {product}: {part.items} items: {counts or "none"}'
-        for why, count in part.reasons.items():
-            yield f'  {count:>6} {one_line(why)}'
-        if not math.isnan(part.mean):
-            yield f'  {_mean(part)}'
-            yield from _judgement(part)
 
 
 def _mean(part: PartFigures) -> str:

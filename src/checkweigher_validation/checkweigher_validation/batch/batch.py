@@ -24,6 +24,7 @@ from checkweigher_production.audit_words import software_in
 from checkweigher_production.batch_record import (
     ENDED,
     RecordError,
+    RecordState,
     fault_of,
     has_ended,
     read_events,
@@ -35,6 +36,7 @@ from checkweigher_validation.accuracy.results import ItemResult
 from checkweigher_validation.batch.counts import count_faults
 from checkweigher_validation.batch.signatures import Signature, signature_faults, signatures_in
 
+_UNKNOWN = 'the audit log does not know this batch'
 _MOST_FAULTS = 3  # largest number of faults in the counts of a record that are told
 
 
@@ -105,16 +107,10 @@ class Batch:
         `data` is the content of the record.
         """
         states = states_in(logs.entries, self.name)
-        faults = [logs.fault] if logs.fault else []
-        fault = fault_of(data, states)
-        if not states:
-            faults.append('the audit log does not know this batch')
-        elif self.end and not any(each.event == ENDED for each in states):
-            fault = fault or 'it has an end of which the audit log does not know'
-        if fault:
-            faults.append(fault)
+        fault = self._fault_by(states, data)
         signatures = signatures_in(logs.entries, self.name)
-        faults += signature_faults(signatures, self.name, self.sha256, self.persons)
+        faults = filter(None, (logs.fault, '' if states else _UNKNOWN, fault))
+        void = signature_faults(signatures, self.name, self.sha256, self.persons)
         first, last_one = self._span_of(logs.entries)
         during = logs.entries[first:last_one]
         alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
@@ -128,8 +124,15 @@ class Batch:
             log=logs.identity,
             signatures=signatures,
             software=software_in(logs.entries[:last_one]),
-            faults=(*self.faults, *faults),
+            faults=(*self.faults, *faults, *void),
         )
+
+    def _fault_by(self, states: Sequence[RecordState], data: bytes) -> str:
+        """Return how a record contradicts its states in the audit log, or an empty text."""
+        has_end = any(each.event == ENDED for each in states)
+        lacks = bool(states and self.end and not has_end)
+        own = 'it has an end of which the audit log does not know' if lacks else ''
+        return fault_of(data, states) or own
 
     def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
         """Return the span of the entries from the begin to the end of the batch in the sequence.

@@ -100,11 +100,7 @@ def _compared(
     again: Sequence[ItemResult], verdicts: Sequence[Verdict], tolerance: float
 ) -> Iterator[str]:
     """Yield the conflicts between the verdicts and the items that were weighed again."""
-    known = sorted(
-        (each.t1, each.mass if is_weighed(each) else math.nan)
-        for each in verdicts
-        if each.t1 is not None
-    )
+    known = _known(verdicts)
     times = [t1 for t1, _ in known]
     differ, without, found = [], [], set[int]()
     for item in again:
@@ -116,17 +112,19 @@ def _compared(
             without.append(f'item {item.estimate.item_id} of the samples: {_grams(mass)}')
             continue
         found.add(number)
-        told = known[number][1]
-        if not math.isnan(told) and not abs(told - mass) <= tolerance:
-            differ.append(f'{_grams(told)}, weighed again {_grams(mass)}')
-    lacking = [
-        _grams(mass)
-        for number, (_, mass) in enumerate(known)
-        if number not in found and not math.isnan(mass)
-    ]
+        if abs(known[number][1] - mass) > tolerance:  # false for an item without a mass
+            differ.append(f'{_grams(known[number][1])}, weighed again {_grams(mass)}')
+    others = [mass for number, (_, mass) in enumerate(known) if number not in found]
+    lacking = [_grams(mass) for mass in others if not math.isnan(mass)]
     yield from _counted('masses are not those of the samples', differ)
     yield from _counted('items of the samples have no verdict', without)
     yield from _counted('masses have no item in the samples', lacking)
+
+
+def _known(verdicts: Sequence[Verdict]) -> list[tuple[int, float]]:
+    """Return t1 in ns and mass in kg of each verdict with a t1, in order; the mass may be NaN."""
+    masses = [(each.t1, each.mass if is_weighed(each) else math.nan) for each in verdicts]
+    return sorted((t1, mass) for t1, mass in masses if t1 is not None)
 
 
 def _counted(what: str, items: Sequence[str]) -> Iterator[str]:

@@ -49,6 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.hash or arguments.json or arguments.seal:
             raise UserError('--hash, --json and --seal are for one LOG, not with --all')
         return _check_folder(arguments)
+    return _check_log(arguments)
+
+
+def _check_log(arguments: argparse.Namespace) -> int:
+    """Print the changes in one log. Return 1 if there is a fault, otherwise 0."""
     from checkweigher_production.audit_log import read_log
     from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
     from checkweigher_production.audit_words import conclusion, steps_back
