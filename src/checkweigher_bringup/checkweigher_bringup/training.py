@@ -80,10 +80,17 @@ def read_passes(
     read = [(bag, each) for bag, each in found if not isinstance(each, BagError)]
     for bag, each in read:
         _check(f'{bag}', each, rate=read[0][1].cell.sample_rate)
-    passes = [one for _, each in read for one in each.passes]
-    as_untrained = [one for _, each in read for one in each.untrained]
-    lines = [f'{bag}: {each}' for bag, each in read]
-    return ReadPasses(passes, lines, len(broken), as_untrained)
+    return _joined(read, len(broken))
+
+
+def _joined(read: Sequence[tuple[Path | str, BagPasses]], broken: int) -> ReadPasses:
+    """Return the passes of all bags that were read."""
+    return ReadPasses(
+        passes=[one for _, each in read for one in each.passes],
+        lines=[f'{bag}: {each}' for bag, each in read],
+        broken=broken,
+        untrained=[one for _, each in read for one in each.untrained],
+    )
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:

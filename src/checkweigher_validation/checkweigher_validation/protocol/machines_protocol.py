@@ -177,11 +177,14 @@ def _weigh(
     if chosen == UNTRAINED:
         cut = [PassSet(run.speed, 'train', run.train_untrained) for run in runs]
         best = list(evaluate_sets([*cut, *unknown], [base], n_jobs))
-    best = [replace(one, estimator=CHOSEN) for one in best]
     title = f'machine {machine}'
     return MachineResult(
         machine,
-        tuned=Evaluation(title, (*attainable, *found, *best), ()),
+        tuned=Evaluation(title, (*attainable, *found, *_renamed(best)), ()),
         untrained=Evaluation(title, (*attainable, *untrained), ()),
         chosen=chosen,
     )
+
+
+def _renamed(results: Sequence[ConditionResult]) -> list[ConditionResult]:
+    return [replace(one, estimator=CHOSEN) for one in results]
