@@ -61,7 +61,7 @@ class AdaptiveSettings:
 
     The prefilter is computed before each identification of the platform except the first, so with
     one iteration there is no adaptive prefilter. The taps of the low-pass are a Hann window of at
-    most half the weigh window. A cut-off above 0.36 times the sample rate has no effect.
+    most half the weigh window. A cut-off from 0.29 times the sample rate on has no effect.
     """
 
     iterations: int = 5  # number of identifications
@@ -84,7 +84,7 @@ class AdaptiveParameters(EstimatorParameters):
     )
     lowpass_cutoff: tuple[float, ...] = parameter(
         (480.0,),
-        'cut-off frequency of the fixed low-pass; no low-pass from 0.36 of the sample rate on',
+        'cut-off frequency of the fixed low-pass; no low-pass from 0.29 of the sample rate on',
         unit='Hz',
         minimum=1,
         maximum=1e6,
