@@ -29,6 +29,7 @@ from checkweigher_production.nodes.product import ProductNode
 LANE = 'fuzz'
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 BURST = 50  # messages, after which all must have arrived
+FOREIGN = 2**20  # bit in the numbers of the items of the tormentor, which the line does not use
 
 
 class Tormentor(Node):
@@ -89,7 +90,12 @@ class Tormentor(Node):
             if kind == 'bytes':
                 publisher.publish(garbage_bytes(topic.type, self._chance))
             else:
-                publisher.publish(spoil(topic.type(), self._chance))
+                message = spoil(topic.type(), self._chance)
+                if (
+                    topic == ports.ITEMS
+                ):  # The line's own numbers would have their verdicts already.
+                    message.item_id |= FOREIGN
+                publisher.publish(message)
 
     def wait(self) -> None:
         """Wait until all subscribers have what was sent, and the calls have been answered."""
