@@ -83,9 +83,9 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.fill('Mass', f'{MASS:g}')
         ben.fill('Passes', '1000')
         ben.press('Record passes')
-        ben.until(lambda: re.match(r'recording, (8|9|\d\d+) of', ben.text('.state')))
+        ben.until(lambda: re.match(r'recording, (8|9|\d\d+) of', ben.text('.dialog .state')))
         ben.press('End recording')
-        ben.until(lambda: 'of 1000 passes of 200 g recorded' in ben.text('.state'))
+        ben.until(lambda: 'of 1000 passes of 200 g recorded' in ben.text('.dialog .state'))
         ben.press('Train')
         ben.until(lambda: ben.text('.accuracy tbody').startswith('tvlpf'))
         trained = line.folder / 'machine.yaml'

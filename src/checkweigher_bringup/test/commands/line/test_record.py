@@ -204,6 +204,7 @@ def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
         assert [int(line.split()[0]) for line in lines[1:6]] == [1, 2, 3, 4, 5]
         assert lines[6].startswith('5 items, 5 ACCEPT')
         assert other.stderr is not None
+        assert 'waiting for verdicts on /other/verdict' in other.stderr.readline()
         silence = other.stderr.readline()
         other.send_signal(signal.SIGINT)
         rows_of_other, _ = other.communicate(timeout=60)
