@@ -54,7 +54,7 @@ class _FromText(ui.element):
 
 
 class Figure(_FromText, ui.echart, component='figure.js'):
-    """Figure that ECharts draws from options in JSON. The base class loads ECharts.
+    """Figure that ECharts, which `ui.echart` loads, draws from options in JSON.
 
     A `linked` figure has a time axis. It emits `span` with both ends of the selected part, or null
     for the whole axis, and `at` with the time of a click.

@@ -17,8 +17,8 @@ from checkweigher_web.views.view import Look
 _PERIOD = 1.0  # s
 _FACTS = 'product', 'batch', 'state', 'alarms'
 _HOW_TO_ACT = (
-    'This page only shows, for it has no users. To work on the machine by it, log in with the code '
-    'that it has printed where it was started.'
+    'This page is read-only, because it has no users yet. To operate the machine, log in with the '
+    'code that the page printed in the terminal when it was started.'
 )
 
 

@@ -234,7 +234,8 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         ssl_keyfile=site.key,
         ws_max_size=_LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # Compression would take most of the processor time.
-        proxy_headers=bool(site.origin),  # Only a reverse proxy may set the address of a browser.
+        # Without a reverse proxy, a client could forge its address by X-Forwarded-For.
+        proxy_headers=bool(site.origin),
     )
     uvicorn.Server(config).run(sockets=[listener])
 

@@ -37,7 +37,8 @@ PLAIN_POLICY = (
 HEADERS = {
     'X-Content-Type-Options': 'nosniff',
     'X-Frame-Options': 'DENY',
-    'Referrer-Policy': 'same-origin',  # Forms without a referrer would have no origin either.
+    # Without a referrer, browsers send `Origin: null` with forms, which `Guard` refuses.
+    'Referrer-Policy': 'same-origin',
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cross-Origin-Resource-Policy': 'same-origin',
     'Permissions-Policy': 'camera=(), geolocation=(), microphone=(), usb=(), serial=()',

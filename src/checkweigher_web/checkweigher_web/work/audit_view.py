@@ -29,7 +29,7 @@ class AuditView:
     seals_hold: bool | None = None  # None if the seals were not verified
     seals: str = ''  # state of the seals, '' if the conclusion contains it
     count: str = ''  # text on the number of entries
-    rows: tuple[tuple[str, ...], ...] = ()  # cells for HEADS of each entry, the latest entry first
+    rows: tuple[tuple[str, ...], ...] = ()  # row per entry with cells as HEADS, newest first
 
 
 class Auditor:

@@ -165,7 +165,7 @@ def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
 async def _reset(desk: Desk, services: LaneServices) -> None:
     stop = desk.lane.stop
     why = 'No stop is requested. ' if stop is None else f'{stop.reason}: {stop.hint}. '
-    text = f'{why}The machine may run again: see that what caused the stop is put right.'
+    text = f'{why}Then the machine may run again. Make sure that the cause of the stop is removed.'
     plan = 'reset stop request', partial(actions.reset_stop, services)
     ask(desk, 'Reset stop', text, 'Reset', lambda: plan)
 
@@ -189,7 +189,7 @@ async def _limits(desk: Desk, services: LaneServices) -> None:
 
 _SIMULATED = 'Simulated machine'
 _MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # actions with a button; others: the menu
-# Label, lowest role and function of each dialog. A new action needs only a row in this table.
+# Label, lowest role and function of each dialog. A new dialog is a function and a row here.
 _ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Product', Role.OPERATOR, _product),
     ('New batch', Role.OPERATOR, _batch),
