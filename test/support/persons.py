@@ -137,6 +137,8 @@ class Person:
         return found
 
     def open(self, name: str) -> None:
+        if name in ('Start', 'Stop'):  # of which the page shows one, by the state of the line
+            self.until(lambda: name in self.buttons('.work'))
         if name in self.buttons('.work'):
             self.press(name, '.work')
         else:
