@@ -5,11 +5,12 @@
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import date, timedelta
-import hashlib
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from checkweigher_core.changes import RECORD, REPORT, VERIFICATION
+from checkweigher_core.input_files import sha256_of
 from checkweigher_core.printable import one_line
 from checkweigher_production.audit_chain import LogChain, logs_in
 from checkweigher_production.audit_log import Entry
@@ -85,7 +86,7 @@ def _file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
         path = folder / Path(name).name
         if not path.is_file():
             yield f'{what}: {path.name} is missing'
-        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+        elif sha256_of(path) != digest:
             yield f'{what}: {path.name} is not as it was'
 
 
@@ -108,7 +109,7 @@ def _silent_days(entries: list[Entry]) -> Iterator[str]:
     for entry in entries:
         with suppress(ValueError):
             days.add(date.fromisoformat(entry.time[:10]))
-    for day, following in zip(ordered := sorted(days), ordered[1:], strict=False):
+    for day, following in pairwise(sorted(days)):
         if following - day > timedelta(1):
             last = following - timedelta(1)
             yield f'{day + timedelta(1)}' + (f' to {last}' if last > day + timedelta(1) else '')

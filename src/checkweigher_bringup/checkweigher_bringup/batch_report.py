@@ -40,11 +40,11 @@ def own_log(record: Path) -> Path:
     return record.resolve().parents[1] / LOG_FILE
 
 
-def keys_of(users: Path | None) -> dict[str, str]:
+def keys_of(users: Path) -> dict[str, str]:
     """Return the public keys of the users in a file, by name."""
     from checkweigher_web.access.users import read_users
 
-    return {} if users is None else {user.name: user.keys for user in read_users(users).values()}
+    return {user.name: user.keys for user in read_users(users).values()}
 
 
 def item_lines(path: Path, log: Path | None, item: int) -> Iterator[str]:

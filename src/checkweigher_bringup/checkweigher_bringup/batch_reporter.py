@@ -6,12 +6,12 @@ The node runs in its own process with a lower priority than the line, because no
 for a report. The node writes the SHA-256 of each report to the audit log of the lane.
 """
 
-import hashlib
 import os
 from pathlib import Path
 
 from checkweigher_bringup.batch_report import read_recorded, write_report
 from checkweigher_core.changes import REPORT
+from checkweigher_core.input_files import sha256_of
 from checkweigher_core.records import BatchResult
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.change_record import ChangeRecord
@@ -56,7 +56,7 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
         raise ValueError(f'{record}: the record was changed after the end of the batch')
     files = record.with_suffix('.html'), record.with_suffix('.json')
     write_report(batch, [figures_of(part, _SEED) for part in batch.parts], *files)
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {path.name: sha256_of(path) for path in files}
 
 
 def main() -> None:

@@ -1,8 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of input files that the user names."""
+"""Reading of input files that the user names, and digests of files."""
 
 import errno
+import hashlib
 from pathlib import Path
 
 
@@ -14,3 +15,9 @@ def read_input(path: Path) -> bytes:
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, 'not a regular file; copy it to a regular file', str(path))
     return path.read_bytes()
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 digest of a file, hexadecimal. Raises OSError if it cannot be read."""
+    with path.open('rb') as file:
+        return hashlib.file_digest(file, 'sha256').hexdigest()

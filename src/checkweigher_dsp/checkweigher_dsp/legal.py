@@ -20,6 +20,8 @@ import platform
 
 import numpy as np
 
+from checkweigher_core.input_files import sha256_of
+
 OWN = ('checkweigher_core', 'checkweigher_dsp')
 LIBRARIES = ('numpy', 'pywt')
 _LEFT_OUT = {'tests', 'test', '__pycache__'}  # folders that the digest does not cover
@@ -63,9 +65,7 @@ def package_digest(package: str) -> str:
     """Return the SHA-256 digest of the names and contents of the files of a package."""
     digest = hashlib.sha256()
     for name, path in files_of(package):
-        with path.open('rb') as file:
-            own = hashlib.file_digest(file, 'sha256').hexdigest()
-        digest.update(f'{own}  {name}\n'.encode())
+        digest.update(f'{sha256_of(path)}  {name}\n'.encode())
     return digest.hexdigest()
 
 

@@ -215,7 +215,7 @@ class LaneSpace:
 
     async def show_item(self, verdict: Verdict) -> None:
         """Update the masses by an item, and send an event if the item is rejected."""
-        stamp = verdict.t3 or verdict.t1
+        stamp = verdict.time
         if math.isfinite(verdict.mass):
             item = str(verdict.item_id)
             for path in ('CurrentWeight', 'RegisteredWeight'):

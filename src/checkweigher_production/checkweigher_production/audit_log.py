@@ -43,6 +43,10 @@ class AuditError(ValueError):
     """Error for an audit log that cannot be used. The message names the log and the fault."""
 
 
+class LogInUseError(AuditError):
+    """Raised if another process has an audit log open."""
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """Entry of a log. The numbers NaN, infinity and -infinity are stored as text."""
@@ -281,7 +285,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise AuditError(f'{self.path}: another process writes to this log') from None
+            raise LogInUseError(f'{self.path}: another process writes to this log') from None
         data, self._head = _read_file(self.path), _read_head(self.path)
         found = verify(data, self._head)
         if not found.whole:

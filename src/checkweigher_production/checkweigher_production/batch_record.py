@@ -295,7 +295,7 @@ class RecordWriter:
         self._submit(self._append, line_of(kind, values))
 
     def note(self) -> None:
-        """Tell the state of the record, which protects its lines so far even if power is lost."""
+        """Add the state of the record to `states`, to protect its lines even if power is lost."""
         self._submit(self._note)
 
     def end(self, time: str) -> None:

@@ -98,7 +98,7 @@ def test_a_record_that_was_changed_while_nobody_wrote_it_is_broken_for_good(tmp_
         begin + first + third: 'line 3: it or a line before',
         begin + first + third + second: 'line 3: it or a line before',
         begin + re.sub(rb',"hash":"\w+"', b'', first) + second + third: 'line 2: it or a line',
-        chained(begin, edited, second, third): 'its first',  # by somebody who has our code
+        chained(begin, edited, second, third): 'its first',  # a forger can run this program
         chained(begin, first, third): 'its end was removed',
         begin + first: 'its end was removed',
         added: 'bytes were added after it was stopped',

@@ -57,7 +57,7 @@ def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for number in range(1, COUNT + 1):
                 line.add(verdict(number, batch))
         line.write('filler', FillerFeedback(1, 'tins', 1, 10, 0.1, 0.099, 0.001, 0.001))
-        line.keep(LIMITS, anew=True)
+        line.keep(LIMITS, always=True)
     return folder
 
 
@@ -113,7 +113,7 @@ def test_of_several_batches_in_progress_none_is_chosen_by_a_guess(copy: Path):
         line.production.batch = 'L1'
         line.begin()
         assert line.production.tally('tins', 'L1').items == COUNT
-        line.keep(None, anew=True)
+        line.keep(None, always=True)
     with batches(copy) as line:
         assert (line.doubt, line.production.batch) == ('', 'L1')
         assert 'L2.jsonl: has begun and not ended' in line.finding().text
@@ -142,7 +142,7 @@ def test_a_selection_that_the_audit_log_has_gone_beyond_is_none(copy: Path):
     with AuditLog(copy / 'audit.log') as log:
         with batches(copy, log) as line:
             log.append('noon', 'product', 'selection', 'product', None, {})
-            line.keep(LIMITS, anew=True)
+            line.keep(LIMITS, always=True)
             log.append('noon', 'product', 'zero', 'zero', None, {})
         with AuditLog(copy / 'other.log'), batches(copy, log) as line:
             assert goes_on(line)
@@ -229,7 +229,7 @@ def test_no_damage_to_a_file_is_taken_for_the_state_of_the_line(
         assert [*line.states()], before
         went_on += went
         if went and line.broken and path.name == 'L2.jsonl':
-            broken += 1  # nobody can release the batch, whatever its counts
+            broken += 1  # `sign` refuses a broken record, whatever its counts
         elif went:
             # Whole lines at the end may be missing, as after a power cut.
             assert tally in (known if path.name == 'L2.jsonl' else known[-1:]), before

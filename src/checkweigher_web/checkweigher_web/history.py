@@ -53,7 +53,7 @@ def history_of(
     `noise` has times in ns and standard deviations of the empty belt in g. `changes` are those that
     the verdicts do not show.
     """
-    timed = [each for each in items if each[0].t3 or each[0].t1]
+    timed = [each for each in items if each[0].time]
     verdicts = [verdict for verdict, _ in timed]
     found = [*changes, *_changes(verdicts)]
     return History(
@@ -67,7 +67,7 @@ def history_of(
 
 
 def _stamp_of(verdict: Verdict) -> int:
-    return verdict.t3 or verdict.t1 or 0
+    return verdict.time or 0
 
 
 def _changes(verdicts: list[Verdict]) -> Iterable[Change]:

@@ -157,8 +157,8 @@ class Lane:
             self.version += 1
 
     def _take_alarms(self, alarms: tuple[Alarm, ...]) -> None:
-        begun = {(each.source, each.reason, each.first) for each in alarms}
-        gone = (e for e in self.alarms if (e.source, e.reason, e.first) not in begun)
+        listed = {each.key for each in alarms}
+        gone = (each for each in self.alarms if each.key not in listed)
         self.over = (*self.over, *gone)[-_MAX_OVER:]
         self.alarms = alarms
 
@@ -274,8 +274,7 @@ class Lane:
 
 def is_within(verdict: Verdict, span: Span) -> bool:
     """Return whether an item has a time and is in a span."""
-    stamp = verdict.t3 or verdict.t1
-    return stamp is not None and span[0] <= stamp <= span[1]
+    return verdict.time is not None and span[0] <= verdict.time <= span[1]
 
 
 def joined(

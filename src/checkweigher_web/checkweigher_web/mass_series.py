@@ -43,7 +43,7 @@ class MassSeries:
         if verdict.decision is not Decision.ACCEPT or not math.isfinite(verdict.mass):
             return before
         masses = *before.masses, verdict.mass
-        stamps = *before.stamps, verdict.t3 or verdict.t1 or 0
+        stamps = *before.stamps, verdict.time or 0
         reference = masses if len(masses) <= REFERENCE else before.reference
         if len(masses) >= MAX_MASSES + SUBGROUP:
             masses, stamps = masses[SUBGROUP:], stamps[SUBGROUP:]

@@ -135,7 +135,7 @@ class Shift:
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
         """Return the longest part without an item before `item`, shape (n,), in kg."""
-        stamp = None if item is None else item.verdict.t3 or item.verdict.t1
+        stamp = None if item is None else item.verdict.time
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
 
     def with_signals(self, item: ShownItem) -> ShownItem:

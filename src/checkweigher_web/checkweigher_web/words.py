@@ -30,7 +30,7 @@ def why(verdict: Verdict) -> str:
 
 def when(verdict: Verdict) -> str:
     """Return the local time of an item, or a dash if the time is not known."""
-    return clock(verdict.t3 or verdict.t1)
+    return clock(verdict.time)
 
 
 def clock(stamp: int | None) -> str:

@@ -2,11 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services that answer with a message, and calls of such services from other threads."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+import json
 import threading
 from typing import Any
 
+from checkweigher_msgs.srv import RecordChange
+import rclpy
+from rclpy.node import Node
+
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.spinning import spinning
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.services import VERIFIER, VERIFY
+
+_PATIENCE = 5.0  # longest wait in s for the service that writes to the audit log
 
 
 def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[[Any, Any], Any]:
@@ -45,6 +56,22 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
     if not answer.success:
         raise UserError(answer.message)
     return str(answer.message)
+
+
+@contextmanager
+def node_that_verifies(namespace: str) -> Iterator[Node]:
+    """Run a node in a lane which, with security on, may also write to the audit log."""
+    with spinning(namespace, VERIFIER) as spinner:
+        node = rclpy.create_node(VERIFY)
+        spinner.add(node)
+        yield node
+
+
+def write_to_log(node: Node, kind: str, subject: str, value: object, who: str) -> None:
+    """Write an entry to the audit log of the line that runs. Raises `UserError` as `call` does."""
+    text = json.dumps(value)
+    request = RecordChange.Request(kind=kind, subject=subject, new_value=text, who=who)
+    call(node, RecordChange, ports.RECORD_CHANGE, _PATIENCE, request)
 
 
 def answer_of(future: Any, name: str, patience: float) -> Any:

@@ -4,25 +4,21 @@
 
 import argparse
 from collections.abc import Callable
-import hashlib
-import json
 from pathlib import Path
 import shutil
 
-from checkweigher_msgs.srv import RecordChange
-import rclpy
 from rclpy.node import Node
 
 from checkweigher_bringup.commissioning.identity import Identity
-from checkweigher_bringup.commissioning.service_call import call
+from checkweigher_bringup.commissioning.service_call import node_that_verifies, write_to_log
 from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
 from checkweigher_bringup.commissioning.verification_guide import Terminal, procedure_on_line
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.changes import VERIFICATION
-from checkweigher_core.ros import ports
-from checkweigher_core.ros.services import VERIFIER, VERIFY
+from checkweigher_core.input_files import sha256_of
+from checkweigher_core.ros.services import VERIFIER
 from checkweigher_core.whole_file import check_new, make_output_folder, write_whole
 from checkweigher_production.audit_chain import read_chain
 from checkweigher_recording.archive.copying import local_bag
@@ -30,8 +26,6 @@ from checkweigher_recording.bags.results import mcap_digest
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
-
-_PATIENCE = 5.0  # longest wait in s for the service that writes to the audit log
 
 
 def verify(arguments: argparse.Namespace) -> str:
@@ -57,9 +51,7 @@ def verify(arguments: argparse.Namespace) -> str:
 
     verdict = report_on(make, folder, arguments.audit)
     if not arguments.bags and arguments.audit is not None:
-        with spinning(namespace, VERIFIER) as spinner:
-            node = rclpy.create_node(VERIFY)
-            spinner.add(node)
+        with node_that_verifies(namespace) as node:
             return verdict + note_result(node, folder, plan, verdict)
     return verdict
 
@@ -73,13 +65,10 @@ def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
     value = {
         'verdict': verdict,
         'bag': mcap_digest(folder / 'bag'),
-        **{each.name: hashlib.sha256(each.read_bytes()).hexdigest() for each in files},
+        **{each.name: sha256_of(each) for each in files},
     }
-    request = RecordChange.Request(
-        kind=VERIFICATION, subject=folder.name, new_value=json.dumps(value), who=plan.operator
-    )
     try:
-        call(node, RecordChange, ports.RECORD_CHANGE, _PATIENCE, request)
+        write_to_log(node, VERIFICATION, folder.name, value, plan.operator)
     except UserError as error:
         return f', but it is not in the audit log: {error}'
     return ''

@@ -157,6 +157,11 @@ class Alarm:
     acknowledged_by: str = ''
 
     @property
+    def key(self) -> tuple[str, str, int]:
+        """Values that identify the alarm, whatever its present state."""
+        return self.source, self.reason, self.first
+
+    @property
     def over(self) -> bool:
         """Whether the cause has ended and a person has acknowledged the alarm."""
         return bool(self.acknowledged_by) and not self.active

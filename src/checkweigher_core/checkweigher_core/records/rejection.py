@@ -51,6 +51,11 @@ class Verdict:
     station: int = 0
     station_at: Stamp | None = None
 
+    @property
+    def time(self) -> int | None:
+        """Time of the item in ns: t3, or t1 if t3 is unknown."""
+        return self.t3 or self.t1
+
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:

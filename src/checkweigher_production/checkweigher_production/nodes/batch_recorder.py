@@ -152,14 +152,14 @@ class LineBatches:
         finally:
             production.product = None  # the product has not been selected since the restart
 
-    def keep(self, limits: ProductOnLine | None, *, anew: bool = False) -> None:
-        """Save product, limits and batch if they have changed, or always with `anew`."""
+    def keep(self, limits: ProductOnLine | None, *, always: bool = False) -> None:
+        """Save product, limits and batch if they have changed or `always` is True."""
         if self._writer is None or self.doubt:
             return
         its = self.production
         before = self._before if its.batch == self._batch else self._batch
         now = Selection.of(its.batch, before, its.product, limits)
-        if self._kept == now and not anew:
+        if self._kept == now and not always:
             return
         self._kept = None
         try:
@@ -244,7 +244,7 @@ class LineBatches:
         return not (self.production.has_batch(batch) or self.has_record(batch))
 
     def note(self) -> None:
-        """Have the state of the record written to the audit log."""
+        """Add the state of the record to those for the audit log."""
         if self._writer is not None:
             self._writer.note()
 

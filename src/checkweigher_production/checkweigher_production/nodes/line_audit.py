@@ -116,13 +116,16 @@ class LineAudit:
         elif kind == changes.REPORT and self._has_record(subject):
             self.trail.state(kind, subject, value, Author(f'graph:{self._namespace}/{REPORTER}'))
         elif kind == changes.SIGNATURE and self._has_record(subject):
-            by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
-            self.trail.note(kind, subject, None, value, by)
+            self._note_claim(kind, subject, value, request)
         elif kind == changes.VERIFICATION and len(subject) <= _LONGEST_NAME:
-            by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
-            self.trail.note(kind, one_line(subject), None, value, by)
+            self._note_claim(kind, one_line(subject), value, request)
         else:
             self._write_asked(kind, subject, value)
+
+    def _note_claim(self, kind: str, subject: str, value: Any, request: Any) -> None:
+        """Write an entry that a command requests, with the name that it claims."""
+        by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
+        self.trail.note(kind, subject, None, value, by)
 
     def _write_asked(self, kind: str, subject: str, value: Any) -> None:
         known, maker, service = self._asked.get(kind, (None, '', ''))

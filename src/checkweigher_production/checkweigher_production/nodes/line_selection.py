@@ -82,7 +82,7 @@ class LineSelection:
             trail.saw(changes.REFUSED, 'product', name, str(error), by)
             raise
         finally:
-            self.batches.keep(self.recipe.selected, anew=True)
+            self.batches.keep(self.recipe.selected, always=True)
         self._resumed = None, None
         if why := product.unresolved(production.std_dev):
             self.warn(f'product {name!r}: {why}')
@@ -176,7 +176,7 @@ class LineSelection:
             self.audit.trail.saw(changes.REFUSED, 'batch', name, str(error), by)
             raise
         finally:
-            self.batches.keep(self.recipe.selected, anew=True)
+            self.batches.keep(self.recipe.selected, always=True)
         if production.product is not None:
             self.test.select(production.product, name)
         return ended.summary(before)

@@ -114,7 +114,7 @@ class Batch:
         first, last_one = self._span_of(logs.entries)
         during = logs.entries[first:last_one]
         alarms = [alarm_of(e.new) for e in during if e.kind == ALARM]
-        last = {(alarm.source, alarm.reason, alarm.first): alarm for alarm in alarms}
+        last = {alarm.key: alarm for alarm in alarms}
         in_log = InLog.DIFFERS if fault else InLog.AGREES if states else InLog.ABSENT
         return replace(
             self,

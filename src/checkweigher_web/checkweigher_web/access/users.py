@@ -24,6 +24,7 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.settings_files import Settings, read_settings, settings_of, write_settings
 from checkweigher_core.state_files import changing, make_folder
 from checkweigher_core.whole_file import output_error
+from checkweigher_validation.batch.signatures import public_hex
 
 SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
@@ -78,7 +79,7 @@ def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
     secret = unicodedata.normalize('NFC', password).encode()
     seed = hash_secret_raw(secret, salt, *_COST, 32, Type.ID)
     key = Ed25519PrivateKey.from_private_bytes(seed)
-    public = key.public_key().public_bytes_raw().hex()
+    public = public_hex(key)
     with changing_users(path):
         users = read_users(path)
         known = users[user.name].keys.split()

@@ -93,8 +93,10 @@ def _read(arguments: argparse.Namespace) -> 'Batch':
         why = 'the record of a batch has its product and its masses'
         refuse(arguments, why, 'nominal', 'recipes', 'product', 'params', 'estimator', 'lane')
         batch = read_recorded(arguments.source, arguments.log)
+        if arguments.users is None:
+            return batch
         faults = foreign_keys(batch.signatures, keys_of(arguments.users))
-        return replace(batch, faults=(*batch.faults, *faults)) if arguments.users else batch
+        return replace(batch, faults=(*batch.faults, *faults))
     refuse(arguments, 'only for the record of a batch', 'log', 'users', 'item')
     product = _product(arguments)
     if arguments.source.suffix == '.csv':

@@ -7,7 +7,6 @@ checkweigher sign /var/lib/checkweigher/lane1/batches/L2417.jsonl --meaning revi
 
 import argparse
 from dataclasses import asdict
-import json
 from pathlib import Path
 import time
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from checkweigher_validation.batch.batch import Batch
     from checkweigher_web.access.users import User
 
-_PATIENCE = 5.0  # longest wait in s for the service that writes to the audit log
 OPTIONS = (
     ('record RECORD', Path, 'record of a batch that has ended'),
     ('--meaning', ('review', 'approval', 'release'), 'what the signature means', REQUIRED),
@@ -86,32 +84,20 @@ def _login(path: Path, name: str, meaning: str) -> tuple['User', str]:
 def _write(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
     """Write an entry to a log, by the line if the line has it open."""
     from checkweigher_core.records import utc
-    from checkweigher_production.audit_log import AuditError, AuditLog
+    from checkweigher_production.audit_log import AuditLog, LogInUseError
     from checkweigher_production.audit_trail import CLAIMED
 
     try:
         with AuditLog(log) as opened:
             now = utc(time.time_ns())
             opened.append(now, 'sign', kind, subject, None, value, f'{CLAIMED}{who}')
-    except AuditError as error:
-        if 'another process' not in str(error):
-            raise
+    except LogInUseError:
         _write_by_line(lane, kind, subject, value, who)
 
 
 def _write_by_line(lane: str, kind: str, subject: str, value: Any, who: str) -> None:
-    from checkweigher_msgs.srv import RecordChange
-    import rclpy
-
-    from checkweigher_bringup.commissioning.service_call import call
+    from checkweigher_bringup.commissioning.service_call import node_that_verifies, write_to_log
     from checkweigher_bringup.settings import check_namespace
-    from checkweigher_bringup.spinning import spinning
-    from checkweigher_core.ros import ports
-    from checkweigher_core.ros.services import VERIFIER, VERIFY
 
-    request = RecordChange.Request(kind=kind, subject=subject, new_value=json.dumps(value), who=who)
-    # With security on, the enclave of the verifications may write to the log as well.
-    with spinning(check_namespace(lane), VERIFIER) as spinner:
-        node = rclpy.create_node(VERIFY)
-        spinner.add(node)
-        call(node, RecordChange, ports.RECORD_CHANGE, _PATIENCE, request)
+    with node_that_verifies(check_namespace(lane)) as node:
+        write_to_log(node, kind, subject, value, who)
