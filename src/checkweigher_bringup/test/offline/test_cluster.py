@@ -102,6 +102,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bits(
     assert digests(there) == digests(here)
 
 
+@pytest.mark.soak
 def test_a_worker_of_another_version_is_refused(tmp_path: Path):
     # The same program, but for a file that another version has changed.
     other = tmp_path / 'other'
@@ -125,6 +126,7 @@ def test_a_worker_of_another_version_is_refused(tmp_path: Path):
     assert done.stdout.splitlines()[-1].endswith('50 items')
 
 
+@pytest.mark.soak
 def test_a_cluster_that_ends_is_one_line_and_what_is_done_is_kept(tmp_path: Path):
     bags, results = make_bags(tmp_path / 'bags', 1, 300), tmp_path / 'results'
     for number in range(1, 40):
@@ -206,6 +208,7 @@ def test_a_job_that_keeps_killing_workers_is_lost_and_no_other(deadly: Cluster):
     assert done == {0: -1, 2: -2}
 
 
+@pytest.mark.soak
 def test_a_cluster_without_a_worker_left_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(jobs, '_LOOK', 0.1)
     monkeypatch.setattr(on_workers, '_PATIENCE', 1.0)
