@@ -56,7 +56,7 @@ class ItemTable:
         self._origin = origin
         self._file = file
         self._decisions: Counter[Decision] = Counter()
-        # A sum of errors in g takes constant memory, while a line runs for months.
+        # The errors in g are summed, because a line that runs for months must not need more memory.
         self._errors = ErrorSum()
         if origin is not None:
             self._print(TABLE_HEADER)
