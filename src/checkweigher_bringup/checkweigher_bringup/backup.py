@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Backups of a machine's folder: a tar archive of its files and their SHA-256.
+"""Backup of a machine's folder as a tar archive of its files and their SHA-256.
 
 `tar -xf` unpacks an archive, and `sha256sum -c SHA256SUMS` checks it without this program.
 """

@@ -66,7 +66,7 @@ def read_passes(
     """Return the passes of known mass in bags.
 
     The windows of `ReadPasses.passes` are cut with the parameters `segmenter`, and those of
-    `ReadPasses.untrained` with the parameters `untrained`, if they are given. `n_jobs` is the
+    `ReadPasses.untrained` with `untrained`. If `untrained` is None, there are none. `n_jobs` is the
     number of processes, as in `run_jobs`. Bags that cannot be read are reported on stderr and
     skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate than the
     first bag, and `BagError` if no bag can be read.

@@ -86,7 +86,7 @@ _STD_DEV_ROWS = (
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
 
-_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service over tolerable negative error.
+_SUITABLE_SHARE = 1 / 5  # largest error in service relative to the tolerable negative error
 
 # Each row has the largest load in kg and the smallest number of weighings.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))

@@ -117,7 +117,7 @@ class _SimulatedPass:
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
     def lines(self) -> NDArray[np.float64]:
-        """Return the covariance of the vibration of rollers and motor, sines of random phase."""
+        """Return the covariance of rollers and motor, whose vibrations have random phases."""
         profile, speed = self._profile, self._parameters.speed
         angles = [
             (amplitude, 2 * order / ROLLER_DIAMETER)
@@ -143,7 +143,7 @@ class _SimulatedPass:
         return np.asarray(np.outer(form, form), np.float64)
 
     def white_noise(self) -> NDArray[np.float64]:
-        """Return the covariance of broadband noise, floor and converter."""
+        """Return the covariance of broadband noise, floor vibration and converter noise."""
         covariance = self._shaken(self._broadband()) + self._shaken(self._floor())
         step = 1 / self._parameters.counts_per_kg
         covariance += np.eye(len(covariance)) * (self._profile.electronic**2 + step**2 / 12)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning of the Gauss-Markov estimator, which has a model of the platform and a model of the noise.
 
-First, the model of the platform is fitted to passes of known mass by nonlinear least squares, in
-which an autoregression of the signal of the empty belt whitens the noise. Then the noise model is
-learned from the residuals of the passes. The order of the noise model is searched.
+First, the model of the platform is fitted to passes of known mass by nonlinear least squares. The
+noise is whitened with an autoregression of the empty-belt signal. Then the noise model is learned
+from the residuals of the passes. The order of the noise model is searched.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -51,7 +51,7 @@ _DIGITS = 7  # significant digits of numbers in a parameter file
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
-    """Result of the tuning of an estimator on the passes of one belt speed.
+    """Tuning result of an estimator on the passes of one belt speed.
 
     Held-out errors are computed by cross-validation: each half of the passes is weighed with the
     parameters that are tuned on the other half. Eighths are used instead of halves if nothing is
@@ -75,7 +75,7 @@ class TunedSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """Results of the tuning of an estimator at all speeds, and all parameters of the line."""
+    """Tuning results of an estimator at all speeds, and all parameters of the line."""
 
     estimator: str
     speeds: tuple[TunedSpeed, ...]

@@ -185,7 +185,7 @@ def _judge_reading(
 
 
 def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
-    """Return the result of the passes of an attempt.
+    """Return the result of an attempt that consists of passes.
 
     In a test of repeatability, the standard deviation is limited in category X, and the spread in
     category Y. In tests of warm-up and eccentricity, the error is limited. In all other tests, the

@@ -238,7 +238,7 @@ class Plan(Settings):
 
     def _check_class(self) -> None:
         if not 0 < self.min_g < self.max_g:
-            raise SettingsError(f'{self.min_g:g} is not above 0 and below max_g', 'min_g')
+            raise SettingsError(f'{self.min_g:g}, must be above 0 and below max_g', 'min_g')
         try:
             own = self.accuracy_class
         except ValueError as error:

@@ -291,7 +291,10 @@ def test_a_pass_without_an_ideal_is_shown_without_it():
     assert text == render(evaluation)  # to the byte
 
     assert len(figures_of(text)) == 6
-    assert not any('what the platform would show' in label for label in figures_of(text))
+    assert not any(
+        'the response of the platform without noise: the load' in label
+        for label in figures_of(text)
+    )
 
 
 def test_the_amplitude_spectrum_at_zero_is_the_area():

@@ -48,7 +48,7 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
         ('e_g: 0.1 ', 'e_g: 0.3 ', 'e: 0.3 g is not 1, 2 or 5 x 10^k'),
         ('e_g: 0.1 ', 'e_g: 5 ', 'e: 5 g gives 120 intervals for a Max of 600 g, but class'),
         ('e_g: 0.1 ', 'e_g: 10 ', 'needs at least 500'),
-        ('max_g: 600', 'max_g: 50', 'min_g: 60 is not above 0 and below max_g'),
+        ('max_g: 600', 'max_g: 50', 'min_g: 60, must be above 0 and below max_g'),
         ('[250, 500]', '[700]', 'prepackages_g: 700 g is above Max, 600 g'),
         ('[250, 500]', '[500, 500]', 'prepackages_g: 500 is listed twice'),
         ('[250, 500]', '[2]', 'prepackages_g: 2 is not in 5..10000'),

@@ -8,9 +8,11 @@ checkweigher backup my_machine --output my_machine.tar
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import REQUIRED
+
 OPTIONS = (
     ('folder DIR', Path, 'folder of the machine, as in run --folder'),
-    ('--output FILE', Path, 'archive (tar) to write', {'required': True}),
+    ('--output FILE', Path, 'archive (tar) to write', REQUIRED),
 )
 
 

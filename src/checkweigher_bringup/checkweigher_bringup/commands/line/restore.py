@@ -8,9 +8,11 @@ checkweigher restore my_machine.tar --folder my_machine
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import REQUIRED
+
 OPTIONS = (
     ('archive FILE', Path, 'archive that checkweigher backup has written'),
-    ('--folder DIR', Path, 'new folder of the machine', {'required': True}),
+    ('--folder DIR', Path, 'new folder of the machine', REQUIRED),
     ('--who NAME', str, 'your name for the audit log; default: the user of the computer'),
 )
 

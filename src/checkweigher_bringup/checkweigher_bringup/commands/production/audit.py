@@ -109,7 +109,7 @@ def _check_folder(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the hash of an option, or '' without it. Raise `UserError` if the hash is wrong."""
+    """Return the given hash of an entry, or ''. Raises `UserError` if it is not a valid hash."""
     if given is None:
         return ''
     noted = given.strip().lower()

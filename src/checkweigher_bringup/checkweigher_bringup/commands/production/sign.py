@@ -75,7 +75,7 @@ def _login(path: Path, name: str, meaning: str) -> tuple['User', str]:
     user = read_users(path).get(name)
     least = Role.TECHNICIAN if meaning == RELEASE else Role.OPERATOR
     if user is None or user.role < least:
-        raise UserError(f'{path}: no user {name} with the role {least.name.lower()}')
+        raise UserError(f'{path}: no user {name} with at least the role {least.name.lower()}')
     if sys.stdin.isatty():
         return user, getpass(f'Password of {name}, for the {meaning}: ')
     return user, sys.stdin.readline().rstrip('\r\n')

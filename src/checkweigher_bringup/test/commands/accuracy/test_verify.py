@@ -200,7 +200,7 @@ def test_bags_that_are_of_no_one_procedure_are_refused(plan: Path, tmp_path: Pat
 def test_what_cannot_be_verified_is_one_line(plan: Path, tmp_path: Path):
     (recorded,) = record_steps(tmp_path / 'steps', PLAN, ('zero_1',))
     for words, message in (
-        (('verify', '--output', 'x'), 'a PLAN, or with --from BAG none'),
+        (('verify', '--output', 'x'), 'either PLAN or --from BAG'),
         (('verify', plan), '--output: must be given'),
         (('verify', '--from', recorded, '--output', tmp_path / 'x'), 'contains no verification'),
         (('verify', '--from', tmp_path, '--output', tmp_path / 'x'), 'contains no verification'),

@@ -158,7 +158,7 @@ def test_nothing_is_overwritten(machine: Path, tmp_path: Path):
     archive = saved(machine)
     before = content(tmp_path)
     assert 'is not empty' in refused('restore', archive, '--folder', machine)
-    assert 'keep the backup in another place' in refused(
+    assert 'write the backup to another place' in refused(
         'backup', machine, '--output', machine / 'kept/backup.tar'
     )
     assert 'is not a folder' in refused('backup', tmp_path / 'no', '--output', tmp_path / 'x.tar')

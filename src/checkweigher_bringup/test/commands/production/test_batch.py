@@ -37,7 +37,7 @@ def test_a_record_is_trusted_as_far_as_the_log_of_the_machine_vouches_for_it(tmp
     elsewhere = tmp_path / 'elsewhere' / 'L1.jsonl'
     elsewhere.parent.mkdir()
     elsewhere.write_bytes(record.read_bytes())
-    assert 'there is no audit log to compare it with' in report(elsewhere, 1)
+    assert 'there is no audit log to compare the record with' in report(elsewhere, 1)
     assert report(elsewhere, 0, '--log', log) == said
     pages = []
     for path in (record, elsewhere):

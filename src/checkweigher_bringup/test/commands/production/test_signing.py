@@ -33,7 +33,7 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_users(folder / 'users', users)
     for who, meaning, password, status, said in (
         ('anna', 'release', '', 1, '2 persons must have signed, but only 1 did'),
-        ('ben', 'release', '', 2, 'no user ben with the role technician'),
+        ('ben', 'release', '', 2, 'no user ben with at least the role tech'),
         ('ben', 'review', 'wrong', 1, 'ben: the password is wrong; nothing was signed'),
         ('ben', 'review', '', 0, 'review of batch L1 signed by ben'),
         ('anna', 'release', '', 0, 'release of batch L1 signed by anna'),
