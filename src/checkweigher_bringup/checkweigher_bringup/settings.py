@@ -43,10 +43,10 @@ def recipe_of(arguments: Namespace) -> Product | None:
     if path is None and name is None:
         return None
     if path is None or name is None:
-        raise UserError('--recipes and --product belong together: the file, and a product of it')
+        raise UserError('--recipes and --product must be given together')
     products = read_recipes(path)
     if name not in products:
-        raise UserError(f'--product {name}: {path} has {", ".join(products)}')
+        raise UserError(f'--product {name}: is not in {path}, which has {", ".join(products)}')
     return products[name]
 
 
@@ -60,7 +60,8 @@ def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list
     for name in given or default:
         if name not in (*ESTIMATORS, 'all'):
             raise UserError(
-                f'--estimator {name}: no such estimator; there are {", ".join(sorted(ESTIMATORS))}'
+                f'--estimator {name}: is not an estimator; there are '
+                f'{", ".join(sorted(ESTIMATORS))}'
             )
         names += (*default, *ESTIMATORS) if name == 'all' else (name,)
     return list(dict.fromkeys(names))
@@ -95,7 +96,8 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
         raise UserError('--jobs: a cluster has one job per worker, so leave out this option')
     if arguments.scheduler != LOCAL and '://' not in arguments.scheduler:
         raise UserError(
-            f'--scheduler {arguments.scheduler}: must be local, or an address as tcp://HOST:8786'
+            f'--scheduler {arguments.scheduler}: must be local, or an address such as '
+            'tcp://HOST:8786'
         )
     refuse = partial(other_program, here=program())
     with on_scheduler(arguments.scheduler, program, refuse) as refused:

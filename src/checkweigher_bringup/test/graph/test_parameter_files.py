@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a running line in a file and back, as `ros2 param dump` and `load` do it."""
+"""Parameters of a running line, written to a file and read as by `ros2 param dump` and `load`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ CHANGED = """
 
 
 class Reader(Node):
-    """A node that reads and sets the parameters of the line as the ROS tools do."""
+    """Node that reads and sets the parameters of the line as the ROS tools do."""
 
     def ask(self, future: Any) -> Any:
         wait_for(future.done)

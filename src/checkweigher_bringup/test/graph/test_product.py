@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The product node over real DDS: recipes of a running line."""
+"""Node `product` over real DDS: recipes of a running line."""
 
 import math
 from pathlib import Path

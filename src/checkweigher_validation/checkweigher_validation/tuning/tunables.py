@@ -19,7 +19,7 @@ from checkweigher_validation.tuning.search import Values, search
 
 
 class TuningError(ValueError):
-    """Error for an estimator that cannot be tuned on the given passes."""
+    """Raised if an estimator cannot be tuned on the given passes."""
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:

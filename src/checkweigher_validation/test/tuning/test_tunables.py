@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the tuner computes for all passes at once, against the stages of the line."""
+"""Estimates of the tuner for all passes at once, compared with the stages of the line."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def tunable_of(name, group, base=BASE):
 
 
 def line_of(name, group, lists, base=BASE):
-    """Return parameters of the line from what a tunable would write."""
+    """Return the parameters of the line that a tunable would write."""
     owners = {f'{key.rpartition(".")[0]}.speeds': (group.speed,) for key in lists}
     values = {**lists, **owners, 'identifier.iswd_eksi.doubt': False}
     return base.with_estimator(name).with_values(values)

@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from checkweigher_bringup.commands import USERS
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
@@ -19,17 +20,18 @@ if TYPE_CHECKING:
 
 _ROLES = 'viewer', 'operator', 'technician'
 _DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
-_PASSWORD = 'the password is typed twice, or is a line of the standard input'
+_PASSWORD = 'add and password ask for the password twice, or read one line from a pipe or file'
 OPTIONS = (
     ('action', ('add', 'list', 'password', 'remove'), _PASSWORD),
-    ('name NAME', str, 'of the user; not with list', {'nargs': '?'}),
+    ('name NAME', str, 'name of the user; not with list', {'nargs': '?'}),
     (
         '--role',
         _ROLES,
-        'viewer: sees; operator: products, batches, zero, start and stop; technician: '
-        'calibration, tuning and limits as well',
+        'role of the new user: a viewer views the page; an operator also selects products, begins '
+        'batches, sets the zero, starts and stops the line; a technician also sets limits, '
+        'calibrates, tunes and verifies',
     ),
-    ('--users FILE', Path, 'default checkweigher/users in $XDG_CONFIG_HOME or ~/.config'),
+    USERS,
 )
 
 
@@ -40,9 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
     path = arguments.users or accounts.default_users()
     action, name = arguments.action, arguments.name
     if (name is None) != (action == 'list'):
-        raise UserError(f'{action}: needs a NAME, except for list')
+        raise UserError(f'{action}: list must have no NAME, and the other actions need one')
     if (arguments.role is None) != (action != 'add'):
-        raise UserError(f'{action}: must have a --role if it is add, and none otherwise')
+        raise UserError(f'{action}: add needs a --role, and the other actions must have none')
     if action == 'list':
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
@@ -69,8 +71,8 @@ def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
 
     users = read_users(path) if path.exists() or action != 'add' else {}
     if (name in users) != (action != 'add'):
-        known = 'is there already' if name in users else 'is not there'
-        raise UserError(f'{path}: user {name} {known}; checkweigher user list shows all')
+        known = 'already exists' if name in users else 'does not exist'
+        raise UserError(f'{path}: user {name} {known}; checkweigher user list shows all users')
     return users
 
 
@@ -79,6 +81,6 @@ def _password(name: str) -> str:
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip('\r\n')
     password = getpass(f'Password of {name}: ')
-    if getpass('The same again: ') != password:
+    if getpass('Repeat the password: ') != password:
         raise UserError(f'the two passwords of {name} differ; nothing was changed')
     return password
