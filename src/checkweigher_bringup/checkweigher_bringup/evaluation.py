@@ -15,7 +15,8 @@ from checkweigher_bringup.output import check_output_file
 from checkweigher_bringup.training import ReadPasses, read_passes
 from checkweigher_core.records import GRAMS
 from checkweigher_core.whole_file import write_whole
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS, REFERENCES
+from checkweigher_dsp.estimation.identifier import ComparedParameters
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.prepackages import limits
 from checkweigher_recording.archive.finding import find_bags
@@ -66,7 +67,8 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     _write(arguments.json, json_text(evaluation))
     if arguments.tuned:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
-        write_whole(arguments.tuned, parameter_file(tuned, source))
+        offered = {name: each for name, each in tuned.items() if name not in REFERENCES}
+        write_whole(arguments.tuned, parameter_file(offered, source))
     return broken
 
 
@@ -78,8 +80,8 @@ def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     _check(arguments)
     protocol = _machines_protocol(arguments)
     accuracy_class = _accuracy_class(arguments)
-    estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
-    base = settings.line_parameters(arguments.params)
+    estimators = settings.estimator_names(arguments.estimator, tuple(METHODS), METHODS)
+    base = _line_parameters(arguments)
     machines = evaluate_machines(protocol, estimators, base, budget=arguments.budget, n_jobs=n_jobs)
     first, last = protocol.machines[0], protocol.machines[-1]
     trained = ', '.join(f'{GRAMS * mass:g}' for mass in protocol.training_masses)
@@ -149,6 +151,8 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UserError(f'--seed {arguments.seed}: must not be negative')
     if arguments.tuned and not (arguments.train or arguments.protocol):
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
+    if arguments.tuned and REFERENCES.keys() >= set(arguments.estimator or ('all',)):
+        raise UserError('--tuned: a line has none of these estimators; name another one as well')
     outputs = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
     for path in outputs:
         check_output_file(path, arguments.overwrite)
@@ -163,8 +167,8 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> R
     if arguments.passes < 2 or arguments.passes % 2:
         raise UserError(f'--passes {arguments.passes}: must be even, for two halves')
     settings.refuse(arguments, 'not with --protocol, which trains on its own passes', 'train')
-    base = settings.line_parameters(arguments.params)
-    estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
+    base = _line_parameters(arguments)
+    estimators = settings.estimator_names(arguments.estimator, tuple(METHODS), METHODS)
     protocol = Protocol(profile, arguments.passes, arguments.seed)
     conditions, tuned = evaluate_protocol(
         protocol, estimators, base, budget=arguments.budget, n_jobs=n_jobs
@@ -187,9 +191,9 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> R
 
 def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     """Weigh the passes of known mass in bags. Tune first if the user gave bags to train on."""
-    base = settings.line_parameters(arguments.params)
-    default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
-    estimators = settings.estimator_names(arguments.estimator, default)
+    base = _line_parameters(arguments)
+    default = tuple(METHODS) if arguments.train else (base.identifier.estimator,)
+    estimators = settings.estimator_names(arguments.estimator, default, METHODS)
     taught = ReadPasses([], [], 0)
     if arguments.train:
         bags = settings.places_of(arguments, find_bags(arguments.train))
@@ -249,6 +253,13 @@ def _by_speed(
         speed = speeds.get(id(each), speed)
         chosen[speed].append(each)
     return (PassSet(speed, part, tuple(found)) for speed, found in chosen.items() if found)
+
+
+def _line_parameters(arguments: argparse.Namespace) -> LineParameters:
+    """Return the parameters of the line, with those of the methods that only `evaluate` has."""
+    base = settings.line_parameters(arguments.params)
+    compared = ComparedParameters.from_mapping(base.identifier.as_mapping())
+    return replace(base, identifier=compared)
 
 
 def _tuning(arguments: argparse.Namespace) -> tuple[str, str]:

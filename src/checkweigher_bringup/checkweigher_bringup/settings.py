@@ -50,20 +50,21 @@ def recipe_of(arguments: Namespace) -> Product | None:
     return products[name]
 
 
-def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:
+def estimator_names(
+    given: Sequence[str] | None, default: Sequence[str], known: Iterable[str] = ESTIMATORS
+) -> list[str]:
     """Return the estimators that an option names, or `default`, without repetitions.
 
-    The name `all` stands for the estimators of `default`, followed by all others. Raises
-    `UserError` if a name is unknown.
+    The name `all` stands for the estimators of `default`, followed by all others that are `known`.
+    Raises `UserError` if a name is unknown.
     """
     names: list[str] = []
     for name in given or default:
-        if name not in (*ESTIMATORS, 'all'):
+        if name not in (*known, 'all'):
             raise UserError(
-                f'--estimator {name}: is not an estimator; there are '
-                f'{", ".join(sorted(ESTIMATORS))}'
+                f'--estimator {name}: is not an estimator; there are {", ".join(sorted(known))}'
             )
-        names += (*default, *ESTIMATORS) if name == 'all' else (name,)
+        names += (*default, *known) if name == 'all' else (name,)
     return list(dict.fromkeys(names))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup
@@ -39,7 +39,7 @@ _OWN: dict[str, type[Tunable]] = {
     'gauss_markov': TunedGaussMarkov,
     'learned': TunedLearned,
 }
-TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in ESTIMATORS}
+TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in METHODS}
 
 UNTRAINED = 'untrained'  # name of the default parameters in comparisons
 FEWEST_PASSES = 3  # smallest number of passes of one speed

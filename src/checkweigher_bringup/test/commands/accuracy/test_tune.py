@@ -150,6 +150,7 @@ def _refused(tmp_path: Path) -> Refused:
     ('options', 'message'),
     [
         (('--estimator', 'all', 'best'), '--estimator best: is not an estimator; there are aeksi'),
+        (('--estimator', 'tvlp_mf'), '--estimator tvlp_mf: is not an estimator; there are aeksi'),
         (('--budget', '0'), '--budget 0: must be above 0'),
         (('--jobs', '-1'), '--jobs -1: must be above 0'),
         (('--lane', 'other'), 'other'),
@@ -199,8 +200,8 @@ class TestEvaluation:
     def test_bags_after_training_on_others(self, bags: Bags, checkweigher: Run, tmp_path: Path):
         files = {kind: tmp_path / f'result.{kind}' for kind in ('html', 'csv', 'json', 'tuned')}
         done = checkweigher(
-            'evaluate', *bags['test'], '--train', *bags['train'], '--estimator', 'hann', 'tvlpf',
-            *FAST, '--class', 'XIIII', '--factor', '2',
+            'evaluate', *bags['test'], '--train', *bags['train'],
+            '--estimator', 'lms_notch', 'hann', 'tvlpf', *FAST, '--class', 'XIIII', '--factor', '2',
             *(part for kind, path in files.items() for part in (f'--{kind}', path)),
         )  # fmt: skip
         assert done.stderr == ''
@@ -212,7 +213,7 @@ class TestEvaluation:
             (part, estimator, mass, '6')
             for part in ('test', 'train')
             for _ in SPEEDS
-            for estimator in ('hann', 'tvlpf')
+            for estimator in ('lms_notch', 'hann', 'tvlpf')
             for mass in ('74.5', '164.5', '254.5')
         ]
         assert sorted(keys) == sorted(expected)
@@ -221,6 +222,7 @@ class TestEvaluation:
         content = json.loads(files['json'].read_text())
         assert len(content['conditions']) == len(rows)
         assert {kind for kind, _ in content['provenance']} >= {'train', 'test', 'numpy'}
+        # No line has the notch filter, so it is not in the file.
         parameters = LineParameters.from_file(files['tuned'])
         assert parameters.identifier.estimator == 'hann'
         assert parameters.identifier.tvlpf.calibrated
