@@ -24,14 +24,14 @@ _MM, _PER_MINUTE = 1000.0, 60.0
 _REASON = 'practice'  # reason in the audit log
 _TEXT = (
     'Make a fault, and find it on this page. A change takes up to two seconds. It holds until it '
-    'is taken back, or until the driver is started again.'
+    'is taken back, or until the driver is started again. An empty field is as configured.'
 )
 _FARTHEST = 60  # largest displacement of an eye in mm
 # Numbers: parameter, label, unit, and factor from the parameter to the unit.
 _NUMBERS = (
-    ('speed', 'Belt speed (empty: as configured)', 'm/min', _PER_MINUTE),
-    ('mass', 'Mass of each product (empty: as configured)', 'g', GRAMS),
-    ('gap', 'Gap between products (empty: as configured)', 'mm', _MM),
+    ('speed', 'Belt speed', 'm/min', _PER_MINUTE),
+    ('mass', 'Mass of each product', 'g', GRAMS),
+    ('gap', 'Gap between products', 'mm', _MM),
     ('load', 'Mass that lies on the belt', 'g', GRAMS),
     ('zero', 'The zero has drifted by', 'g', GRAMS),
 )
@@ -172,8 +172,9 @@ class _EyeControls:
             self._place = ui.slider(min=-_FARTHEST, max=_FARTHEST, step=5, value=0)
             self._place.props(f'label aria-label="Place of the {name} eye in mm"')
             self._place.on('change', self._set_place)
-            self._dirty = ui.switch('dirty', on_change=self._set_lens)
-            self._dead = ui.switch('cable off', on_change=self._set_lens)
+            with ui.element('div').classes('in-a-row'):
+                self._dirty = ui.switch('dirty', on_change=self._set_lens)
+                self._dead = ui.switch('cable off', on_change=self._set_lens)
 
     async def _set_place(self) -> None:
         await self._change(**{f'{self._name}_place': self._place.value / _MM})
