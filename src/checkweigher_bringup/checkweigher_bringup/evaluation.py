@@ -21,7 +21,8 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.prepackages import limits
 from checkweigher_recording.archive.finding import find_bags
 from checkweigher_recording.simulation.machine import CAUSES
-from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
+from checkweigher_recording.simulation.operation import CAPACITY
+from checkweigher_recording.simulation.simulator import PROFILES
 from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import PassSet, evaluate_sets

@@ -6,17 +6,12 @@ checkweigher user add anna --role operator
 """
 
 import argparse
-from dataclasses import replace
 from getpass import getpass
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
 
 from checkweigher_bringup.commands import USERS
 from checkweigher_bringup.errors import UserError
-
-if TYPE_CHECKING:
-    from checkweigher_web.access.users import User
 
 _ROLES = 'viewer', 'operator', 'technician'
 _DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
@@ -49,31 +44,15 @@ def run(arguments: argparse.Namespace) -> int:
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
-    name = accounts.check_name(name)
-    _users(path, action, name)  # raises an error before the user types a password
-    password = '' if action == 'remove' else accounts.hash_password(name, _password(name))
-    with accounts.changing_users(path):
-        users = _users(path, action, name)
-        if action == 'remove':
-            del users[name]
-        elif action == 'add':
-            users[name] = accounts.User(name, accounts.Role[arguments.role.upper()], password)
-        else:
-            users[name] = replace(users[name], hash=password)
-        accounts.write_users(path, users)
+    name = accounts.check_user(path, name, exists=action != 'add')  # before a password is typed
+    if action == 'remove':
+        accounts.remove_user(path, name)
+    elif action == 'add':
+        accounts.add_user(path, name, accounts.Role[arguments.role.upper()], _password(name))
+    else:
+        accounts.change_user(path, name, password=_password(name))
     print(f'{path}: {name} {_DONE[action]}')
     return 0
-
-
-def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
-    """Return the users in a file, or raise `UserError` if the action cannot be done for `name`."""
-    from checkweigher_web.access.users import read_users
-
-    users = read_users(path) if path.exists() or action != 'add' else {}
-    if (name in users) != (action != 'add'):
-        known = 'already exists' if name in users else 'does not exist'
-        raise UserError(f'{path}: user {name} {known}; checkweigher user list shows all users')
-    return users
 
 
 def _password(name: str) -> str:
