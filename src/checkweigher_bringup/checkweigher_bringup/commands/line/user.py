@@ -7,7 +7,6 @@ checkweigher user add anna --role operator
 
 import argparse
 from getpass import getpass
-from pathlib import Path
 import sys
 
 from checkweigher_bringup.commands import USERS
