@@ -111,12 +111,12 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
     share = np.clip((time - lag) / rise_time, 0.0, 1.0)
     bend = 30 * (time[1] - time[0]) * share * (1 - share)
     bent = zero * np.add.reduce(bend) + level * (bend @ share) - bend
+    empty, ringing = _noise(force[:begin]), _noise(force[end:stop])
     std_devs = []
     for weights, systematic in ((late, _SYSTEMATIC), (bent, _SYSTEMATIC_BEND)):
         used = np.flatnonzero(weights)
         weights = weights[used[0] : used[-1] + 1]
-        ringing = _LEVEL_SHARE * _noise(force[end:stop], weights)
-        noise = math.hypot(_noise(force[:begin], weights), ringing)
+        noise = math.hypot(_rms(empty, weights), _LEVEL_SHARE * _rms(ringing, weights))
         std_devs.append(math.hypot(noise / mass, systematic))
     return RiseLag(lag, std_devs[0], float(bent @ force) / mass, std_devs[1])
 
@@ -163,12 +163,18 @@ def _bell(time: Array, begin: float, end: float) -> Array:
     return np.sin(math.pi * np.clip((time - begin) / (end - begin), 0.0, 1.0)) ** 2
 
 
-def _noise(force: Array, weights: Array) -> float:
-    """Return the root mean square of a weighted sum of noise like that of `force`, (n,).
+def _noise(force: Array) -> tuple[Array, float]:
+    """Return the noise of `force`, (n,), with a taper, and the power of the taper.
 
-    The noise is tapered, so that it may be shorter than the weights, (m,).
+    With the taper, the noise may be shorter than the weights of a sum.
     """
     noise = force - np.add.reduce(force) / len(force)
     taper = np.sin((np.arange(len(force)) + 0.5) * (math.pi / len(force)))
-    seen = np.correlate(noise * taper, weights, 'full')
-    return math.sqrt(float(seen @ seen) / float(taper @ taper))
+    return noise * taper, float(taper @ taper)
+
+
+def _rms(noise: tuple[Array, float], weights: Array) -> float:
+    """Return the root mean square of a sum of such a noise, weighted by `weights`, (m,)."""
+    tapered, power = noise
+    seen = np.correlate(tapered, weights, 'full')
+    return math.sqrt(float(seen @ seen) / power)
