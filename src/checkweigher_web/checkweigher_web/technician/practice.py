@@ -67,7 +67,6 @@ class PracticeView(View):
 
     def _build(self) -> None:
         self._now = OperationParameters()
-        self._waiting = False  # whether the controls show a change that is not set yet
         with ui.element('div').classes('machine') as self._machine:
             ui.label(_TEXT).classes('about')
             self._picture = ui.html('', sanitize=False)
@@ -149,13 +148,13 @@ class PracticeView(View):
         if not new or self.look.practice is None:
             return
         try:
-            wanted = replace(self._now, **new)
+            replace(self._now, **new)
         except ParameterError as error:
             outcome = Outcome(False, str(error))
         else:
             outcome = await self.look.practice.set(**new)
-        if outcome.done:
-            self._show_settings(replace(wanted, kill=False))
+        if outcome.done:  # Another change may have been made meanwhile.
+            self._show_settings(replace(self._now, **{**new, 'kill': False}))
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:
@@ -171,7 +170,9 @@ class _EyeControls:
             ui.label(f'{name.capitalize()} eye')
             self._place = ui.slider(min=-_FARTHEST, max=_FARTHEST, step=5, value=0)
             self._place.props(f'label aria-label="Place of the {name} eye in mm"')
-            self._place.on('change', self._set_place)
+            self._place.on(
+                'update:model-value', self._set_place, throttle=0.5, leading_events=False
+            )
             with ui.element('div').classes('in-a-row'):
                 self._dirty = ui.switch('dirty', on_change=self._set_lens)
                 self._dead = ui.switch('cable off', on_change=self._set_lens)
