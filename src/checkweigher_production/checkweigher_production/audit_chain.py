@@ -103,5 +103,5 @@ def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
     for other in logs_in(path.parent):
         with suppress(AuditError):
             entries = read_log(other).entries if other.name != path.name else ()
-            if entries and entries[-1].source == source:
+            if any(each.source == source for each in entries):
                 yield entries[-1].time, other.name, len(entries), entries[-1].hash

@@ -1,10 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Electronic signatures on the records of batches (21 CFR 11.50 and 11.70).
+"""Electronic signatures on batches and on entries of the audit log (21 CFR 11.50 and 11.70).
 
-A signature is an entry of the audit log. It has the name of the person, the time, the meaning and
-the SHA-256 of the record, and is signed with Ed25519 by a key that is derived from the password of
-the person. It is void for any other record, and for the same record after a change.
+A signature is an entry of the audit log. It has the name of the person, the time, the meaning, and
+the SHA-256 of the record of a batch or of an entry such as a change of limits. It is signed with
+Ed25519 by a key that is derived from the password of the person. It is void for any other record or
+entry, and for the same one after a change.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,19 +25,24 @@ MEANINGS = REVIEW, APPROVAL, RELEASE
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a person on the record of a batch."""
+    """Signature of a person on the record of a batch or on an entry of the audit log."""
 
-    batch: str
+    batch: str | None  # name of the batch, None if an entry was signed
     meaning: str  # one of MEANINGS
     who: str  # name of the person
     time: str  # ISO 8601, UTC
-    sha256: str  # SHA-256 of the record, hexadecimal
+    sha256: str  # SHA-256 of the record or of the entry, hexadecimal
     key: str  # Ed25519 public key, hexadecimal
     signature: str = ''  # Ed25519 signature of all other fields, hexadecimal
 
+    @property
+    def value(self) -> dict[str, str]:
+        """Value in the audit log. It has no batch if an entry was signed."""
+        return {name: text for name, text in asdict(self).items() if text is not None}
+
     def signed(self) -> bytes:
         """Return the bytes to be signed."""
-        return json.dumps(asdict(replace(self, signature='')), separators=(',', ':')).encode()
+        return json.dumps(replace(self, signature='').value, separators=(',', ':')).encode()
 
     @property
     def is_genuine(self) -> bool:
@@ -55,28 +61,37 @@ def public_hex(key: Ed25519PrivateKey) -> str:
 
 
 def sign(
-    key: Ed25519PrivateKey, batch: str, meaning: str, who: str, time: str, sha256: str
+    key: Ed25519PrivateKey, batch: str | None, meaning: str, who: str, time: str, sha256: str
 ) -> Signature:
-    """Return the signature of a person on the record of a batch."""
+    """Return the signature of a person on the record of a batch, or on an entry without a batch."""
     unsigned = Signature(batch, meaning, who, time, sha256, public_hex(key))
     return replace(unsigned, signature=key.sign(unsigned.signed()).hex())
 
 
 def signatures_in(entries: Sequence[Entry], batch: str) -> tuple[Signature, ...]:
     """Return the signatures on a batch in an audit log. Missing values are empty."""
-    return tuple(
-        _of(entry.new)
-        for entry in entries
-        if (entry.kind, entry.subject) == (SIGNATURE, batch) and isinstance(entry.new, dict)
-    )
+    own = [entry for entry in entries if entry.subject == batch]
+    return tuple(each for each in _signatures(own) if each.batch is not None)
 
 
-def _of(value: dict[str, Any]) -> Signature:
-    return Signature(**{each.name: str(value.get(each.name, '')) for each in fields(Signature)})
+def entry_signatures(entries: Sequence[Entry]) -> tuple[Signature, ...]:
+    """Return the signatures on entries of an audit log. Missing values are empty."""
+    return tuple(each for each in _signatures(entries) if each.batch is None)
+
+
+def _signatures(entries: Sequence[Entry]) -> Iterator[Signature]:
+    for entry in entries:
+        if entry.kind == SIGNATURE and isinstance(entry.new, dict):
+            values: dict[str, Any] = {
+                each.name: str(entry.new.get(each.name, '')) for each in fields(Signature)
+            }
+            if entry.new.get('batch') is None:
+                values['batch'] = None
+            yield Signature(**values)
 
 
 def signature_faults(
-    signatures: Sequence[Signature], batch: str, sha256: str, persons: int
+    signatures: Sequence[Signature], batch: str | None, sha256: str, persons: int
 ) -> Iterator[str]:
     """Yield a sentence for each signature that is void.
 
@@ -105,7 +120,7 @@ def foreign_keys(signatures: Sequence[Signature], keys: Mapping[str, str]) -> It
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why a batch with these signatures may not be released, or an empty text."""
+    """Return why what has these signatures may not be released, or an empty text."""
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
     return f'{persons} persons must have signed, not {count}' if count < persons else ''

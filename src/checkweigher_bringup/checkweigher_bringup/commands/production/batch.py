@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from checkweigher_production.recipes import Product
     from checkweigher_validation.batch.batch import Batch
 
-_SOURCE = 'record of the line (.jsonl, of product.batch_folder), CSV of weigh, or a bag'
+_SOURCE = (
+    'record of the line (.jsonl, of product.batch_folder), CSV of weigh, or a bag; with --item '
+    'also the folder of the records'
+)
 _PLANS = (
     'plan of the reference test: double of 76/211/EEC (30, 50 or 80, and as many again) or '
     'single of OIML R 87 (50, 80 or 125); default double'
@@ -30,7 +33,11 @@ OPTIONS = (
         {'dest': 'log'},
     ),
     ('--users FILE', Path, 'users of the page, whose keys the signatures must have'),
-    ('--item N', int, 'show the verdict on item N of a record, as it was printed or sent, instead'),
+    (
+        '--item N',
+        int,
+        'show the verdict on item N of a record or of a folder, as it was printed or sent',
+    ),
     ('--seed S', int, 'draws the samples of the reference test; default 1', 1),
     ('--sampling', ('double', 'single'), _PLANS, 'double'),
     'the product, which a record has itself',
@@ -84,9 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _read(arguments: argparse.Namespace) -> 'Batch':
     from dataclasses import replace
 
-    from checkweigher_bringup.batch_report import keys_of, read_recorded
+    from checkweigher_bringup.batch_report import keys_of
     from checkweigher_bringup.settings import refuse
-    from checkweigher_validation.batch.batch import read_csv
+    from checkweigher_validation.batch.batch import read_csv, read_recorded
     from checkweigher_validation.batch.signatures import foreign_keys
 
     if arguments.source.suffix == '.jsonl':
