@@ -37,7 +37,11 @@ _GROUPS = (
     ),
     ('recordings', 'recorded bags', ('weigh', 'replay', 'simulate', 'import_', 'keep', 'recover')),
     ('accuracy', 'how accurate it is', ('tune', 'evaluate', 'verify')),
-    ('production', 'what was produced and changed', ('batch', 'sign', 'performance', 'audit')),
+    (
+        'production',
+        'what was produced and changed',
+        ('batch', 'giveaway', 'tare', 'sign', 'performance', 'audit'),
+    ),
 )
 COMMANDS = tuple(name.rstrip('_') for *_, names in _GROUPS for name in names)
 
