@@ -16,7 +16,7 @@ from checkweigher_production.audit_log import Entry
 from checkweigher_production.audit_words import conclusion, steps_back
 from checkweigher_production.batch_record import SUFFIX, RecordError, record_path
 from checkweigher_validation.batch.batch import read_record
-from checkweigher_validation.batch.signatures import foreign_keys
+from checkweigher_validation.batch.signatures import Signer, foreign_keys
 from checkweigher_validation.batch.signing import entry_signature_faults
 from checkweigher_validation.verification.kept_files import file_faults, verification_faults
 from checkweigher_validation.verification.plan import VERIFICATIONS
@@ -25,11 +25,11 @@ BATCHES = 'batches'
 
 
 def faults_in(
-    folder: Path, chain: LogChain, keys: Mapping[str, str] | None = None
+    folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
     """Yield what is missing, unknown or not as it was written in the folder of a machine.
 
-    `keys` has the public keys of the signatures of each user, or is None if they are not compared.
+    `keys` has the users by name, or is None if signatures are not compared with them.
     """
     entries = chain.entries
     if chain.fault:
@@ -50,7 +50,9 @@ def faults_in(
             yield f'verification {path.parent.name}: the audit log does not know it'
 
 
-def _batch_faults(folder: Path, chain: LogChain, keys: Mapping[str, str] | None) -> Iterator[str]:
+def _batch_faults(
+    folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None
+) -> Iterator[str]:
     """Yield the faults of the records of batches, and the batches without a record."""
     for name in _latest(chain.entries, RECORD):
         with suppress(RecordError):

@@ -15,13 +15,17 @@ from checkweigher_core.whole_file import write_whole
 from checkweigher_production.batch_record import SUFFIX, read_events
 from checkweigher_validation.batch.batch import Batch, InLog, read_recorded
 from checkweigher_validation.batch.figures import PartFigures, as_json
+from checkweigher_validation.batch.signatures import RELEASE, Signer
 
 
-def keys_of(users: Path) -> dict[str, str]:
-    """Return the public keys of the users in a file, by name."""
-    from checkweigher_web.access.users import read_users
+def signers_of(users: Path) -> dict[str, Signer]:
+    """Return the users in a file who may sign, by name."""
+    from checkweigher_web.access.users import least_role, read_users
 
-    return {user.name: user.keys for user in read_users(users).values()}
+    return {
+        user.name: Signer(tuple(user.keys.split()), user.role >= least_role(RELEASE))
+        for user in read_users(users).values()
+    }
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:

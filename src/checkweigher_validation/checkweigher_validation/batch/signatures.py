@@ -11,7 +11,7 @@ entry, and for the same one after a change.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 import json
-from typing import Any
+from typing import Any, NamedTuple
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -53,6 +53,13 @@ class Signature:
         except (ValueError, InvalidSignature):
             return False
         return True
+
+
+class Signer(NamedTuple):
+    """User who may sign, as the users' file has it."""
+
+    keys: tuple[str, ...]  # Ed25519 public keys, hexadecimal
+    may_release: bool
 
 
 def public_hex(key: Ed25519PrivateKey) -> str:
@@ -109,14 +116,17 @@ def signature_faults(
             yield what + lacks
 
 
-def foreign_keys(signatures: Sequence[Signature], keys: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence for each signature that was not made with the password of its person.
+def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer]) -> Iterator[str]:
+    """Yield a sentence for each signature that was not made by a user who may sign so.
 
-    `keys` has the public keys of each user, separated by spaces.
+    `signers` are the users by name.
     """
     for number, each in enumerate(signatures, 1):
-        if each.key not in keys.get(each.who, '').split():
+        signer = signers.get(each.who)
+        if signer is None or each.key not in signer.keys:
             yield f'signature {number} was not made with a password of the user {each.who}'
+        elif each.meaning == RELEASE and not signer.may_release:
+            yield f'signature {number}: the user {each.who} may not release'
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:

@@ -24,6 +24,7 @@ from checkweigher_validation.batch.batch import read_recorded
 from checkweigher_validation.batch.signatures import (
     RELEASE,
     Signature,
+    Signer,
     entry_signatures,
     foreign_keys,
     lacking,
@@ -146,11 +147,11 @@ def _title(entry: Entry) -> str:
 
 
 def entry_signature_faults(
-    entries: Sequence[Entry], keys: Mapping[str, str] | None = None
+    entries: Sequence[Entry], keys: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
     """Yield a sentence for each signature on an entry that is void.
 
-    `keys` has the public keys of each user, or is None if they are not compared.
+    `keys` has the users by name, or is None if they are not compared.
     """
     known = set[str]()
     for each in signable_entries(entries):

@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _read(arguments: argparse.Namespace) -> 'Batch':
     from dataclasses import replace
 
-    from checkweigher_bringup.batch_report import keys_of
+    from checkweigher_bringup.batch_report import signers_of
     from checkweigher_bringup.settings import refuse
     from checkweigher_validation.batch.batch import read_csv, read_recorded
     from checkweigher_validation.batch.signatures import foreign_keys
@@ -102,7 +102,7 @@ def _read(arguments: argparse.Namespace) -> 'Batch':
         batch = read_recorded(arguments.source, arguments.log)
         if arguments.users is None:
             return batch
-        faults = foreign_keys(batch.signatures, keys_of(arguments.users))
+        faults = foreign_keys(batch.signatures, signers_of(arguments.users))
         return replace(batch, faults=(*batch.faults, *faults))
     refuse(arguments, 'only for the record of a batch', 'log', 'users', 'item')
     product = _product(arguments)

@@ -17,7 +17,15 @@ from running import ROOT
 from checkweigher_production.audit_log import AuditLog, head_path, read_log
 from checkweigher_recording.bags.results import mcap_digest
 from checkweigher_validation.batch.signatures import entry_signatures, signatures_in
-from checkweigher_web.access.users import Role, User, hash_password, write_users
+from checkweigher_validation.batch.signing import signable_batch
+from checkweigher_web.access.users import (
+    Role,
+    User,
+    hash_password,
+    read_users,
+    signing_key,
+    write_users,
+)
 
 PASSWORDS = {'anna': 'correct horse', 'ben': 'battery staple', 'eve': 'one two three'}
 
@@ -156,6 +164,15 @@ def sign_as_anna_without_her_password(folder: Path) -> None:
     assert sign(record, 'anna', 'approval', users, 'my own password').returncode == 0
 
 
+def release_as_ben(folder: Path) -> None:
+    """Release the batch as an operator, by the functions of the command without its checks."""
+    users, what = folder / 'users', signable_batch(folder / 'machine/batches/L1.jsonl')
+    key = signing_key(users, read_users(users)['ben'], PASSWORDS['ben'])
+    made = what.signature(key, 'release', 'ben', '2026-05-28T08:00:00')
+    with AuditLog(folder / 'machine/audit.log') as log:
+        log.append('2026-05-28T08:00:00', 'x', 'signature', 'L1', None, made.value, 'x')
+
+
 def edit(name: str, old: bytes, new: bytes, folder: Path) -> None:
     path = folder / 'machine' / name
     path.write_bytes(path.read_bytes().replace(old, new, 1))
@@ -209,6 +226,10 @@ FORGERIES = {
     'entry that is not there': (
         lambda f: forge_signature(f, batch=None, sha256=64 * '0'),
         'the release by anna is void: the audit log does not have the entry that was signed',
+    ),
+    'release by an operator': (
+        release_as_ben,
+        'signature 3: the user ben may not release',
     ),
     'own password': (
         sign_as_anna_without_her_password,
