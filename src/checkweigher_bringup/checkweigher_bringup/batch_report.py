@@ -88,9 +88,9 @@ def write_report(
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield the report as lines of text: the hash of the record, then the figures of each product.
+    """Yield the report as lines of text: the faults and signatures, then each product.
 
-    The items of a batch may belong to several products. `parts` has the figures of each product.
+    `parts` contains the statistics of each product, because a batch may have several products.
     """
     title = f'batch {one_line(batch.name)}'
     yield from _trust_lines(batch, title)
@@ -106,7 +106,7 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 
 
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
-    """Yield what the audit log says of a record, its faults and its signatures."""
+    """Yield whether a record agrees with the audit log, its faults, signatures and strays."""
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'
         agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'

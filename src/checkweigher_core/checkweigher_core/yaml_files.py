@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of YAML and JSON files, with errors that name the file and the line."""
+"""Reading of YAML and JSON files, with errors that name the file and the line, and YAML texts."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import json
 from pathlib import Path
@@ -91,6 +91,18 @@ _Loader.add_implicit_resolver('tag:yaml.org,2002:int', re.compile(_WHOLE), [*'-+
 _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(_REAL), [*'-+.0123456789'])
 
 
+class _Dumper(yaml.SafeDumper):
+    """YAML writer that quotes the strings which `_Loader` would read as numbers."""
+
+
+_Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+
+def yaml_text(content: Any) -> str:
+    """Return the text of a YAML file from which `opened` reads the same content."""
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
 def _line(text: str, path: tuple[Any, ...]) -> int:
     """Return the line number of a field, or of the innermost existing field that encloses it."""
     line, node = 1, None
@@ -99,7 +111,7 @@ def _line(text: str, path: tuple[Any, ...]) -> int:
             node = yaml.compose(text, _Loader)
     for step in path:
         if isinstance(node, yaml.MappingNode):
-            places = _entries(node)
+            places = {str(key.value): (key, each) for key, each in node.value}
         elif isinstance(node, yaml.SequenceNode):
             places = {str(number): (each, each) for number, each in enumerate(node.value, 1)}
         else:
@@ -109,28 +121,3 @@ def _line(text: str, path: tuple[Any, ...]) -> int:
         key, node = places[str(step)]
         line = key.start_mark.line + 1
     return line
-
-
-def with_value(text: str, tables: Sequence[str], key: str, value: str) -> str:
-    """Return a YAML or JSON text in which a key in nested tables has another value.
-
-    All else, such as comments, is unchanged. A missing key becomes the first one of its table.
-    Raises `SettingsError` if a table is missing.
-    """
-    node: Any = yaml.compose(text, _Loader)
-    for name in tables:
-        node = _entries(node).get(name, (None, None))[1]
-        if not isinstance(node, yaml.MappingNode) or not node.value:
-            raise SettingsError('is no table', *tables)
-    if key in (entries := _entries(node)):
-        _, old = entries[key]
-        return text[: old.start_mark.index] + value + text[old.end_mark.index :]
-    first = node.value[0][0].start_mark
-    line = f'"{key}": {value}, ' if node.flow_style else f'{key}: {value}\n{" " * first.column}'
-    return text[: first.index] + line + text[first.index :]
-
-
-def _entries(node: Any) -> dict[str, tuple[Any, Any]]:
-    """Return the nodes of key and value of each entry of a table, by the name of the key."""
-    table = node.value if isinstance(node, yaml.MappingNode) else ()
-    return {str(key.value): (key, each) for key, each in table}

@@ -32,6 +32,7 @@ from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
+from checkweigher_web.access.users import Role
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE
 from checkweigher_web.header import header, hint_to_users
@@ -40,6 +41,7 @@ from checkweigher_web.listening import Watch
 from checkweigher_web.overview import Overview, show_overview, wait_for_lane
 from checkweigher_web.page import show_lane, show_shift
 from checkweigher_web.shift import Shift
+from checkweigher_web.technician.practice import Practice
 from checkweigher_web.views.view import Look
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.bar import keep_item, work_bar, work_menu, work_of
@@ -189,6 +191,7 @@ def _add_pages(
         look = Look(drawings.setdefault(name, Drawing(watch.lanes[name])), watch.board)
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
         look.work = work_of(desk)
+        look.practice = Practice(desk) if desk.role >= Role.TECHNICIAN else None
         menu = partial(work_menu, desk, look)
         header(access, _title(name), look, lambda: lanes.only() is None, menu)
         hint_to_users(access)

@@ -34,7 +34,7 @@ def take_plan(ben: Inspector, path: Path) -> None:
     wrong = path.with_name('wrong.yaml')
     wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
     upload.send_keys(str(wrong))
-    ben.sees("class: class 'none' is none of", where='.found')
+    ben.sees("class: class 'none' is not one of", where='.found')
     ben.press('Begin')
     assert 'the plan: line' in ben.result('✗')
     path.write_text(SHORT_PLAN)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A load cell on a port is calibrated by the services of the driver, on a line that runs."""
+"""Calibration of a load cell on a serial port by the services of the driver of a running line."""
 
 from pathlib import Path
 import queue
@@ -31,7 +31,7 @@ NOISE = 40  # counts, more than that of the device
 
 
 class Technician:
-    """Calls the services, and hears what the load cell is."""
+    """Client of the services, which also receives the load cell."""
 
     def __init__(self, spinner: Spinner) -> None:
         self._node = Node('technician')
@@ -47,7 +47,7 @@ class Technician:
         self._latest = block.counts[0]
 
     def put_on(self, device: SerialDevice, level: int) -> None:
-        """Put a load on the belt, and wait until the line reads it: the port holds older values."""
+        """Put a load on the belt, and wait until the port has delivered all older samples."""
         device.tell(f'level {level}')
         wait_for(lambda: abs(self._latest - ZERO - level) < NOISE)
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Electronic signatures on batches and on entries of the audit log (21 CFR 11.50 and 11.70).
 
-A signature is an entry of the audit log. It has the name of the person, the time, the meaning, and
-the SHA-256 of the record of a batch or of an entry such as a change of limits. It is signed with
-Ed25519 by a key that is derived from the password of the person. It is void for any other record or
-entry, and for the same one after a change.
+A signature is an entry of the audit log. It contains the name of the person, the time, the meaning,
+and the SHA-256 of the record of a batch or of an entry such as a change of limits. It is signed
+with an Ed25519 key that is derived from the password of the person. It is void for any other record
+or entry, and for the same one after a change.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -133,4 +133,4 @@ def lacking(signatures: Sequence[Signature], persons: int) -> str:
     """Return why what has these signatures may not be released, or an empty text."""
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
-    return f'{persons} persons must have signed, not {count}' if count < persons else ''
+    return f'{persons} persons must have signed, but only {count} did' if count < persons else ''

@@ -13,6 +13,9 @@ from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
+from checkweigher_web.technician.practice import is_simulated
+from checkweigher_web.technician.recipes import recipes
+from checkweigher_web.technician.users import users
 from checkweigher_web.views.item import ENDED, standstill
 from checkweigher_web.views.view import Look
 from checkweigher_web.work import actions
@@ -80,11 +83,7 @@ def work_menu(desk: Desk, look: Look) -> None:
 
 
 def _show_simulated(entry: Element, lane: Lane) -> None:
-    entry.set_visibility(_is_simulated(lane))
-
-
-def _is_simulated(lane: Lane) -> bool:
-    return lane.load_cell is not None and lane.load_cell.model == 'simulated'
+    entry.set_visibility(is_simulated(lane))
 
 
 async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
@@ -213,5 +212,7 @@ _ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Calibration', Role.TECHNICIAN, CalibrationDialog.open),
     ('Dynamic setting', Role.TECHNICIAN, DynamicSettingGuide.open),
     ('Verification', Role.TECHNICIAN, VerificationGuide.open),
+    ('Recipes', Role.TECHNICIAN, recipes),
+    ('Users', Role.TECHNICIAN, users),
     (_SIMULATED, Role.TECHNICIAN, operate),
 )

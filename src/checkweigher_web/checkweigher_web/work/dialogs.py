@@ -44,6 +44,7 @@ class Desk:
         self.lane = lane
         self.services = services
         self.auditor = auditor
+        self.users = access.users
         self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
         self._client = ui.context.client
@@ -52,6 +53,12 @@ class Desk:
     def role(self) -> Role:
         """Present role of the user, which is VIEWER after the end of the session."""
         return self._access.role_of(self._client) or Role.VIEWER
+
+    @property
+    def person(self) -> str:
+        """Name of the user, or '' after the end of the session."""
+        session = self._access.session_of(self._client)
+        return '' if session is None else session.user.name
 
     async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
         """Perform an action with audit log entries if the role of the user allows it."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from checkweigher_bringup.commands import NAMESPACE, REQUIRED
+from checkweigher_bringup.commands import NAMESPACE, REQUIRED, USERS
 from checkweigher_bringup.errors import LineError, UserError
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ OPTIONS = (
     ),
     ('--entry N', int, 'number of an entry of the audit log: a change of limits'),
     ('--meaning', ('review', 'approval', 'release'), 'what the signature means', REQUIRED),
-    ('--who NAME', str, 'user of the page, whose password is asked for', REQUIRED),
-    ('--users FILE', Path, 'default checkweigher/users in $XDG_CONFIG_HOME or ~/.config'),
-    ('--log LOG', Path, 'audit log; default audit.log of the folder of the machine'),
+    ('--who NAME', str, 'user of the page who signs, and must type the password', REQUIRED),
+    USERS,
+    ('--log LOG', Path, 'audit log; default: audit.log in the folder of the machine'),
     NAMESPACE,
 )
 
@@ -91,7 +91,7 @@ def _login(path: Path, name: str, meaning: str) -> tuple['User', str]:
 
     user, least = read_users(path).get(name), least_role(meaning)
     if user is None or user.role < least:
-        raise UserError(f'{path}: no user {name} with the role {least.name.lower()}')
+        raise UserError(f'{path}: no user {name} with at least the role {least.name.lower()}')
     if sys.stdin.isatty():
         return user, getpass(f'Password of {name}, for the {meaning}: ')
     return user, sys.stdin.readline().rstrip('\r\n')

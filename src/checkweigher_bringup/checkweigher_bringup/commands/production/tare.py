@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_core.records import GRAMS
     from checkweigher_production.audit_chain import LOG_FILE
     from checkweigher_production.prepackages import TareControl
-    from checkweigher_production.recipes import read_recipes
+    from checkweigher_production.recipes import change_recipe, given_recipes, read_recipes
 
     path, name = arguments.recipes, arguments.product
     if (product := read_recipes(path).get(name)) is None:
@@ -41,7 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError('--masses: must be above 0, in g')
     control = TareControl(tuple(mass / GRAMS for mass in arguments.masses), product.nominal)
     accepts = arguments.accept and not control.refusal
-    text = _with_tare(path, name, control.mean) if accepts else ''
     value = {
         'masses': control.masses,
         'mean': control.mean,
@@ -57,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         f'deviation {GRAMS * control.std_dev:.3f} g; the tare was {GRAMS * product.tare:.3f} g'
     )
     if accepts:
-        _write(path, text)
+        change_recipe(path, name, given_recipes(path)[name] | {'tare': round(control.mean, 6)})
     print(
         f'NOT the tare: {control.refusal}'
         if control.refusal
@@ -66,31 +65,3 @@ def run(arguments: argparse.Namespace) -> int:
         else 'the mean may be the tare; --accept writes it'
     )
     return int(bool(control.refusal))
-
-
-def _with_tare(path: Path, name: str, tare: float) -> str:
-    """Return the text of a recipe file in which a product has another tare, rounded to 1 mg.
-
-    Raises `UserError` if this would also change another recipe, as with an anchor of YAML.
-    """
-    from dataclasses import replace
-
-    from checkweigher_core.settings_files import plain, read_settings
-    from checkweigher_core.yaml_files import with_value
-    from checkweigher_production.recipes import RecipeFile, read_recipes
-
-    old, tare = read_recipes(path), round(tare, 6)
-    text = with_value(path.read_text(encoding='utf-8'), ('products', name), 'tare', f'{tare:.6f}')
-    wanted = old | {name: replace(old[name], tare=tare)}
-    found = read_settings(text, RecipeFile).products
-    if repr(plain(found)) != repr(plain(wanted)):
-        raise UserError(f'{path}: the tare of {name} cannot be written alone; change it by hand')
-    return text
-
-
-def _write(path: Path, text: str) -> None:
-    import os
-
-    from checkweigher_core.state_files import replace_file
-
-    replace_file(Path(os.path.realpath(path)), [text.encode()], path.stat().st_mode & 0o777)
