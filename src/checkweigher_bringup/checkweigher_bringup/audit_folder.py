@@ -10,28 +10,26 @@ from pathlib import Path
 from typing import Any
 
 from checkweigher_core.changes import RECORD, REPORT, VERIFICATION
-from checkweigher_core.input_files import sha256_of
 from checkweigher_core.printable import one_line
 from checkweigher_production.audit_chain import LogChain, logs_in
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.audit_words import conclusion, steps_back
 from checkweigher_production.batch_record import SUFFIX, RecordError, record_path
-from checkweigher_recording.bags.definitions import BagError
-from checkweigher_recording.bags.results import mcap_digest
 from checkweigher_validation.batch.batch import read_record
-from checkweigher_validation.batch.signatures import foreign_keys
+from checkweigher_validation.batch.signatures import Signer, foreign_keys
+from checkweigher_validation.batch.signing import entry_signature_faults
+from checkweigher_validation.verification.kept_files import file_faults, verification_faults
 from checkweigher_validation.verification.plan import VERIFICATIONS
 
 BATCHES = 'batches'
 
 
 def faults_in(
-    folder: Path, chain: LogChain, keys: Mapping[str, str] | None = None
+    folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
     """Yield a text for each file of a machine that is missing, unknown or not as it was written.
 
-    `keys` contains the public signature keys of each user, separated by spaces, or is None if the
-    keys are not compared.
+    `keys` has the users by name, or is None if signatures are not compared with them.
     """
     entries = chain.entries
     if chain.fault:
@@ -41,17 +39,20 @@ def faults_in(
         if path.name not in known:
             yield f'{path.name}: no later log names it'
     yield from _batch_faults(folder / BATCHES, chain, keys)
+    yield from entry_signature_faults(entries, keys)
     for batch, files in _latest(entries, REPORT).items():
-        yield from _file_faults(folder / BATCHES, f'report on batch {one_line(batch)!r}', files)
+        yield from file_faults(folder / BATCHES, f'report on batch {one_line(batch)!r}', files)
     made = _latest(entries, VERIFICATION)
     for name, values in made.items():
-        yield from _verification_faults(folder / VERIFICATIONS / Path(name).name, values)
+        yield from verification_faults(folder / VERIFICATIONS / Path(name).name, values)
     for path in sorted((folder / VERIFICATIONS).glob('*/bag')):
         if path.parent.name not in made:
             yield f'verification {path.parent.name}: the audit log does not know it'
 
 
-def _batch_faults(folder: Path, chain: LogChain, keys: Mapping[str, str] | None) -> Iterator[str]:
+def _batch_faults(
+    folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None
+) -> Iterator[str]:
     """Yield the faults of the batch records, and the batches without a record."""
     for name in _latest(chain.entries, RECORD):
         with suppress(RecordError):
@@ -66,29 +67,6 @@ def _batch_faults(folder: Path, chain: LogChain, keys: Mapping[str, str] | None)
             faults = (str(error),)
         # `faults_in` has already yielded the fault of the log, so it is not repeated here.
         yield from (f'{path.name}: {one_line(each)}' for each in faults if each != chain.fault)
-
-
-def _verification_faults(folder: Path, values: Any) -> Iterator[str]:
-    what = f'verification {folder.name}'
-    if not isinstance(values, dict):
-        yield f'{what}: its entry in the audit log cannot be used'
-        return
-    try:
-        if mcap_digest(folder / 'bag') != values.get('bag'):
-            yield f'{what}: its bag is not as it was'
-    except BagError:
-        yield f'{what}: its bag is missing'
-    yield from _file_faults(folder, what, {n: v for n, v in values.items() if '.' in n})
-
-
-def _file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
-    """Yield the files, by name with their SHA-256 digests, that are missing or were changed."""
-    for name, digest in files.items() if isinstance(files, dict) else ():
-        path = folder / Path(name).name
-        if not path.is_file():
-            yield f'{what}: {path.name} is missing'
-        elif sha256_of(path) != digest:
-            yield f'{what}: {path.name} is not as it was'
 
 
 def summary(folder: Path, chain: LogChain) -> Iterator[str]:

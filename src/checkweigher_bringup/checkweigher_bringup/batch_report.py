@@ -3,7 +3,6 @@
 """Reports on batches, as text, HTML and JSON. The line writes a record of each batch."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 import hashlib
 import json
 import math
@@ -13,61 +12,59 @@ from checkweigher_bringup.errors import LineError
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import GRAMS, utc
 from checkweigher_core.whole_file import write_whole
-from checkweigher_production.audit_chain import LOG_FILE, read_chain
-from checkweigher_production.batch_record import read_events
-from checkweigher_validation.batch.batch import Batch, InLog, read_record
+from checkweigher_production.batch_record import SUFFIX, read_events
+from checkweigher_validation.batch.batch import Batch, InLog, read_recorded
 from checkweigher_validation.batch.figures import PartFigures, as_json
+from checkweigher_validation.batch.signatures import RELEASE, Signer
 
-_NO_LOG = 'there is no audit log to compare the record with; give it with --log'
+
+def signers_of(users: Path) -> dict[str, Signer]:
+    """Return the users in a file who may sign, by name."""
+    from checkweigher_web.access.users import least_role, read_users
+
+    return {
+        user.name: Signer(tuple(user.keys.split()), user.role >= least_role(RELEASE))
+        for user in read_users(users).values()
+    }
 
 
-def read_recorded(path: Path, log: Path | None = None) -> Batch:
-    """Read the record of a batch, and compare it with the audit log.
+def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
+    """Yield the verdicts on an item in a record, or in all records in a folder.
 
-    If `log` is None, the audit log is that of the machine whose folder contains the record. The
-    name of a log in the record is not used, because a forger could name a forged log. Raises
-    `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
+    Each verdict has the hash of its line. Raises `LineError` if there is none, or if a record with
+    one cannot be trusted.
     """
-    batch = read_record(path)
-    own = own_log(path)
-    if log is None and not own.is_file():
-        return replace(batch, faults=(*batch.faults, _NO_LOG))
-    return batch.with_log(read_chain(log or own), path.read_bytes())
+    records = sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
+    found, faults = 0, []
+    for record in records:
+        # Most records of a folder are not read in full.
+        if b'"item_id":%d,' % item not in record.read_bytes():
+            continue
+        batch = read_recorded(record, log)
+        verdicts = list(_verdicts(record, batch, item))
+        found += len(verdicts)
+        yield from verdicts
+        if verdicts and batch.faults:
+            faults.append(f'{record}: NOT trusted: {one_line(batch.faults[0])}')
+        elif verdicts:
+            yield f'  the record agrees with the audit log {one_line(batch.log)}'
+    if not found:
+        raise LineError(f'{source}: has no item {item}')
+    if faults:
+        raise LineError('; '.join(faults))
 
 
-def own_log(record: Path) -> Path:
-    """Return the path of the audit log of the machine whose folder contains a record."""
-    return record.resolve().parents[1] / LOG_FILE
-
-
-def keys_of(users: Path) -> dict[str, str]:
-    """Return the public keys of the users in a file, by name."""
-    from checkweigher_web.access.users import read_users
-
-    return {user.name: user.keys for user in read_users(users).values()}
-
-
-def item_lines(path: Path, log: Path | None, item: int) -> Iterator[str]:
-    """Yield the verdicts on an item in the record of a batch, each with the hash of its line.
-
-    Raises `LineError` if there are no verdicts, or if the record cannot be trusted.
-    """
-    batch = read_recorded(path, log)
-    lines, found = path.read_bytes().splitlines(), 0
-    for number, (kind, event) in enumerate(read_events(path), 1):
+def _verdicts(record: Path, batch: Batch, item: int) -> Iterator[str]:
+    """Yield the verdicts on an item in a record as lines of text."""
+    lines = record.read_bytes().splitlines()
+    for number, (kind, event) in enumerate(read_events(record), 1):
         if kind == 'verdict' and event.item_id == item:
-            found += 1
             mass = f'{GRAMS * event.mass:.3f} g' if math.isfinite(event.mass) else 'no mass'
             reasons = f' ({", ".join(event.reasons)})' if event.reasons else ''
             yield f'batch {one_line(batch.name)}, line {number}: item {item}: {mass} with packaging'
             time = utc(event.t3) if event.t3 else 'no time'
             yield f'  {event.decision.name}{one_line(reasons)}, {time}'
             yield f'  SHA-256 of the line: {hashlib.sha256(lines[number - 1]).hexdigest()}'
-    if not found:
-        raise LineError(f'{path}: has no item {item}')
-    if batch.faults:
-        raise LineError(f'{path}: NOT trusted: {one_line(batch.faults[0])}')
-    yield f'the record agrees with the audit log {one_line(batch.log)}'
 
 
 def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:

@@ -9,7 +9,7 @@ for a report. The node writes the SHA-256 of each report to the audit log of the
 import os
 from pathlib import Path
 
-from checkweigher_bringup.batch_report import read_recorded, write_report
+from checkweigher_bringup.batch_report import write_report
 from checkweigher_core.changes import REPORT
 from checkweigher_core.input_files import sha256_of
 from checkweigher_core.records import BatchResult
@@ -18,6 +18,7 @@ from checkweigher_core.ros.change_record import ChangeRecord
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.running import run
 from checkweigher_production.batch_record import read_lines
+from checkweigher_validation.batch.batch import read_recorded
 from checkweigher_validation.batch.figures import figures_of
 
 _POLL_PERIOD = 0.5  # s

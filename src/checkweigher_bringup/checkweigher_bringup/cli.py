@@ -37,7 +37,7 @@ _GROUPS = (
     ),
     ('recordings', 'recorded bags', ('weigh', 'replay', 'simulate', 'import_', 'keep', 'recover')),
     ('accuracy', 'accuracy', ('tune', 'evaluate', 'verify')),
-    ('production', 'production', ('batch', 'sign', 'performance', 'audit')),
+    ('production', 'production', ('batch', 'giveaway', 'tare', 'sign', 'performance', 'audit')),
 )
 COMMANDS = tuple(name.rstrip('_') for *_, names in _GROUPS for name in names)
 

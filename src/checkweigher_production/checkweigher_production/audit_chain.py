@@ -37,7 +37,7 @@ class LogChain:
     def identity(self) -> str:
         """Name of the latest log, with number and hash of its last entry."""
         path, found = self.logs[-1]
-        last = found.entries[-1].hash if found.entries else FIRST_PREVIOUS
+        last = _last_hash(found)
         return f'{path.name}, {len(found.entries)} entries, the last one has the hash {last}'
 
 
@@ -61,13 +61,13 @@ def read_chain(path: Path) -> LogChain:
         except AuditError as error:
             faults.append(f'the log before {newer.name} is missing: {error}')
             break
-        if str(named.get('hash')) not in _hashes(logs[0][1]):
-            faults.append(f'{older.name} is not the log that {newer.name} names')
+        if str(named.get('hash')) != _last_hash(logs[0][1]):
+            faults.append(f'{older.name} does not end with the entry that {newer.name} names')
     return LogChain(tuple(logs), '; '.join(faults))
 
 
-def _hashes(found: Verification) -> set[str]:
-    return {FIRST_PREVIOUS, *(entry.hash for entry in found.entries)}
+def _last_hash(found: Verification) -> str:
+    return found.entries[-1].hash if found.entries else FIRST_PREVIOUS
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
@@ -103,5 +103,5 @@ def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
     for other in logs_in(path.parent):
         with suppress(AuditError):
             entries = read_log(other).entries if other.name != path.name else ()
-            if entries and entries[-1].source == source:
+            if any(each.source == source for each in entries):
                 yield entries[-1].time, other.name, len(entries), entries[-1].hash

@@ -15,6 +15,7 @@ that is not as it was written then, or whose lines do not follow each other, is 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass
 import errno
 from functools import partial
@@ -293,6 +294,11 @@ class RecordWriter:
     def write(self, kind: str, values: object) -> None:
         """Append a line with a verdict, a stop request, feedback to the filler, or a mapping."""
         self._submit(self._append, line_of(kind, values))
+
+    def settle(self, patience: float) -> None:
+        """Wait until all earlier steps are done, but at most `patience` s, as on a full disk."""
+        with suppress(TimeoutError):
+            self._executor.submit(int).result(patience)
 
     def note(self) -> None:
         """Add the state of the record to `states`, to protect its lines even if power is lost."""

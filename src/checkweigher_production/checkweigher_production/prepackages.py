@@ -18,10 +18,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records import GRAMS
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # range of nominal quantities in kg
+_TARE_SAMPLE, _SMALL_TARE = 25, 0.05  # packages; tare relative to the nominal quantity
 _STEP = 1e-4  # step in kg to which a TNE in percent is rounded up.
 
 # Each row has the largest nominal quantity in kg, and two summands of the TNE: the first one is
@@ -124,3 +126,41 @@ def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
         tu1_passed=below_tu1 <= MAX_SHARE_BELOW_TU1 * len(batch) * (1 + ROUNDING),
         tu2_passed=below_tu2 == 0,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class TareControl:
+    """Sample of empty packages, whose mean may be the tare of all packages. Masses are in kg.
+
+    The rule is that of Portaria Inmetro 248 of 17 July 2008 (Brazil, also of Mercosur): the mean
+    of 25 packages is the tare if it is below 5 % of the nominal quantity, or if the standard
+    deviation is at most a quarter of the tolerable negative error.
+    """
+
+    masses: tuple[float, ...]
+    nominal: float
+
+    @property
+    def mean(self) -> float:
+        """Mean of the sample."""
+        return float(np.mean(self.masses))
+
+    @property
+    def std_dev(self) -> float:
+        """Standard deviation of the sample, NaN for one package."""
+        return float(np.std(self.masses, ddof=1)) if len(self.masses) > 1 else math.nan
+
+    @property
+    def refusal(self) -> str:
+        """Reason why the mean may not be the tare, or an empty text."""
+        if len(self.masses) < _TARE_SAMPLE:
+            return f'{len(self.masses)} empty packages, {_TARE_SAMPLE} are needed'
+        if self.mean < _SMALL_TARE * self.nominal:
+            return ''
+        allowed = tolerable_negative_error(self.nominal) / 4
+        if self.std_dev <= allowed * (1 + ROUNDING):
+            return ''
+        return (
+            f'the standard deviation, {GRAMS * self.std_dev:.3f} g, is above a quarter of the '
+            f'tolerable negative error, {GRAMS * allowed:.3f} g'
+        )

@@ -122,6 +122,9 @@ class Product(Settings):
     filler: FillerParameters | None = parameter(None, 'feedback to the filler')
     test: PerformancePlan | None = parameter(None, 'performance test')
     guard: Guard | None = parameter(None, 'guard band at the limits')
+    price: float = parameter(
+        math.nan, 'of the contents, per kg in any currency', minimum=0, maximum=1e9
+    )
     release_by: int = parameter(
         1, 'number of persons who must have signed when a batch is released', minimum=1, maximum=2
     )

@@ -16,8 +16,8 @@ import pytest
 from checkweigher_core.records import Decision, FillerFeedback, Verdict
 from checkweigher_core.settings_files import settings_of
 from checkweigher_dsp.rejection.batch_rules import BatchTally
-from checkweigher_production.audit_log import AuditLog
-from checkweigher_production.batch_record import read_events
+from checkweigher_production.audit_log import AuditLog, read_log
+from checkweigher_production.batch_record import RecordState, read_events
 from checkweigher_production.nodes.batch_recorder import LineBatches
 from checkweigher_production.recipes import Product
 from checkweigher_production.selection import FILE
@@ -32,8 +32,11 @@ Change = Callable[[Path, random.Random], object]
 
 
 @contextmanager
-def batches(folder: Path, log: AuditLog | None = None) -> Iterator[LineBatches]:
+def batches(
+    folder: Path, log: AuditLog | None = None, note: Callable[[RecordState], object] = str
+) -> Iterator[LineBatches]:
     made = LineBatches('', str(folder), lambda: 'noon', log)
+    made.open(note)
     yield made
     made.close()
 
@@ -130,9 +133,10 @@ def test_a_change_of_the_batch_that_was_interrupted_is_finished(copy: Path):
     with batches(copy) as line:
         assert (line.doubt, line.production.batch) == ('', 'L3')
     assert (copy / 'L2.jsonl').read_text().splitlines()[-1].startswith('{"kind":"end"')
-    with batches(copy) as line:
+    noted: list[RecordState] = []
+    with batches(copy, note=noted.append):
         pass
-    assert next((each.batch, each.event) for each in line.states()) == ('L2', 'ended')
+    assert (noted[0].batch, noted[0].event) == ('L2', 'ended')
     (copy / 'L3.jsonl').unlink()  # by somebody
     with batches(copy) as line:
         assert 'L3.jsonl: the batch was in progress, and its counts are lost' in line.doubt
@@ -236,3 +240,34 @@ def test_no_damage_to_a_file_is_taken_for_the_state_of_the_line(
             assert tally == known[-1] or change in ('cut', 'drop line'), before
         shutil.rmtree(copy)
     print(f'{count} changes, {went_on} after which the line went on, {broken} with a broken batch')
+
+
+def test_a_line_that_is_killed_as_soon_as_it_has_started_again_does_not_break_the_record(
+    copy: Path, tmp_path: Path
+):
+    def start(log: AuditLog, end: str) -> LineBatches:
+        line = LineBatches('', str(copy), lambda: 'noon', log)
+
+        def note(state: RecordState) -> None:
+            if state.event == 'continued':  # before any line is added
+                assert (copy / 'L2.jsonl').stat().st_size == state.size
+            log.append('noon', '/product', 'record', state.batch, None, state.value)
+
+        line.open(note)
+        if end == 'stopped':
+            line.close()
+            for state in line.states():
+                note(state)
+        else:  # killed: what is written stays, and the log gets no other entry
+            line._writer.settle(10.0)
+        return line
+
+    kept = []  # a line that was collected would close its record
+    for end in ('stopped', 'killed', 'stopped'):
+        with AuditLog(tmp_path / 'audit.log') as log:
+            kept.append(start(log, end))
+        assert kept[-1].broken == ''
+        assert kept[-1].selected is not None
+    entries = read_log(tmp_path / 'audit.log').entries
+    events = [each.new['event'] for each in entries if each.subject == 'L2']
+    assert events == ['continued', 'stopped', 'continued', 'continued', 'stopped']

@@ -5,11 +5,12 @@
 from pathlib import Path
 
 from browsers import errors_of, needs_browser, open_browser
-from persons import Person, new_line
+from persons import PASSWORD, Person, new_line
 from selenium.webdriver.common.by import By
 from served_page import get, get_text
 
 from checkweigher_production.audit_log import read_log
+from checkweigher_validation.batch.signatures import signatures_in
 
 RECIPE = {
     'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True,
@@ -53,6 +54,35 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         assert get_text(line.port, address) == report.read_text()
         assert get(line.port, address.replace('.html', '.json')).status == 200
         assert get(line.port, address.replace('.L%201%252F2', 'none')).status == 404
-        assert errors_of(browser) == []
         log = line.folder / 'audit.log'
         anna.until(lambda: any(each.kind == 'report' for each in read_log(log).entries))
+        anna.close()
+
+        def sign(what: str, meaning: str, password: str, result: str) -> str:
+            anna.open('Sign')
+            anna.choose(what)
+            anna.press(meaning)
+            anna.fill('Password', password)
+            anna.press('Sign')
+            said = anna.result(result)
+            anna.close()
+            return said
+
+        what = f'batch {BATCH}'
+        assert 'anna: the password is wrong' in sign(what, 'review', 'wrong', '✗')
+        assert 'a release needs a technician' in sign(what, 'release', PASSWORD, '✗')
+        assert 'batch L2 has not ended yet' in sign('batch L2', 'review', PASSWORD, '✗')
+        assert f'review of {what} signed by anna' in sign(what, 'review', PASSWORD, '✓')
+        # A signature does not end the session, and the next one is chosen by who has signed.
+        sign(f'{what} (review by anna)', 'approval', PASSWORD, '✓')
+        entries = read_log(log).entries
+        signed = signatures_in(entries, BATCH)
+        assert [(each.meaning, each.is_genuine) for each in signed] == [
+            ('review', True),
+            ('approval', True),
+        ]
+        assert {each.who for each in entries if each.kind == 'signature'} == {'anna'}
+        assert f'review of {what}: refused: anna: the password is wrong; nothing was signed' in (
+            line.noted('anna')
+        )
+        assert errors_of(browser) == []

@@ -9,9 +9,11 @@ import json
 from pathlib import Path
 
 from checkweigher_bringup.spinning import write_parameter_file
+from checkweigher_core.changes import CALIBRATION
 from checkweigher_core.printable import one_line
 from checkweigher_production.audit_log import AuditError, Entry, read_log
 from checkweigher_validation.archive.program import program_digest
+from checkweigher_validation.verification.procedure import digest_of
 
 NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
@@ -34,6 +36,8 @@ class Identity:
         self._audit = audit
         digests, entries = _read_audit(audit)
         self._known = dict[str, object](digests)
+        known = [each.new for each in entries if each.kind == CALIBRATION]
+        self._known['audit_log_calibration'] = digest_of(known[-1]) if known else None
         self._entries = len(entries)  # number of entries before the first step
         self._values: NodeValues = {}
 

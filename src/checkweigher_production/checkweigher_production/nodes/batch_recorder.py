@@ -25,6 +25,8 @@ from checkweigher_production.recipes import Product
 from checkweigher_production.selection import Selection, read_selection, write_selection
 from checkweigher_production.statistics import ProductionRecord
 
+_PATIENCE = 5.0  # longest time in s that a start waits for the disk
+
 
 class LineBatches:
     """Counts of the batches of a line, with a record of each batch in the folder `folder`.
@@ -58,6 +60,7 @@ class LineBatches:
         self.doubt = ''
         self._clock = clock
         self._log = log
+        self._note: Callable[[RecordState], object] | None = None
         self._filler: FillerController | None = None
         self._corrected = '', 0.0  # last product, and the last correction of its filler in kg
         self._folder = Path(folder)
@@ -93,8 +96,23 @@ class LineBatches:
             names = ', '.join(map(repr, self._open)) or 'none'
             self.doubt = f'{error}; begin a new batch, or one that has not ended: {names}'
             self.selected, self.production.batch = None, ''
-        else:
+
+    def open(self, note: Callable[[RecordState], object]) -> None:
+        """Begin to write to the records. `note` writes a state of a record to the audit log.
+
+        A line must not follow a stop before the log knows that the record continues. Otherwise a
+        kill would leave a line that looks as if it had been added while the line was off.
+        """
+        self._note = note
+        self._note_states()
+        if self._writer is not None and not self.doubt:
             self.use(self.selected.product if self.selected else None)
+
+    def _note_states(self) -> None:
+        if self._writer is not None and self._note is not None:
+            self._writer.settle(_PATIENCE)
+            for state in self.states():
+                self._note(state)
 
     def _batch_in_progress(self, first: str) -> str:
         """Return the only batch without an end or, if there is none, the batch `first`.
@@ -133,6 +151,7 @@ class LineBatches:
     def _reopen(self, writer: RecordWriter, batch: str) -> None:
         entries = self._log.entries if self._log else ()
         writer.resume(batch, self._clock(), states_in(entries, batch))
+        self._note_states()
 
     def _restore(self, path: Path) -> None:
         """Restore the counts from a record. Raises `RecordError` if the record is not valid."""

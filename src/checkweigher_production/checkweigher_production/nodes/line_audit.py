@@ -115,17 +115,18 @@ class LineAudit:
             self.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
         elif kind == changes.REPORT and self._has_record(subject):
             self.trail.state(kind, subject, value, Author(f'graph:{self._namespace}/{REPORTER}'))
-        elif kind == changes.SIGNATURE and self._has_record(subject):
-            self._note_claim(kind, subject, value, request)
-        elif kind == changes.VERIFICATION and len(subject) <= _LONGEST_NAME:
-            self._note_claim(kind, one_line(subject), value, request)
+        elif self._may_request(kind, subject, value):
+            by = self.claimed_by(ports.RECORD_CHANGE, request.who, request.reason)
+            self.trail.note(kind, subject, None, value, by)
         else:
             self._write_asked(kind, subject, value)
 
-    def _note_claim(self, kind: str, subject: str, value: Any, request: Any) -> None:
-        """Write an entry that a command requests, with the name that it claims."""
-        by = Author(f'{CLAIMED}{one_line(request.who)}', one_line(request.reason))
-        self.trail.note(kind, subject, None, value, by)
+    def _may_request(self, kind: str, subject: str, value: Any) -> bool:
+        """Return whether a command or the page may request an entry."""
+        if kind == changes.SIGNATURE and isinstance(value, dict) and 'batch' in value:
+            return self._has_record(subject)
+        own = changes.SIGNATURE, changes.VERIFICATION, changes.TARE
+        return kind in own and len(subject) <= _LONGEST_NAME
 
     def _write_asked(self, kind: str, subject: str, value: Any) -> None:
         known, maker, service = self._asked.get(kind, (None, '', ''))

@@ -94,6 +94,7 @@ class ProductNode(StageNode[ProductParameters]):
         line = LineParametersClient(self, _PATIENCE)
         self._audit = LineAudit(log, name, self._time, line, self._batches.has_record, self.warn)
         self._trail = self._audit.trail
+        self._batches.open(self._audit.write_state)
         self._files.callback(self._close_records)
         self._alarms = AlarmList(self._trail, self._stamp, self.output(ports.ALARMS).send)
         self._alarms.begin_run()

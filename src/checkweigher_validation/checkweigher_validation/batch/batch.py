@@ -18,7 +18,7 @@ from checkweigher_core.changes import ALARM, RECORD
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import GRAMS, Alarm, Decision, FillerFeedback, Verdict
 from checkweigher_production.alarms import alarm_of
-from checkweigher_production.audit_chain import LogChain
+from checkweigher_production.audit_chain import LOG_FILE, LogChain, read_chain
 from checkweigher_production.audit_log import FIRST_PREVIOUS, Entry
 from checkweigher_production.audit_words import software_in
 from checkweigher_production.batch_record import (
@@ -37,6 +37,7 @@ from checkweigher_validation.batch.counts import count_faults
 from checkweigher_validation.batch.signatures import Signature, signature_faults, signatures_in
 
 _UNKNOWN = 'the audit log does not know this batch'
+_NO_LOG = 'there is no audit log to compare the record with; give it with --log'
 _MOST_FAULTS = 3  # largest number of faults in the counts of a record that are reported
 
 
@@ -59,6 +60,7 @@ class BatchItem:
     decision: Decision
     reasons: tuple[str, ...]
     mass: float  # mass of the contents in kg, NaN if the item was not weighed
+    stamp: int | None = None  # time in ns
 
     def __post_init__(self) -> None:
         # The rules for batches and the reference test need the masses of all accepted items.
@@ -211,6 +213,25 @@ def read_record(path: Path) -> Batch:
     )
 
 
+def read_recorded(path: Path, log: Path | None = None) -> Batch:
+    """Read the record of a batch, and compare it with the audit log.
+
+    If `log` is None, the audit log is that of the machine whose folder has the record. The name of
+    a log in the record is not used, because a forger of the record would name a forged log. Raises
+    `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
+    """
+    batch = read_record(path)
+    own = own_log(path)
+    if log is None and not own.is_file():
+        return replace(batch, faults=(*batch.faults, _NO_LOG))
+    return batch.with_log(read_chain(log or own), path.read_bytes())
+
+
+def own_log(record: Path) -> Path:
+    """Return the path of the audit log of the machine whose folder has a record."""
+    return record.resolve().parents[1] / LOG_FILE
+
+
 def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterator[str]:
     """Yield the reasons why a record cannot be trusted that need no audit log."""
     if record_path(path.parent, batch).name != path.name:
@@ -219,7 +240,7 @@ def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterat
 
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:
-    return BatchItem(verdict.decision, verdict.reasons, verdict.mass - tare)
+    return BatchItem(verdict.decision, verdict.reasons, verdict.mass - tare, verdict.time)
 
 
 def _item_of_row(row: dict[str, str], tare: float) -> BatchItem:

@@ -1,16 +1,17 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Electronic signatures on the records of batches (21 CFR 11.50 and 11.70).
+"""Electronic signatures on batches and on entries of the audit log (21 CFR 11.50 and 11.70).
 
-A signature is an entry of the audit log. It contains the name of the person, the time, the meaning
-and the SHA-256 of the record, and is signed with an Ed25519 key that is derived from the password
-of the person. It is void for any other record, and for the same record after a change.
+A signature is an entry of the audit log. It contains the name of the person, the time, the meaning,
+and the SHA-256 of the record of a batch or of an entry such as a change of limits. It is signed
+with an Ed25519 key that is derived from the password of the person. It is void for any other record
+or entry, and for the same one after a change.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 import json
-from typing import Any
+from typing import Any, NamedTuple
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -24,19 +25,24 @@ MEANINGS = REVIEW, APPROVAL, RELEASE
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a person on the record of a batch."""
+    """Signature of a person on the record of a batch or on an entry of the audit log."""
 
-    batch: str
+    batch: str | None  # name of the batch, None if an entry was signed
     meaning: str  # one of MEANINGS
     who: str  # name of the person
     time: str  # ISO 8601, UTC
-    sha256: str  # SHA-256 of the record, hexadecimal
+    sha256: str  # SHA-256 of the record or of the entry, hexadecimal
     key: str  # Ed25519 public key, hexadecimal
     signature: str = ''  # Ed25519 signature of all other fields, hexadecimal
 
+    @property
+    def value(self) -> dict[str, str]:
+        """Value in the audit log. It has no batch if an entry was signed."""
+        return {name: text for name, text in asdict(self).items() if text is not None}
+
     def signed(self) -> bytes:
         """Return the bytes to be signed."""
-        return json.dumps(asdict(replace(self, signature='')), separators=(',', ':')).encode()
+        return json.dumps(replace(self, signature='').value, separators=(',', ':')).encode()
 
     @property
     def is_genuine(self) -> bool:
@@ -49,34 +55,50 @@ class Signature:
         return True
 
 
+class Signer(NamedTuple):
+    """User who may sign, as the users' file has it."""
+
+    keys: tuple[str, ...]  # Ed25519 public keys, hexadecimal
+    may_release: bool
+
+
 def public_hex(key: Ed25519PrivateKey) -> str:
     """Return the public key of a private key, hexadecimal."""
     return key.public_key().public_bytes_raw().hex()
 
 
 def sign(
-    key: Ed25519PrivateKey, batch: str, meaning: str, who: str, time: str, sha256: str
+    key: Ed25519PrivateKey, batch: str | None, meaning: str, who: str, time: str, sha256: str
 ) -> Signature:
-    """Return the signature of a person on the record of a batch."""
+    """Return the signature of a person on the record of a batch, or on an entry without a batch."""
     unsigned = Signature(batch, meaning, who, time, sha256, public_hex(key))
     return replace(unsigned, signature=key.sign(unsigned.signed()).hex())
 
 
 def signatures_in(entries: Sequence[Entry], batch: str) -> tuple[Signature, ...]:
     """Return the signatures on a batch in an audit log. Missing values are empty."""
-    return tuple(
-        _of(entry.new)
-        for entry in entries
-        if (entry.kind, entry.subject) == (SIGNATURE, batch) and isinstance(entry.new, dict)
-    )
+    own = [entry for entry in entries if entry.subject == batch]
+    return tuple(each for each in _signatures(own) if each.batch is not None)
 
 
-def _of(value: dict[str, Any]) -> Signature:
-    return Signature(**{each.name: str(value.get(each.name, '')) for each in fields(Signature)})
+def entry_signatures(entries: Sequence[Entry]) -> tuple[Signature, ...]:
+    """Return the signatures on entries of an audit log. Missing values are empty."""
+    return tuple(each for each in _signatures(entries) if each.batch is None)
+
+
+def _signatures(entries: Sequence[Entry]) -> Iterator[Signature]:
+    for entry in entries:
+        if entry.kind == SIGNATURE and isinstance(entry.new, dict):
+            values: dict[str, Any] = {
+                each.name: str(entry.new.get(each.name, '')) for each in fields(Signature)
+            }
+            if entry.new.get('batch') is None:
+                values['batch'] = None
+            yield Signature(**values)
 
 
 def signature_faults(
-    signatures: Sequence[Signature], batch: str, sha256: str, persons: int
+    signatures: Sequence[Signature], batch: str | None, sha256: str, persons: int
 ) -> Iterator[str]:
     """Yield a sentence for each signature that is void.
 
@@ -94,18 +116,21 @@ def signature_faults(
             yield what + lacks
 
 
-def foreign_keys(signatures: Sequence[Signature], keys: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence for each signature that was not made with the password of its person.
+def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer]) -> Iterator[str]:
+    """Yield a sentence for each signature that was not made by a user who may sign so.
 
-    `keys` contains the public keys of each user, separated by spaces.
+    `signers` are the users by name.
     """
     for number, each in enumerate(signatures, 1):
-        if each.key not in keys.get(each.who, '').split():
+        signer = signers.get(each.who)
+        if signer is None or each.key not in signer.keys:
             yield f'signature {number} was not made with a password of the user {each.who}'
+        elif each.meaning == RELEASE and not signer.may_release:
+            yield f'signature {number}: the user {each.who} may not release'
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why a batch with these signatures may not be released, or an empty text."""
+    """Return why what has these signatures may not be released, or an empty text."""
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
     return f'{persons} persons must have signed, but only {count} did' if count < persons else ''

@@ -23,7 +23,7 @@ limits.
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 import math
 from statistics import median
 
@@ -33,7 +33,7 @@ from checkweigher_core.records import GRAMS, ZeroChange
 from checkweigher_validation.accuracy.classes import AccuracyClass, Judgement, judge
 from checkweigher_validation.accuracy.errors import ConditionResult, coverage
 from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
-from checkweigher_validation.verification.procedure import AtRest, Attempt, Procedure
+from checkweigher_validation.verification.procedure import AtRest, Attempt, Procedure, digest_of
 from checkweigher_validation.verification.steps import StepKind, steps_of
 
 ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5  # limits of the zero in e
@@ -289,6 +289,9 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
         yield 'No audit log was read, so changes between the steps may be unknown.'
     yield from procedure.conflicts
     yield from _foreign_cell(procedure)
+    calibration = procedure.identity.get('audit_log_calibration')
+    if calibration not in (None, digest_of(asdict(procedure.load_cell))):
+        yield 'The stream has another calibration than the machine has by its audit log.'
     if procedure.changes is None:
         yield 'Parameters and audit log were not read again after the last step.'
     yield from procedure.changes or ()

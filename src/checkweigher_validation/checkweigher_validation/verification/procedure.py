@@ -4,6 +4,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -37,8 +38,10 @@ IDENTITY = (
     'audit_log',
     'audit_log_sha256',
     'audit_log_last_hash',
+    'audit_log_calibration',  # of the calibration in the log before the first step
     'how',
 )
+_NEWER = ('audit_log_calibration',)  # missing in bags of older versions
 OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
@@ -100,6 +103,12 @@ class Procedure:
     conflicts: tuple[str, ...] = ()
 
 
+def digest_of(values: object) -> str:
+    """Return the SHA-256 of plain values, hexadecimal, which is the same for equal values."""
+    text = json.dumps(values, sort_keys=True, separators=(',', ':'))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def read_procedure(path: Path) -> Procedure:
     """Read the bag of a verification.
 
@@ -115,7 +124,8 @@ def read_procedure(path: Path) -> Procedure:
     try:
         plan = read_plan(texts[StepState.PLAN])
         known = json.loads(texts[StepState.IDENTITY])
-        identity = {name: known[name] for name in IDENTITY}
+        identity = {name: known[name] for name in IDENTITY if name not in _NEWER}
+        identity |= {name: known.get(name) for name in _NEWER}
         changes = known.get('changes')
     except (KeyError, ValueError) as error:
         raise BagError(f'{path}: its plan or identity cannot be used: {error}') from None

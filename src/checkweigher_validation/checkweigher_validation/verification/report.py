@@ -20,7 +20,13 @@ import yaml
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.verification.evaluation import Result, minutes_after, outcome_of
 from checkweigher_validation.verification.plan import MINUTE, Plan
-from checkweigher_validation.verification.procedure import AtRest, Attempt, ItemPass, Procedure
+from checkweigher_validation.verification.procedure import (
+    AtRest,
+    Attempt,
+    ItemPass,
+    Procedure,
+    digest_of,
+)
 
 SCHEMA = 'checkweigher-verification/1'
 Values = dict[str, Any]
@@ -59,7 +65,7 @@ def report_of(procedure: Procedure) -> Values:
         'digests': {
             'bag': procedure.digest,
             'plan': _digest(procedure.plan_text),
-            'calibration': _digest(canonical(cell)),
+            'calibration': digest_of(cell),
             'parameters': identity['parameters_sha256'],
             'audit_log': identity['audit_log_sha256'],
             'program': identity['program_sha256'],
@@ -108,11 +114,6 @@ def _plan_values(plan: Plan) -> Values:
 def as_json(report: Mapping[str, Any]) -> str:
     """Return a report as the text of its JSON file."""
     return json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + '\n'
-
-
-def canonical(values: object) -> str:
-    """Return plain values as JSON. Equal values give equal texts, so that a digest can be used."""
-    return json.dumps(values, sort_keys=True, separators=(',', ':'))
 
 
 def _digest(text: str) -> str:

@@ -113,6 +113,16 @@ def test_the_page_shows_every_reading_and_needs_nothing_else(report: dict[str, A
     assert '@media print' in page
 
 
+def test_a_verification_over_midnight_shows_the_date_of_each_step():
+    hour = 3_600_000_000_000  # ns
+    late = [attempt_of('zero_1', reading=0.0, begin=START + n * hour) for n in (0, 4)]
+    for attempts, is_dated in ((late[:1], False), (late, True)):
+        page = render_verification(report_of(procedure_of(*attempts)))
+        assert ('<td>2026-05-28<br>20:26:40</td>' in page) is is_dated
+        assert ('<td>2026-05-29<br>00:26:40</td>' in page) is is_dated
+        assert 'name in print: A. Tester' in page
+
+
 def test_faults_between_the_steps_are_listed(report: dict[str, Any]):
     unknown, known = report['faults_between']
     assert list(unknown.values()) == [None, None, ['UnknownItem']]

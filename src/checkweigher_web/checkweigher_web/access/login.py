@@ -15,6 +15,7 @@ from rclpy.logging import get_logger
 
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
+from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import NOBODY, User, account_name, add_first_user
 
 _LARGEST = 4096  # maximum size of a form in bytes
@@ -103,7 +104,7 @@ class _Forms:
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
         name = account_name(given.get('name', ''))
         address = _address(request)
-        throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
+        throttle, keys = self._access.throttle, keys_of(name, address)
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
             # A browser may repeat refused attempts at any rate, and they must not fill the log.

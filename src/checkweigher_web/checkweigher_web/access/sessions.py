@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import secrets
 import time
 
-from checkweigher_web.access.users import User, UserFile
+from checkweigher_web.access.users import Role, User, UserFile
 
 ABSOLUTE = 12 * 3600.0  # maximum duration of a session in s
 
@@ -54,7 +54,7 @@ class Sessions:
         if session is None:
             return None
         late = now - session.used > self._idle or now - session.began > ABSOLUTE
-        if late or self._users.find(session.user.name) != session.user:
+        if late or _rights(self._users.find(session.user.name)) != _rights(session.user):
             self.end(identifier)
             return None
         if used:
@@ -64,3 +64,8 @@ class Sessions:
     def end(self, identifier: str) -> None:
         """End a session if it exists."""
         self._sessions.pop(identifier, None)
+
+
+def _rights(user: User | None) -> tuple[Role, str] | None:
+    """Return role and hash of the password. A signature changes only the keys of a user."""
+    return (user.role, user.hash) if user else None

@@ -10,6 +10,11 @@ _LONGEST = 300.0  # maximum waiting time in s
 _FORGOTTEN = 3600.0  # time in s after the last failure at which the count begins again
 
 
+def keys_of(account: str, address: str) -> tuple[str, str]:
+    """Return the keys of an attempt with an account from an address."""
+    return f'account {account}', f'address {address}'
+
+
 class Throttle:
     """Waiting times after successive failures.
 

@@ -11,6 +11,7 @@ import hashlib
 import os
 from pathlib import Path
 import re
+import time
 from typing import ClassVar
 import unicodedata
 
@@ -21,10 +22,12 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from checkweigher_core.parameters import SettingsError, parameter
 from checkweigher_core.printable import one_line
+from checkweigher_core.records import utc
 from checkweigher_core.settings_files import Settings, read_settings, settings_of, write_settings
 from checkweigher_core.state_files import changing, make_folder
 from checkweigher_core.whole_file import output_error
-from checkweigher_validation.batch.signatures import public_hex
+from checkweigher_validation.batch.signatures import RELEASE, Signature, public_hex
+from checkweigher_validation.batch.signing import Signable, SigningError
 
 SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
@@ -87,6 +90,28 @@ def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
             own = replace(users[user.name], keys=' '.join([*known, public]))
             write_users(path, users | {user.name: own})
     return key
+
+
+class WrongPasswordError(SigningError):
+    """Error for a password that is not that of the user."""
+
+
+def least_role(meaning: str) -> Role:
+    """Return the lowest role whose users may sign with a meaning."""
+    return Role.TECHNICIAN if meaning == RELEASE else Role.OPERATOR
+
+
+def sign_by(path: Path, user: User, password: str, what: Signable, meaning: str) -> Signature:
+    """Return the signature of a user of a file, who has given the password again.
+
+    Raises `SigningError` if the role or the password is not right, or others must sign before.
+    """
+    if user.role < least_role(meaning):
+        raise SigningError(f'{user.name}: a {meaning} needs a {least_role(meaning).name.lower()}')
+    if not user.has_password(password):
+        raise WrongPasswordError(f'{user.name}: the password is wrong; nothing was signed')
+    key = signing_key(path, user, password)
+    return what.signature(key, meaning, user.name, utc(time.time_ns()))
 
 
 def default_users() -> Path:

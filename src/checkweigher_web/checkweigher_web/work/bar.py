@@ -28,6 +28,7 @@ from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.performance import performance_test
 from checkweigher_web.work.reports import batch_reports
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
+from checkweigher_web.work.signing import sign_records
 from checkweigher_web.work.simulated_machine import operate
 from checkweigher_web.work.verification import VerificationGuide
 
@@ -205,6 +206,7 @@ _ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ),
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),
+    ('Sign', Role.OPERATOR, sign_records),
     ('Audit log', Role.OPERATOR, audit_log),
     ('Limits', Role.TECHNICIAN, _limits),
     ('Calibration', Role.TECHNICIAN, CalibrationDialog.open),

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dialogs that ask for confirmation of an action and show its outcome."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from functools import partial
 import re
@@ -12,8 +13,11 @@ from nicegui import ui
 from nicegui.element import Element
 
 from checkweigher_core.printable import one_line
+from checkweigher_validation.batch.signatures import Signature
+from checkweigher_validation.batch.signing import Signable, SigningError
 from checkweigher_web.access.guard import Access
-from checkweigher_web.access.users import Role
+from checkweigher_web.access.throttle import keys_of
+from checkweigher_web.access.users import Role, WrongPasswordError, sign_by
 from checkweigher_web.lane import Deed, Lane
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
@@ -69,6 +73,27 @@ class Desk:
         if outcome.done:
             self.lane.take(Deed(time.time_ns(), person.name, what))
         return outcome
+
+    async def sign(self, what: Signable, meaning: str, password: str) -> Signature:
+        """Return the signature of the user, who has given the password again.
+
+        Raises `ActionRefusedError` if the user may not sign. Wrong passwords wait as at the login.
+        """
+        session, throttle = self._access.session_of(self._client), self._access.throttle
+        if session is None:
+            raise ActionRefusedError('this needs a login')
+        user, keys = session.user, keys_of(session.user.name, session.address)
+        if wait := throttle.wait(*keys):
+            raise ActionRefusedError(f'too many failed attempts: try again in {wait + 1:.0f} s')
+        arguments = self._access.users.path, user, password, what, meaning
+        try:
+            made = await asyncio.to_thread(sign_by, *arguments)
+        except SigningError as error:
+            if isinstance(error, WrongPasswordError):
+                throttle.fail(*keys)
+            raise ActionRefusedError(str(error)) from None
+        throttle.forget(*keys)
+        return made
 
 
 class Dialog:

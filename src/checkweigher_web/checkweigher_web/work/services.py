@@ -3,7 +3,7 @@
 """Clients of the services of a lane, with audit log entries for the users who call them."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
 
-from checkweigher_core.changes import PERSON
+from checkweigher_core.changes import PERSON, SIGNATURE
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import PerformanceTest, ProductOnLine, VerificationProgress
 from checkweigher_core.ros import ports
@@ -194,6 +194,13 @@ class LaneServices(PortNode):
                 outcome.done, f'{outcome.text}; its end is not in the audit log: {error}'
             )
         return outcome
+
+    async def write_signature(self, subject: str, value: Mapping[str, str]) -> None:
+        """Write a signature of the user who performs the running action to the audit log."""
+        if (acting := ACTING.get()) is not None:
+            await self._note(acting, services=[ports.RECORD_CHANGE])
+        text = json.dumps(dict(value))
+        await self.call(ports.RECORD_CHANGE, kind=SIGNATURE, subject=subject, new_value=text)
 
     async def _note(
         self, acting: tuple[Person, str], text: str | None = None, services: Sequence[str] = ()

@@ -1,3 +1,29 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
 """Commands for batches, performance tests, and the audit log."""
+
+from pathlib import Path
+from typing import Any
+
+
+def write_claim(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
+    """Write an entry to an audit log, by the line if the line has it open.
+
+    The person `who` is written as a claim. Raises `AuditError` or `UserError` if that fails.
+    """
+    import time
+
+    from checkweigher_core.records import utc
+    from checkweigher_production.audit_log import AuditLog, LogInUseError
+    from checkweigher_production.audit_trail import CLAIMED
+
+    try:
+        with AuditLog(log) as opened:
+            now = utc(time.time_ns())
+            opened.append(now, 'checkweigher', kind, subject, None, value, f'{CLAIMED}{who}')
+    except LogInUseError:
+        from checkweigher_bringup.commissioning.service_call import node_that_verifies, write_to_log
+        from checkweigher_bringup.settings import check_namespace
+
+        with node_that_verifies(check_namespace(lane)) as node:
+            write_to_log(node, kind, subject, value, who)

@@ -82,12 +82,12 @@ def _check_log(arguments: argparse.Namespace) -> int:
 def _check_folder(arguments: argparse.Namespace) -> int:
     """Print the faults in the folder of a machine. Return 1 if there is a fault, otherwise 0."""
     from checkweigher_bringup.audit_folder import faults_in, summary
-    from checkweigher_bringup.batch_report import keys_of
+    from checkweigher_bringup.batch_report import signers_of
     from checkweigher_production.audit_chain import LOG_FILE, read_chain
     from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
 
     folder = arguments.all
-    keys = keys_of(arguments.users) if arguments.users else None
+    keys = signers_of(arguments.users) if arguments.users else None
     for last in (False, True):
         chain = read_chain(folder / LOG_FILE)
         faults = list(faults_in(folder, chain, keys))

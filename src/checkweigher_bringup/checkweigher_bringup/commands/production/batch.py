@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from checkweigher_production.recipes import Product
     from checkweigher_validation.batch.batch import Batch
 
-_SOURCE = 'record of a batch (.jsonl), CSV file of weigh or replay, or bag'
+_SOURCE = (
+    'record of a batch (.jsonl), CSV file of weigh or replay, or bag; with --item also a folder of '
+    'records'
+)
 _PLANS = (
     'sampling plan of the reference test: double sampling of 76/211/EEC (30, 50 or 80 items, and '
     'perhaps as many again), or single sampling of OIML R 87 (50, 80 or 125 items); default double'
@@ -30,7 +33,7 @@ OPTIONS = (
         {'dest': 'log'},
     ),
     ('--users FILE', Path, 'file of the users whose keys the signatures must have'),
-    ('--item N', int, 'only show the verdicts on item N in the record'),
+    ('--item N', int, 'only show the verdicts on item N in the record or in the folder'),
     ('--seed S', int, 'seed of the samples of the reference test; default 1', 1),
     ('--sampling', ('double', 'single'), _PLANS, 'double'),
     'product of a CSV file or bag',
@@ -84,9 +87,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _read(arguments: argparse.Namespace) -> 'Batch':
     from dataclasses import replace
 
-    from checkweigher_bringup.batch_report import keys_of, read_recorded
+    from checkweigher_bringup.batch_report import signers_of
     from checkweigher_bringup.settings import refuse
-    from checkweigher_validation.batch.batch import read_csv
+    from checkweigher_validation.batch.batch import read_csv, read_recorded
     from checkweigher_validation.batch.signatures import foreign_keys
 
     if arguments.source.suffix == '.jsonl':
@@ -95,7 +98,7 @@ def _read(arguments: argparse.Namespace) -> 'Batch':
         batch = read_recorded(arguments.source, arguments.log)
         if arguments.users is None:
             return batch
-        faults = foreign_keys(batch.signatures, keys_of(arguments.users))
+        faults = foreign_keys(batch.signatures, signers_of(arguments.users))
         return replace(batch, faults=(*batch.faults, *faults))
     refuse(arguments, 'only with a record of a batch', 'log', 'users', 'item')
     product = _product(arguments)

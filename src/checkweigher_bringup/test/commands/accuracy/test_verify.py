@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verifications of simulated machines from recorded steps, one of which passes and one fails."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import hashlib
 import json
 from pathlib import Path
@@ -60,6 +60,8 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
     bags = record_steps(tmp_path / 'steps', FEW)
     log = tmp_path / 'audit.log'
     with AuditLog(log) as audit:
+        cell = asdict(read_bag(bags[0]).load_cell) | {'zero_counts': 1.0}
+        audit.append('2026-05-28T19:00:00', '/driver', 'calibration', 'info', None, cell)
         last = audit.append('2026-05-28T20:00:00', '/reject', 'parameter', 'max_speed', 3.0, 2.0)
     status, report = verify(plan, bags, tmp_path / 'out', '--audit', log)
     # Each step has passed, but with few weighings, and no zeroing was recorded.
@@ -68,6 +70,10 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
     assert any('had no zeroing before it' in each for each in report['departures'])
     assert (
         'The samples are from simulated S-1, but the plan has load cell LC-1 and amplifier AD-1.'
+        in (report['departures'])
+    )
+    assert (
+        'The stream has another calibration than the machine has by its audit log.'
         in (report['departures'])
     )
     assert not any('mass' in each for each in report['departures'])

@@ -94,3 +94,15 @@ def test_what_is_no_batch_is_one_line_and_status_2(tmp_path: Path):
         ((record, '--nominal', 100), '--nominal: not with a record of a batch'),
     ):
         assert complaint in refused('batch', *arguments)
+
+
+def test_giveaway_of_a_folder_of_records_is_in_kg_and_money(tmp_path: Path):
+    record, _ = write_machine(tmp_path / 'machine')
+    done = run_here('giveaway', record.parent, '--by', 'month', '--price', 2)
+    assert (done.returncode, done.stderr) == (0, '')
+    row = done.stdout.splitlines()[1].split()
+    assert row == ['1970-01', 'tins', '2', '0.200', '+0.000', '0.00']
+    record.write_bytes(record.read_bytes().replace(b'"mass":0.1,', b'"mass":0.2,'))
+    done = run_here('giveaway', record)
+    assert (done.returncode, 'NOT trusted' in done.stderr) == (1, True)
+    assert 'must be times such as' in refused('giveaway', record, '--by', 'shift', '--shifts', 'x')

@@ -16,8 +16,16 @@ from running import ROOT
 
 from checkweigher_production.audit_log import AuditLog, head_path, read_log
 from checkweigher_recording.bags.results import mcap_digest
-from checkweigher_validation.batch.signatures import signatures_in
-from checkweigher_web.access.users import Role, User, hash_password, write_users
+from checkweigher_validation.batch.signatures import entry_signatures, signatures_in
+from checkweigher_validation.batch.signing import signable_batch
+from checkweigher_web.access.users import (
+    Role,
+    User,
+    hash_password,
+    read_users,
+    signing_key,
+    write_users,
+)
 
 PASSWORDS = {'anna': 'correct horse', 'ben': 'battery staple', 'eve': 'one two three'}
 
@@ -41,6 +49,7 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         done = sign(record, who, meaning, folder / 'users', password or PASSWORDS[who])
         assert (done.returncode, said in done.stdout + done.stderr) == (status, True), done.stderr
     write_verification(folder / 'machine')
+    sign_entries(folder)
     return folder
 
 
@@ -59,15 +68,35 @@ def write_verification(machine: Path) -> None:
         log.append('2026-05-28T09:00:00', '/product', 'verification', 'v1', None, value)
 
 
+def sign_entries(folder: Path) -> None:
+    """Sign the verification, and a recipe that two persons must release."""
+    machine, users = folder / 'machine', folder / 'users'
+    with AuditLog(machine / 'audit.log') as log:
+        for number, persons in enumerate((2, 1)):  # nobody can lower the number alone
+            time, recipe = f'2026-05-28T10:00:0{number}', {'release_by': persons, 'tare': number}
+            last = log.append(time, '/product', 'recipe', 'tins', None, recipe)
+    change = '--entry', last.sequence
+    for what, who, meaning, status, said in (
+        ((machine / 'verifications/v1',), 'ben', 'approval', 0, 'verification v1: passed, 2026'),
+        ((machine / 'audit.log', *change), 'anna', 'release', 1, '2 persons must have signed'),
+        ((machine / 'audit.log', *change), 'ben', 'review', 0, 'review of recipe tins: - -> 2 v'),
+        ((machine / 'audit.log', *change), 'anna', 'release', 0, 'release of recipe tins'),
+        ((machine / 'audit.log', '--entry', 1), 'ben', 'review', 1, 'is no change of limits'),
+    ):
+        done = sign(what, who, meaning, users, PASSWORDS[who])
+        assert (done.returncode, said in done.stdout + done.stderr) == (status, True), done.stderr
+
+
 @pytest.fixture(name='folder')
 def _folder(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / 'copy'))
 
 
 def sign(
-    record: Path, who: str, meaning: str, users: Path, password: str
+    what: Path | tuple[object, ...], who: str, meaning: str, users: Path, password: str
 ) -> subprocess.CompletedProcess[str]:
-    words = ('sign', record, '--meaning', meaning, '--who', who, '--users', users)
+    given = what if isinstance(what, tuple) else (what,)
+    words = ('sign', *given, '--meaning', meaning, '--who', who, '--users', users)
     command = [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)]
     return subprocess.run(command, input=f'{password}\n', capture_output=True, text=True, cwd=ROOT)
 
@@ -100,20 +129,31 @@ def test_a_number_that_was_printed_is_shown_again_from_the_record(folder: Path):
     assert done.returncode == 0, done.stderr
     assert 'line 4: item 2: 100.000 g with packaging\n  ACCEPT, 1970-01-01' in done.stdout
     assert run_here('batch', record, '--item', 3).returncode == 1
+    in_folder = run_here('batch', record.parent, '--item', 2)
+    assert (in_folder.returncode, in_folder.stdout) == (0, done.stdout)
+    assert 'has no item 3' in run_here('batch', record.parent, '--item', 3).stderr
     record.write_bytes(record.read_bytes().replace(b'"mass":0.1,', b'"mass":0.2,'))
     done = run_here('batch', record, '--item', 2)
     assert (done.returncode, '200.000 g' in done.stdout) == (1, True)
     assert 'NOT trusted' in done.stderr
 
 
-def forge_signature(folder: Path, **values: str) -> None:
+def forge_signature(folder: Path, **values: str | None) -> None:
     """Add a copy of the last signature with other values to the audit log."""
     with AuditLog(folder / 'machine/audit.log') as log:
-        last = signatures_in(log.entries, 'L1')[-1]
-        batch = values.get('batch', 'L1')
-        forged = replace(last, **values)
-        value = {name: getattr(forged, name) for name in forged.__slots__}
-        log.append('2026-05-28T08:00:00', 'sign', 'signature', batch, None, value, 'claimed:x')
+        forged = replace(signatures_in(log.entries, 'L1')[-1], **values)
+        subject = forged.batch or 'entry 1'
+        log.append(
+            '2026-05-28T08:00:00', 'x', 'signature', subject, None, forged.value, 'claimed:x'
+        )
+
+
+def move_to_another_entry(folder: Path) -> None:
+    """Copy the release of the recipe to the entry of the verification."""
+    entries = read_log(folder / 'machine/audit.log').entries
+    (made,) = (each for each in entries if each.kind == 'verification')
+    release = entry_signatures(entries)[-1]
+    forge_signature(folder, **release.value | {'batch': None, 'sha256': made.hash})
 
 
 def sign_as_anna_without_her_password(folder: Path) -> None:
@@ -122,6 +162,15 @@ def sign_as_anna_without_her_password(folder: Path) -> None:
     write_users(users, {'anna': User('anna', Role.TECHNICIAN, hashed)})
     record = folder / 'machine/batches/L1.jsonl'
     assert sign(record, 'anna', 'approval', users, 'my own password').returncode == 0
+
+
+def release_as_ben(folder: Path) -> None:
+    """Release the batch as an operator, by the functions of the command without its checks."""
+    users, what = folder / 'users', signable_batch(folder / 'machine/batches/L1.jsonl')
+    key = signing_key(users, read_users(users)['ben'], PASSWORDS['ben'])
+    made = what.signature(key, 'release', 'ben', '2026-05-28T08:00:00')
+    with AuditLog(folder / 'machine/audit.log') as log:
+        log.append('2026-05-28T08:00:00', 'x', 'signature', 'L1', None, made.value, 'x')
 
 
 def edit(name: str, old: bytes, new: bytes, folder: Path) -> None:
@@ -170,6 +219,18 @@ FORGERIES = {
         lambda f: forge_signature(f, who='ben'),
         'L1.jsonl: signature 3 (release by ben) is void: it was not made with its key',
     ),
+    'moved to an entry': (
+        move_to_another_entry,
+        'signature 2 (release by anna) is void: it was not made with its key',
+    ),
+    'entry that is not there': (
+        lambda f: forge_signature(f, batch=None, sha256=64 * '0'),
+        'the release by anna is void: the audit log does not have the entry that was signed',
+    ),
+    'release by an operator': (
+        release_as_ben,
+        'signature 3: the user ben may not release',
+    ),
     'own password': (
         sign_as_anna_without_her_password,
         'L1.jsonl: signature 3 was not made with a password of the user anna',
@@ -182,7 +243,7 @@ def test_what_was_forged_in_a_folder_is_told(folder: Path, name: str):
     forge, said = FORGERIES[name]
     forge(folder)
     status, told = check(folder)
-    assert (status, f'FAULT: {said}' in told) == (1, True), told
+    assert (status, 'FAULT: ' in told, said in told) == (1, True, True), told
 
 
 def test_a_folder_without_its_log_or_with_a_spare_one_is_told(folder: Path):

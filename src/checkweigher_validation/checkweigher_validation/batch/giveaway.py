@@ -1,0 +1,80 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Giveaway of accepted items in kg and in money, by shift, day or month of the local time."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, time, timedelta
+import math
+
+from checkweigher_core.records import NANOSECONDS, Decision
+from checkweigher_validation.batch.batch import Batch
+
+Period = Callable[[int], str]  # name of the period of a time in ns
+
+
+@dataclass(frozen=True, slots=True)
+class Giveaway:
+    """Giveaway of one product in one period. Masses are in kg."""
+
+    period: str
+    product: str
+    items: int  # number of accepted items
+    nominal: float  # sum of the nominal weights
+    surplus: float  # sum of the contents minus `nominal`
+    price: float  # per kg, NaN if unknown
+
+    @property
+    def money(self) -> float:
+        """Price of the surplus, NaN if unknown."""
+        return self.price * self.surplus
+
+
+def local_time(stamp: int) -> datetime:
+    """Return a time in ns as local time of the computer, also after a change to summer time."""
+    return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone()
+
+
+def day(stamp: int) -> str:
+    """Return the day of a time in ns."""
+    return local_time(stamp).date().isoformat()
+
+
+def month(stamp: int) -> str:
+    """Return the month of a time in ns."""
+    return day(stamp)[:7]
+
+
+def shift(stamp: int, begins: Sequence[time]) -> str:
+    """Return day and time at which the shift of a time in ns began."""
+    moment = local_time(stamp)
+    before = [each for each in begins if each <= moment.time()]
+    began = moment.date() if before else moment.date() - timedelta(1)
+    return f'{began} {max(before or begins):%H:%M}'
+
+
+def giveaway(batches: Iterable[Batch], period: Period, price: float = math.nan) -> list[Giveaway]:
+    """Return the giveaway in each period, by product.
+
+    `price` is the price per kg of all products, or NaN to use those of the recipes.
+    """
+    found: dict[tuple[str, str, float], list[tuple[float, float]]] = {}
+    for batch in batches:
+        for part in batch.parts:
+            nominal, own = part.product.nominal, part.product.price
+            for item in part.items:
+                if item.decision is Decision.ACCEPT and math.isfinite(nominal):
+                    when = period(item.stamp) if item.stamp else 'no time'
+                    key = when, part.product.name, own if math.isnan(price) else price
+                    found.setdefault(key, []).append((nominal, item.mass - nominal))
+    return [
+        Giveaway(
+            when,
+            name,
+            len(items),
+            nominal=math.fsum(each for each, _ in items),
+            surplus=math.fsum(each for _, each in items),
+            price=own,
+        )
+        for (when, name, own), items in sorted(found.items(), key=lambda each: each[0][:2])
+    ]

@@ -1,0 +1,35 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Comparison of the files of a verification with the audit log."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from checkweigher_core.input_files import sha256_of
+from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.results import mcap_digest
+
+
+def verification_faults(folder: Path, values: Any) -> Iterator[str]:
+    """Yield what differs in the folder of a verification from its entry in the audit log."""
+    what = f'verification {folder.name}'
+    if not isinstance(values, dict):
+        yield f'{what}: its entry in the audit log cannot be used'
+        return
+    try:
+        if mcap_digest(folder / 'bag') != values.get('bag'):
+            yield f'{what}: its bag is not as it was'
+    except BagError:
+        yield f'{what}: its bag is missing'
+    yield from file_faults(folder, what, {n: v for n, v in values.items() if '.' in n})
+
+
+def file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
+    """Yield the files, by name with their SHA-256 digests, that are missing or were changed."""
+    for name, digest in files.items() if isinstance(files, dict) else ():
+        path = folder / Path(name).name
+        if not path.is_file():
+            yield f'{what}: {path.name} is missing'
+        elif sha256_of(path) != digest:
+            yield f'{what}: {path.name} is not as it was'

@@ -1,0 +1,94 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Dialog in which a user signs batches, verifications and changes of limits."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from urllib.parse import unquote
+
+from nicegui import ui
+
+from checkweigher_production.audit_chain import read_chain
+from checkweigher_production.batch_record import SUFFIX
+from checkweigher_validation.batch.signatures import MEANINGS, Signature, signatures_in
+from checkweigher_validation.batch.signing import (
+    Signable,
+    signable_batch,
+    signable_entries,
+    signable_entry,
+)
+from checkweigher_web.work import actions
+from checkweigher_web.work.dialogs import Action, Desk, ask
+from checkweigher_web.work.services import ActionRefusedError, LaneServices
+
+_TEXT = (
+    'You sign with your name and the time. The signature is void if one byte of what was signed '
+    'changes. A release needs a technician and, if the recipe asks for two persons, the signature '
+    'of another person before.'
+)
+_MANY = 20  # maximum number of batches, and of entries of the audit log, in the choice
+Find = Callable[[], Signable]
+
+
+async def sign_records(desk: Desk, services: LaneServices) -> None:
+    """Ask what the user signs, with which meaning, and for the password."""
+    log, folder = await actions.audit_log(services), await actions.batch_folder(services)
+    known = await asyncio.to_thread(_choices, log, folder)
+
+    def choice() -> ui.select:
+        return ui.select(list(known), label='What').props('outlined dense')
+
+    def meanings() -> ui.toggle:
+        return ui.toggle(list(MEANINGS)).props('no-caps')
+
+    def password() -> ui.input:
+        return ui.input('Password', password=True).props('outlined dense autocomplete=off')
+
+    def plan(what: ui.select, meaning: ui.toggle, password: ui.input) -> tuple[str, Action]:
+        if what.value not in known or meaning.value is None:
+            raise ActionRefusedError('choose what you sign, and what the signature means')
+        title, find = known[what.value]
+        given = str(password.value or '')
+        act = partial(_sign, desk, services, find, meaning.value, given)
+        return f'{meaning.value} of {title}', act
+
+    ask(desk, 'Sign', _TEXT, 'Sign', plan, choice, meanings, password)
+
+
+async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, password: str) -> str:
+    """Sign and return a text on the signature."""
+    try:
+        what = await asyncio.to_thread(find)
+    except (OSError, ValueError) as error:
+        raise ActionRefusedError(str(error)) from None
+    made = await desk.sign(what, meaning, password)
+    await services.write_signature(what.subject, made.value)
+    return f'{meaning} of {what.title} signed by {made.who}, {made.time}'
+
+
+def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
+    """Return title and reader of what may be signed, the latest first, by a text with the signers.
+
+    Whether a batch has ended is checked when it is signed.
+    """
+    entries = read_chain(log).entries
+    records = sorted(folder.glob(f'*{SUFFIX}'), key=lambda each: -each.stat().st_mtime_ns)
+    found: dict[str, tuple[str, Find]] = {}
+    for record in records[:_MANY]:
+        name = unquote(record.stem)
+        signed = _signed(signatures_in(entries, name))
+        found[f'batch {name}{signed}'] = f'batch {name}', partial(signable_batch, record, log)
+    for each in signable_entries(entries)[: -_MANY - 1 : -1]:
+        found[f'{each.title}{_signed(each.signatures)}'] = (
+            each.title,
+            partial(signable_entry, log, each.sha256),
+        )
+    return found
+
+
+def _signed(signatures: Sequence[Signature]) -> str:
+    """Return who has signed as text, which may be empty."""
+    names = ', '.join(f'{each.meaning} by {each.who}' for each in signatures)
+    return f' ({names})' if names else ''
