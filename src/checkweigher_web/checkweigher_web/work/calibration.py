@@ -4,6 +4,7 @@
 
 from functools import partial
 import re
+from typing import Any
 
 from nicegui import ui
 
@@ -27,7 +28,7 @@ class CalibrationDialog(Guide):
     """Dialog of a static calibration. The driver keeps the readings."""
 
     title = 'Calibration'
-    needs = ports.CALIBRATE_ZERO
+    needs = ports.FINISH_CALIBRATION
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
         super().__init__(desk, services)
@@ -40,7 +41,7 @@ class CalibrationDialog(Guide):
             self._largest = field('Largest residual (empty for any)', unit='g')
             self.reason = reason_field(desk)
             ui.timer(_PERIOD, self._show)
-        self.button('Read empty belt', partial(self._take, 'empty belt', ports.CALIBRATE_ZERO))
+        self.button('Read empty belt', partial(self._take, 'empty belt'))
         self.button('Read mass', self._read_mass)
         cancel = partial(services.message, ports.CANCEL_CALIBRATION)
         what = 'forget what was read for a calibration'
@@ -54,11 +55,11 @@ class CalibrationDialog(Guide):
     async def _read_mass(self) -> None:
         mass, uncertainty = number_in(self._mass), number_in(self._uncertainty, empty=0.0)
         values = {'mass': mass / GRAMS, 'mass_uncertainty': uncertainty / GRAMS}
-        await self._take(f'{mass:g} g', ports.CALIBRATE_SPAN, **values)
+        await self._take(f'{mass:g} g', **values)
 
-    async def _take(self, load: str, service: str, **values: float) -> None:
+    async def _take(self, load: str, **values: Any) -> None:
         async def read() -> str:
-            text = await self.services.message(service, **values)
+            text = str((await self.services.do(ports.READ_LOAD, **values)).message)
             note(self.services.readings, load, text)
             return text
 

@@ -8,7 +8,7 @@ import re
 import time
 from typing import ClassVar
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 from nicegui.element import Element
 
 from checkweigher_core.printable import one_line
@@ -139,8 +139,13 @@ class Guide(Dialog):
         """Perform an action with the reason in the field, and return whether it was done."""
         reason = str(self.reason.value or '')
         outcome = await self.desk.perform(Role.TECHNICIAN, what, action, reason)
-        self.tell(outcome)
+        if not self.body.is_deleted:  # The user may have closed the dialog.
+            self.tell(outcome)
         return outcome.done
+
+    def begin(self, what: str, action: Action) -> None:
+        """Begin an action that takes minutes, and that continues when the dialog is closed."""
+        background_tasks.create(self.perform(what, action))
 
 
 def reason_field(desk: Desk) -> ui.input:

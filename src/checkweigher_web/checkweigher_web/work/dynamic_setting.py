@@ -35,7 +35,7 @@ class DynamicSettingGuide(Guide):
     """Dialog of the dynamic setting, which continues when the dialog is closed."""
 
     title = 'Dynamic setting'
-    needs = ports.RECORD_PASSES
+    needs = ports.SHOW_TUNED
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
         super().__init__(desk, services)
@@ -99,19 +99,18 @@ class DynamicSettingGuide(Guide):
             raise ActionRefusedError(f'Passes: {passes:g} is not a number of passes')
 
         async def record() -> str:
-            answer = await self.services.call(
-                ports.RECORD_PASSES, mass=mass / GRAMS, passes=int(passes)
+            values = {'mass': mass / GRAMS, 'passes': int(passes)}
+            return str(
+                (await self.services.do(ports.RECORD_PASSES, may_end=True, **values)).message
             )
-            return f'let the product pass; recorded as {Path(answer.bag).name}'
 
-        await self.perform(f'record {passes:g} passes of {mass:g} g', record)
+        self.begin(f'record {passes:g} passes of {mass:g} g', record)
 
     async def _train(self) -> None:
         async def train() -> str:
-            await self.services.call(ports.TUNE_PASSES)
-            return 'training has begun'
+            return str((await self.services.do(ports.TUNE_PASSES)).message)
 
-        await self.perform('train on the recorded passes', train)
+        self.begin('train on the recorded passes', train)
 
     async def _end(self) -> None:
         seen = self._said

@@ -47,7 +47,7 @@ class VerificationGuide(Guide):
     """Dialog of a verification, which continues when the dialog is closed."""
 
     title = 'Verification'
-    needs = ports.BEGIN_VERIFICATION
+    needs = ports.ANSWER_VERIFICATION
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
         super().__init__(desk, services)
@@ -76,9 +76,9 @@ class VerificationGuide(Guide):
             self.reason = field('Reason (needed to skip a step)')
             ui.timer(_PERIOD, self._update)
         self._begin = self.button('Begin', self._do_begin)
-        self._break = self.service_button(
-            'Break off', 'break off verification', ports.CANCEL_VERIFICATION
-        )
+        end = partial(services.cancel, ports.RUN_VERIFICATION)
+        what = 'break off verification'
+        self._break = self.button('Break off', partial(self.perform, what, end))
         self._skip = self.button('Skip', partial(self._answer, StepAnswer.SKIP, 'skip'))
         self._leave = self.button('Go on', partial(self._answer, StepAnswer.GO_ON, 'go on after'))
         self._make = self.button('Make', partial(self._answer, StepAnswer.MAKE, 'make'))
@@ -149,8 +149,11 @@ class VerificationGuide(Guide):
 
     async def _do_begin(self) -> None:
         plan = str(self._plan.value or '')
-        begin = partial(self.services.message, ports.BEGIN_VERIFICATION, plan=plan)
-        await self.perform('begin verification', begin)
+
+        async def verify() -> str:
+            return str((await self.services.do(ports.RUN_VERIFICATION, plan=plan)).message)
+
+        self.begin('begin verification', verify)
 
     async def _answer(self, answer: StepAnswer, verb: str) -> None:
         """Answer the question that the dialog shows. The verifier refuses an outdated answer."""
