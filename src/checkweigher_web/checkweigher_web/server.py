@@ -28,10 +28,12 @@ import uvicorn
 from checkweigher_core.ros.graph.policy import PAGE, enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web import ADDRESS
-from checkweigher_web.access.guard import Access, Guard, bind_events
+from checkweigher_web.access.guard import LOGIN, Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
+from checkweigher_web.access.users import Role
+from checkweigher_web.commissioning.path import CommissioningPath
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE
 from checkweigher_web.header import header, hint_to_users
@@ -182,13 +184,31 @@ def _add_pages(
             header(access, _title(name), others=lambda: True)
             wait_for_lane(name, lambda: name in watch.lanes)
 
-    def show(name: str) -> None:
+    @ui.page('/commissioning/{name:path}', title='Checkweigher')
+    async def commission(name: str) -> None:
+        if name not in watch.lanes:
+            header(access, _title(name), others=lambda: True)
+            wait_for_lane(name, lambda: name in watch.lanes)
+            return
+        look, desk = look_at(name)
+        if desk.role < Role.TECHNICIAN:
+            ui.navigate.to(LOGIN)
+            return
+        services = await desk.services()
+        header(access, _title(name), look, lambda: True, partial(work_menu, desk, look))
+        CommissioningPath(desk, services)
+
+    def look_at(name: str) -> tuple[Look, Desk]:
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
         look = Look(drawings.setdefault(name, Drawing(watch.lanes[name])), watch.board)
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
         look.work = work_of(desk)
+        return look, desk
+
+    def show(name: str) -> None:
+        look, desk = look_at(name)
         menu = partial(work_menu, desk, look)
         header(access, _title(name), look, lambda: lanes.only() is None, menu)
         hint_to_users(access)

@@ -3,18 +3,17 @@
 """Dialogs that ask for confirmation of an action and show its outcome."""
 
 from collections.abc import Awaitable, Callable
-from functools import partial
 import re
 import time
-from typing import ClassVar
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 from nicegui.element import Element
 
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Deed, Lane
+from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
@@ -27,7 +26,7 @@ Action = Callable[[], Awaitable[str]]
 class Desk:
     """Access of the user of a browser to a lane.
 
-    `services` returns the services of the lane, and `auditor` reads its audit log.
+    `auditor` reads the audit log of the lane.
     """
 
     def __init__(
@@ -38,7 +37,7 @@ class Desk:
         auditor: Auditor,
     ) -> None:
         self.lane = lane
-        self.services = services
+        self._services = services
         self.auditor = auditor
         self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
@@ -49,6 +48,17 @@ class Desk:
         """Present role of the user, which is VIEWER after the end of the session."""
         return self._access.role_of(self._client) or Role.VIEWER
 
+    async def services(self) -> LaneServices:
+        """Return the services of the lane, and note whether its product asks for a reason."""
+        services = await self._services()
+        try:
+            known = await actions.products(services)
+            product = known.get(self.lane.statistics.product) if self.lane.statistics else None
+            self.needs_reason = product is not None and product.reason
+        except ActionRefusedError:
+            self.needs_reason = False
+        return services
+
     async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
         """Perform an action with audit log entries if the role of the user allows it."""
         session = self._access.session_of(self._client)
@@ -58,7 +68,7 @@ class Desk:
         if self.needs_reason and not reason:
             return Outcome(False, 'the recipe on the line asks for a reason')
         person = Person(session.user.name, session.address)
-        outcome = await (await self.services()).act(person, what, reason, action)
+        outcome = await (await self._services()).act(person, what, reason, action)
         if outcome.done:
             self.lane.take(Deed(time.time_ns(), person.name, what))
         return outcome
@@ -109,45 +119,6 @@ class Dialog:
         self._closing.set_text('Close')
 
 
-class Guide(Dialog):
-    """A dialog that guides a technician through several actions.
-
-    The node with the service `needs` keeps the state, so the dialog may be closed and opened again.
-    """
-
-    title: ClassVar[str]
-    needs: ClassVar[str]
-    reason: ui.input
-
-    def __init__(self, desk: Desk, services: LaneServices) -> None:
-        super().__init__(self.title)
-        self.desk = desk
-        self.services = services
-
-    @classmethod
-    async def open(cls, desk: Desk, services: LaneServices) -> None:
-        """Open the dialog, or raise `ActionRefusedError` if its service does not run."""
-        await services.found(cls.needs)
-        cls(desk, services)
-
-    def service_button(self, text: str, what: str, service: str) -> ui.button:
-        """Add a button that calls a service. The name of the action in the audit log is `what`."""
-        action = partial(self.services.message, service)
-        return self.button(text, partial(self.perform, what, action))
-
-    async def perform(self, what: str, action: Action) -> bool:
-        """Perform an action with the reason in the field, and return whether it was done."""
-        reason = str(self.reason.value or '')
-        outcome = await self.desk.perform(Role.TECHNICIAN, what, action, reason)
-        if not self.body.is_deleted:  # The user may have closed the dialog.
-            self.tell(outcome)
-        return outcome.done
-
-    def begin(self, what: str, action: Action) -> None:
-        """Begin an action that takes minutes, and that continues when the dialog is closed."""
-        background_tasks.create(self.perform(what, action))
-
-
 def reason_field(desk: Desk) -> ui.input:
     """Add a field for the reason of an action."""
     return field('Reason' if desk.needs_reason else 'Reason (may be empty)')
@@ -156,7 +127,8 @@ def reason_field(desk: Desk) -> ui.input:
 def field(label: str, value: str = '', unit: str = '') -> ui.input:
     """Add a field for a text or a number."""
     found = ui.input(label, value=value).props('outlined dense maxlength=200')
-    return found.props(f'suffix="{unit}"') if unit else found
+    # The browser shows the unit of an empty field only if its label stands above the text.
+    return found.props(f'suffix="{unit}" stack-label') if unit else found
 
 
 def number_in(given: ui.input, *, empty: float | None = None) -> float:

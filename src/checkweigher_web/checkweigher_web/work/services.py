@@ -11,7 +11,7 @@ import json
 import math
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
@@ -92,6 +92,14 @@ class Outcome:
     text: str
 
 
+class LoadRead(NamedTuple):
+    """Reading of a load at rest in kg, by the calibration before, with its standard uncertainty."""
+
+    load: str  # what is on the belt, for the user
+    mass: float
+    uncertainty: float
+
+
 # User who performs an action in the running task, and the reason of the action.
 ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
 
@@ -103,8 +111,10 @@ class LaneServices(PortNode):
     ----------
     feedback : dict of str to message
         Latest feedback of each action that the page has begun, while it runs.
-    readings : list of str
+    readings : list of LoadRead
         Readings of loads for a calibration.
+    calibrated : str
+        Text on the calibration that the page has written, or ''.
     setting, test, verification, product
         Latest message on each topic, or None if none has arrived.
     batch_folder : Path or None
@@ -122,7 +132,8 @@ class LaneServices(PortNode):
         }
         self.feedback: dict[str, Any] = {}
         self._has_log = False
-        self.readings: list[str] = []
+        self.readings: list[LoadRead] = []
+        self.calibrated = ''
         self.setting: DynamicSetting | None = None
         self.test: PerformanceTest | None = None
         self.verification: VerificationProgress | None = None
