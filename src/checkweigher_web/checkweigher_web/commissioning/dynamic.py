@@ -13,6 +13,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
 from checkweigher_web.commissioning.accuracy import matrix_of
 from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.commissioning.wording import in_words
 from checkweigher_web.elements import Lines, Table
 from checkweigher_web.words import grams
 from checkweigher_web.work.dialogs import field, number_in
@@ -90,7 +91,7 @@ class DynamicStep(Step):
             text = f'{said.passes} of {said.wanted} passes of {grams(said.mass, " g", 2)}'
             return said.passes / max(said.wanted, 1), f'{text}: let the product pass'
         if said.state != DynamicSetting.TUNING:
-            return math.nan, ''
+            return math.nan, in_words(said.text) if said.state == DynamicSetting.FAILED else ''
         found = self.services.feedback.get(ports.TUNE_PASSES)
         if found is None or not found.text:
             return 0.0, 'training has begun'

@@ -85,8 +85,8 @@ class CommissioningPath:
         self._steady.set_value(_steadiness(change))
         self._moving.set_text(_in_motion(change))
         for step, tab in zip(self._steps, self._tabs, strict=True):
+            await step.update()
             tab.show(step.standing())
-        await self._steps[self._at].update()
         self._show_buttons()
 
     def _show_buttons(self) -> None:

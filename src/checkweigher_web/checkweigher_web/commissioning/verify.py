@@ -27,6 +27,7 @@ from checkweigher_web.commissioning.plan_form import (
     with_value,
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.commissioning.wording import in_words
 from checkweigher_web.elements import Lines, Table
 from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
@@ -83,7 +84,7 @@ class VerifyStep(Step):
             return Standing(False, 'not available: the line was started without a folder')
         if said.state is not ProgressState.IDLE:
             return Standing(False, f'step {said.step + 1} of {len(said.steps)}')
-        return Standing(said.text.endswith(': passed'), said.text or 'not verified')
+        return Standing(said.text.endswith(': passed'), in_words(said.text) or 'not verified')
 
     # Plan
 
@@ -162,7 +163,7 @@ class VerifyStep(Step):
         self._said = said
         is_idle = said.state is ProgressState.IDLE
         self._state.set_text(_state(said))
-        self._lines.show(reversed(said.lines))
+        self._lines.show(map(in_words, reversed(said.lines)))
         if said.steps and not (is_idle and before is None):
             names = (step_words(each) for each in said.steps)
             self._table.show(zip(names, said.results, strict=True))
@@ -228,11 +229,14 @@ class VerifyStep(Step):
 
 
 def _state(said: VerificationProgress) -> str:
-    if said.state is ProgressState.IDLE:
-        return said.text
-    name = step_words(said.steps[said.step]) if said.steps else ''
-    at = f'Step {said.step + 1} of {len(said.steps)}, {name}: ' if said.steps else ''
-    return f'{at}{_STATES.get(said.state, "")}{said.text}'
+    if said.state is ProgressState.IDLE or not said.steps:
+        return in_words(said.text)
+    name = said.steps[said.step]
+    words = step_words(name)
+    text = said.text.replace(name, words)
+    return (
+        f'Step {said.step + 1} of {len(said.steps)}, {words}: {_STATES.get(said.state, "")}{text}'
+    )
 
 
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:
