@@ -148,14 +148,15 @@ class DynamicStep(Step):
             answer = await self.services.do(ports.RECORD_PASSES, may_end=True, **goal)
             return str(answer.message)
 
-        self.begin(f'record {passes:g} passes of {mass:g} g', record)
+        what = f'record {passes:g} passes of {mass:g} g'
+        await self.begin(what, record, ports.RECORD_PASSES)
 
     async def _train(self) -> None:
         async def train() -> str:
             await self.services.do(ports.TUNE_PASSES)
             return 'trained: look at the accuracy, then take it over or drop it'
 
-        self.begin('train on the recorded passes', train)
+        await self.begin('train on the recorded passes', train, ports.TUNE_PASSES)
 
     async def _end(self) -> None:
         seen = self._said

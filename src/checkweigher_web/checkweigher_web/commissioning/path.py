@@ -55,10 +55,15 @@ class CommissioningPath:
                 self._reason = reason_field(desk)
                 with ui.element('div').classes('others'):
                     most = max(len(step.others()) for step in self._steps)
-                    self._others = [_Button('outline', self._tell) for _ in range(most)]
-                self._primary = _Button('unelevated', self._tell)
+                    self._others = [
+                        _Button('outline', self._clear, self._tell) for _ in range(most)
+                    ]
+                self._primary = _Button('unelevated', self._clear, self._tell)
         self._go(0)
         ui.timer(_PERIOD, self._update)
+
+    def _button(self, look: str) -> '_Button':
+        return _Button(look, self._clear, self._tell)
 
     def _given_reason(self) -> str:
         return str(self._reason.value or '')
@@ -68,8 +73,11 @@ class CommissioningPath:
         for k, (shown, tab) in enumerate(zip(self._panels, self._tabs, strict=True)):
             shown.set_visibility(k == number)
             tab.mark(is_current=k == number)
-        self._result.set_text('')
+        self._clear()
         self._show_buttons()
+
+    def _clear(self) -> None:
+        self._result.set_text('')
 
     def _tell(self, outcome: Outcome) -> None:
         if self._result.is_deleted:  # the user has left the page
@@ -118,8 +126,10 @@ class _Tab:
 class _Button:
     """Button at a fixed place, whose function is that of the present choice."""
 
-    def __init__(self, look: str, tell: Callable[[Outcome], object]) -> None:
-        self._tell = tell
+    def __init__(
+        self, look: str, clear: Callable[[], object], tell: Callable[[Outcome], object]
+    ) -> None:
+        self._clear, self._tell = clear, tell
         self._choice: Choice | None = None
         self._beats = 0
         self._is_working = False
@@ -142,6 +152,7 @@ class _Button:
             return
         self._is_working = True
         self._button.disable()
+        self._clear()
         try:
             await choice.press()
         except ActionRefusedError as error:

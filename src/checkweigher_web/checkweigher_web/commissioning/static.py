@@ -90,7 +90,7 @@ class StaticStep(Step):
             readings.append(found)
             return f'{load}: {grams(found.mass, " g")}'
 
-        self.begin(f'read {load} for a calibration', read)
+        await self.begin(f'read {load} for a calibration', read, ports.READ_LOAD)
 
     async def _end(self) -> None:
         end = partial(self.services.cancel, ports.READ_LOAD)

@@ -3,6 +3,7 @@
 """Base class of the steps of a commissioning."""
 
 from abc import ABC, abstractmethod
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import ClassVar, NamedTuple
 
@@ -11,6 +12,8 @@ from nicegui import background_tasks
 from checkweigher_web.access.users import Role
 from checkweigher_web.work.dialogs import Action, Desk
 from checkweigher_web.work.services import LaneServices, Outcome
+
+_POLL_PERIOD = 0.05  # s
 
 
 class Standing(NamedTuple):
@@ -78,6 +81,11 @@ class Step(ABC):
         self.tell(outcome)
         return outcome.done
 
-    def begin(self, what: str, action: Action) -> None:
-        """Begin an action that takes minutes, and that continues when the page is left."""
-        background_tasks.create(self.perform(what, action))
+    async def begin(self, what: str, action: Action, name: str) -> None:
+        """Begin the action `name`, which takes minutes and continues when the page is left.
+
+        Returns when the action has begun or was refused.
+        """
+        task = background_tasks.create(self.perform(what, action))
+        while not (task.done() or name in self.services.feedback):
+            await asyncio.sleep(_POLL_PERIOD)

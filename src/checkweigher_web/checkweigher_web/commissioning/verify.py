@@ -206,7 +206,7 @@ class VerifyStep(Step):
             answer = await self.services.do(ports.RUN_VERIFICATION, plan=self._text)
             return f'the verification has ended: {answer.message}'
 
-        self.begin('begin verification', verify)
+        await self.begin('begin verification', verify, ports.RUN_VERIFICATION)
 
     async def _break_off(self) -> None:
         end = partial(self.services.cancel, ports.RUN_VERIFICATION)
