@@ -38,7 +38,7 @@ from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
 from checkweigher_dsp.estimation.learning.learner import LearningParameters
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.nodes.product import ProductParameters
-from checkweigher_recording.simulation.simulator import OperationParameters
+from checkweigher_recording.simulation.operation import OperationParameters
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / 'src/checkweigher_msgs/msg'

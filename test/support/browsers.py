@@ -23,6 +23,7 @@ needs_browser = pytest.mark.skipif(
 _OPTIONS = (
     '--headless=new', '--no-sandbox', '--disable-gpu', '--no-first-run', '--disable-sync',
     '--disable-background-networking', '--disable-component-update', '--hide-scrollbars',
+    '--force-prefers-reduced-motion',
 )  # fmt: skip
 WIDTHS = (375, 800, 1600)  # px: a phone, a tablet, a desk
 
@@ -98,7 +99,7 @@ def until(driver: webdriver.Chrome, condition: Callable[[], object]) -> object:
     try:
         # An element may be drawn anew between its search and its use.
         drawn_anew = [StaleElementReferenceException]
-        wait = WebDriverWait(driver, PATIENCE, 0.1, ignored_exceptions=drawn_anew)
+        wait = WebDriverWait(driver, PATIENCE, 0.2, ignored_exceptions=drawn_anew)
         return wait.until(lambda _: condition())
     except TimeoutException:
         log = [each['message'] for each in driver.get_log('browser')]

@@ -28,9 +28,10 @@ BATCHES = 'batches'
 def faults_in(
     folder: Path, chain: LogChain, keys: Mapping[str, str] | None = None
 ) -> Iterator[str]:
-    """Yield what is missing, unknown or not as it was written in the folder of a machine.
+    """Yield a text for each file of a machine that is missing, unknown or not as it was written.
 
-    `keys` has the public keys of the signatures of each user, or is None if they are not compared.
+    `keys` contains the public signature keys of each user, separated by spaces, or is None if the
+    keys are not compared.
     """
     entries = chain.entries
     if chain.fault:
@@ -51,7 +52,7 @@ def faults_in(
 
 
 def _batch_faults(folder: Path, chain: LogChain, keys: Mapping[str, str] | None) -> Iterator[str]:
-    """Yield the faults of the records of batches, and the batches without a record."""
+    """Yield the faults of the batch records, and the batches without a record."""
     for name in _latest(chain.entries, RECORD):
         with suppress(RecordError):
             if not record_path(folder, name).exists():
@@ -63,7 +64,7 @@ def _batch_faults(folder: Path, chain: LogChain, keys: Mapping[str, str] | None)
             faults = (*batch.faults, *foreign)
         except (OSError, RecordError) as error:
             faults = (str(error),)
-        # A fault of the log is told once, not for each batch.
+        # `faults_in` has already yielded the fault of the log, so it is not repeated here.
         yield from (f'{path.name}: {one_line(each)}' for each in faults if each != chain.fault)
 
 
@@ -91,20 +92,20 @@ def _file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
 
 
 def summary(folder: Path, chain: LogChain) -> Iterator[str]:
-    """Yield what was checked, and the days on which nothing was written."""
+    """Yield the state of each log, the numbers of batches and reports, and the silent days."""
     for path, found in chain.logs:
         yield f'{path.name}: {conclusion(found)}'
         yield from (f'{path.name}: {each}' for each in steps_back(found.entries))
     entries = chain.entries
     counts = ((kind, len(_latest(entries, kind))) for kind in (RECORD, REPORT, VERIFICATION))
     known = ', '.join(f'{kind} {count}' for kind, count in counts)
-    yield f'{folder}: the audit log knows of each kind: {known}'
+    yield f'{folder}: number of each kind in the audit log: {known}'
     if silent := ', '.join(_silent_days(entries)):
         yield f'days without an entry: {silent}'
 
 
 def _silent_days(entries: list[Entry]) -> Iterator[str]:
-    """Yield the days between the first and the last entry on which nothing was written."""
+    """Yield the days, or spans of days, between two entries on which no entry was written."""
     days = set[date]()
     for entry in entries:
         with suppress(ValueError):
@@ -116,5 +117,5 @@ def _silent_days(entries: list[Entry]) -> Iterator[str]:
 
 
 def _latest(entries: list[Entry], kind: str) -> Mapping[str, Any]:
-    """Return the last value of each subject of a kind."""
+    """Return the latest value of each subject in the entries of a kind."""
     return {entry.subject: entry.new for entry in entries if entry.kind == kind}

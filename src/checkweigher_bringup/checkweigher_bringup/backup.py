@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Backups of a machine's folder: a tar archive of its files and their SHA-256.
+"""Backup of a machine's folder as a tar archive of its files and their SHA-256.
 
 `tar -xf` unpacks an archive, and `sha256sum -c SHA256SUMS` checks it without this program.
 """
@@ -47,21 +47,21 @@ class _Hashed:
 def write_backup(folder: Path, archive: Path) -> int:
     """Write a backup of a folder, whose line may run, and return the number of files.
 
-    The archive is complete and on the disk before it has its name. Each file has the content of
-    one moment; the audit log and its head are those of the same moment.
+    The archive gets its name when it is complete and on the disk. The content of each file is that
+    of one moment. The audit log and its head are of the same moment.
 
     Raises
     ------
     UserError
-        If there is no such folder, if it has anything but files and folders, or if the archive
-        would be part of it.
+        If the folder does not exist, if it contains anything other than files and folders, or if
+        the archive would be in the folder.
     OSError
         If a file cannot be read or the archive cannot be written.
     """
     if not folder.is_dir():
         raise UserError(f'{folder}: is not a folder')
     if archive.resolve().is_relative_to(folder.resolve()):
-        raise UserError(f'{archive}: lies in {folder}; keep the backup in another place')
+        raise UserError(f'{archive}: is in {folder}; write the backup to another place')
     with (
         replacing(archive, 0o600) as file,
         tarfile.open(fileobj=file, mode='w', format=tarfile.PAX_FORMAT) as tar,
@@ -73,7 +73,7 @@ def write_backup(folder: Path, archive: Path) -> int:
 
 
 def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
-    """Add a folder to an archive; yield the name and the SHA-256 of each file in it."""
+    """Add a folder to an archive, and yield the name and the SHA-256 of each file."""
     tar.add(folder, _FOLDER, recursive=False)
     paths = sorted(folder.rglob('*'))
     heads = {head_path(path) for path in paths} & set(paths)
@@ -84,10 +84,10 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
             tar.add(path, name, recursive=False)
             continue
         if path.is_symlink() or not (path.is_file() or not path.exists()):
-            raise UserError(f'{path}: is neither a file nor a folder; a backup has only these')
+            raise UserError(f'{path}: is neither a file nor a folder, so it cannot be saved')
         if head_path(path) in heads:
             data, head_bytes[head_path(path)] = read_consistent(path)
-        elif path in heads:  # after its log, in the order of the names
+        elif path in heads:  # its log was read before, because the paths are sorted
             data = head_bytes[path]
         else:
             yield from _add_file(tar, path, name)
@@ -120,17 +120,17 @@ def _entry(name: str, size: int, path: Path | None = None) -> tarfile.TarInfo:
 def restore_backup(archive: Path, folder: Path) -> int:
     """Restore a backup to a folder that is new or empty, and return the number of files.
 
-    The folder has its name once all files agree with their SHA-256 and are on the disk.
+    The folder gets its name when all files have the stated SHA-256 and are on the disk.
 
     Raises
     ------
     UserError
-        If the archive is no backup, or is damaged, or if the folder has files.
+        If the archive is not a backup or is damaged, or if the folder is not empty.
     OSError
         If the archive cannot be read or the folder cannot be written.
     """
     if folder.is_dir() and any(folder.iterdir()):
-        raise UserError(f'{folder}: has files already; restore to a new folder')
+        raise UserError(f'{folder}: is not empty; restore to a new folder')
     folder.parent.mkdir(parents=True, exist_ok=True)
     place = Path(tempfile.mkdtemp(prefix=f'.{folder.name}-', dir=folder.parent))
     try:
@@ -138,12 +138,12 @@ def restore_backup(archive: Path, folder: Path) -> int:
             with tarfile.open(archive, 'r:') as tar:
                 found, sums = _extract(tar, place)
         except tarfile.TarError as error:
-            raise UserError(f'{archive}: is no backup, or damaged: {error}') from None
+            raise UserError(f'{archive}: is not a backup, or is damaged: {error}') from None
         for name in sorted(found.keys() | sums.keys()):
             if found.get(name) != sums.get(name):
-                raise UserError(f'{archive}: {name}: is damaged, or not as it was saved')
+                raise UserError(f'{archive}: {name}: is not as it was saved')
         if not (place / _FOLDER).is_dir():
-            raise UserError(f'{archive}: is no backup of a machine')
+            raise UserError(f'{archive}: is not a backup of a machine')
         os.sync()
         os.replace(place / _FOLDER, folder)
     finally:
@@ -153,7 +153,7 @@ def restore_backup(archive: Path, folder: Path) -> int:
 
 
 def _extract(tar: tarfile.TarFile, place: Path) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the SHA-256 of each extracted file, and as the archive states it."""
+    """Extract an archive. Returns the computed and the stated SHA-256 of each file."""
     found: dict[str, str] = {}
     sums: dict[str, str] = {}
     for entry in tar:
@@ -164,7 +164,7 @@ def _extract(tar: tarfile.TarFile, place: Path) -> tuple[dict[str, str], dict[st
                 digest, _, name = line.partition('  ')
                 sums[name] = digest
         elif parts[:1] != (_FOLDER,) or '..' in parts or not (entry.isdir() or file):
-            raise tarfile.TarError(f'{entry.name!r} does not belong in it')
+            raise tarfile.TarError(f'{entry.name!r} is not part of a backup')
         elif file is None:
             (place / entry.name).mkdir(parents=True)
         else:
@@ -180,7 +180,7 @@ def _extract(tar: tarfile.TarFile, place: Path) -> tuple[dict[str, str], dict[st
 
 
 def print_log(log: Path) -> bool:
-    """Print whether an audit log is whole, and return that."""
+    """Print the state of an audit log, and return whether the log is whole."""
     found = read_log(log)
     print(f'{log}: {conclusion(found)}')
     return found.whole

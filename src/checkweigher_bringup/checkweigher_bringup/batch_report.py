@@ -18,14 +18,14 @@ from checkweigher_production.batch_record import read_events
 from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
-_NO_LOG = 'there is no audit log to compare it with; name it by --log'
+_NO_LOG = 'there is no audit log to compare the record with; give it with --log'
 
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
     """Read the record of a batch, and compare it with the audit log.
 
-    If `log` is None, the audit log is that of the machine whose folder has the record. The name of
-    a log in the record is not used, because a forger of the record would name a forged log. Raises
+    If `log` is None, the audit log is that of the machine whose folder contains the record. The
+    name of a log in the record is not used, because a forger could name a forged log. Raises
     `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
@@ -36,7 +36,7 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
 
 
 def own_log(record: Path) -> Path:
-    """Return the path of the audit log of the machine whose folder has a record."""
+    """Return the path of the audit log of the machine whose folder contains a record."""
     return record.resolve().parents[1] / LOG_FILE
 
 
@@ -50,7 +50,7 @@ def keys_of(users: Path) -> dict[str, str]:
 def item_lines(path: Path, log: Path | None, item: int) -> Iterator[str]:
     """Yield the verdicts on an item in the record of a batch, each with the hash of its line.
 
-    Raises `LineError` if there is none, or if the record cannot be trusted.
+    Raises `LineError` if there are no verdicts, or if the record cannot be trusted.
     """
     batch = read_recorded(path, log)
     lines, found = path.read_bytes().splitlines(), 0
@@ -91,9 +91,9 @@ def write_report(
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield the report as lines of text: the hash of the record, then the figures of each product.
+    """Yield the report as lines of text: the faults and signatures, then each product.
 
-    The items of a batch may belong to several products. `parts` has the figures of each product.
+    `parts` contains the statistics of each product, because a batch may have several products.
     """
     title = f'batch {one_line(batch.name)}'
     yield from _trust_lines(batch, title)
@@ -109,7 +109,7 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 
 
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
-    """Yield what the audit log says of a record, its faults and its signatures."""
+    """Yield whether a record agrees with the audit log, its faults, signatures and strays."""
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'
         agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'

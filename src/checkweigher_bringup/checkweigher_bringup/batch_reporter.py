@@ -45,9 +45,9 @@ class BatchReporter(PortNode):
 
 
 def write_files(record: Path, sha256: str) -> dict[str, str]:
-    """Write the report on a batch as HTML and JSON; return the SHA-256 of each file by its name.
+    """Write the report on a batch as HTML and JSON, and return the SHA-256 of each file by name.
 
-    Raises ValueError if `sha256` is not the hash of the record.
+    Raises `ValueError` if `sha256` is not the SHA-256 of the record.
     """
     # The node product has just written the record, so the log that it names is the right one.
     log = next(read_lines(record)).get('audit_log')

@@ -24,20 +24,20 @@ from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.printable import one_line
 
 # Groups of commands: the folder in commands/, the title, and the modules of the commands. The
-# docstring of a module has the purpose of the command, and examples. An underscore after the name
-# of a module is not part of the command, because `import` cannot be the name of a module.
+# docstring of a module contains the purpose of the command, and examples. The underscore of
+# `import_` is not part of the command, because `import` cannot be the name of a module.
 _GROUPS = (
     (
         'line',
-        'a line that runs',
+        'running line',
         (
             *('run', 'status', 'echo', 'record', 'calibrate', 'page', 'gateway', 'policy', 'user'),
             *('certificate', 'backup', 'restore'),
         ),
     ),
     ('recordings', 'recorded bags', ('weigh', 'replay', 'simulate', 'import_', 'keep', 'recover')),
-    ('accuracy', 'how accurate it is', ('tune', 'evaluate', 'verify')),
-    ('production', 'what was produced and changed', ('batch', 'sign', 'performance', 'audit')),
+    ('accuracy', 'accuracy', ('tune', 'evaluate', 'verify')),
+    ('production', 'production', ('batch', 'sign', 'performance', 'audit')),
 )
 COMMANDS = tuple(name.rstrip('_') for *_, names in _GROUPS for name in names)
 

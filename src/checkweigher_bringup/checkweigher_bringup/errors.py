@@ -8,11 +8,11 @@ from checkweigher_core.printable import one_line
 
 
 class UserError(ValueError):
-    """An error that the user can correct. Its message is one line."""
+    """Error that the user can correct. The message is one line."""
 
 
 class LineError(UserError):
-    """A failure of the line, such as an item without a verdict."""
+    """Failure of a line, record or signature, such as an item without a verdict."""
 
     exit_status = 1
 

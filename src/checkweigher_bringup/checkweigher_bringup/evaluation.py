@@ -15,12 +15,14 @@ from checkweigher_bringup.output import check_output_file
 from checkweigher_bringup.training import ReadPasses, read_passes
 from checkweigher_core.records import GRAMS
 from checkweigher_core.whole_file import write_whole
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS, REFERENCES
+from checkweigher_dsp.estimation.identifier import ComparedParameters
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.prepackages import limits
 from checkweigher_recording.archive.finding import find_bags
 from checkweigher_recording.simulation.machine import CAUSES
-from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
+from checkweigher_recording.simulation.operation import CAPACITY
+from checkweigher_recording.simulation.simulator import PROFILES
 from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import PassSet, evaluate_sets
@@ -44,7 +46,8 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     """Weigh the passes, print the table, and write the requested files.
 
-    Returns the number of bags that were skipped. `n_jobs` is described at `run_jobs`.
+    Returns the number of bags that were skipped. `n_jobs` is the number of processes, as in
+    `checkweigher_validation.jobs.run_jobs`.
     """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -65,7 +68,8 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     _write(arguments.json, json_text(evaluation))
     if arguments.tuned:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
-        write_whole(arguments.tuned, parameter_file(tuned, source))
+        offered = {name: each for name, each in tuned.items() if name not in REFERENCES}
+        write_whole(arguments.tuned, parameter_file(offered, source))
     return broken
 
 
@@ -77,18 +81,18 @@ def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     _check(arguments)
     protocol = _machines_protocol(arguments)
     accuracy_class = _accuracy_class(arguments)
-    estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
-    base = settings.line_parameters(arguments.params)
+    estimators = settings.estimator_names(arguments.estimator, tuple(METHODS), METHODS)
+    base = _line_parameters(arguments)
     machines = evaluate_machines(protocol, estimators, base, budget=arguments.budget, n_jobs=n_jobs)
     first, last = protocol.machines[0], protocol.machines[-1]
     trained = ', '.join(f'{GRAMS * mass:g}' for mass in protocol.training_masses)
     less = f' without {", ".join(protocol.without)}' if protocol.without else ''
-    title = f'Machines {first} to {last}{less}, tuned on {arguments.passes} passes a speed'
+    title = f'Machines {first} to {last}{less}, tuned on {arguments.passes} passes per speed'
     provenance = (
         ('machines', f'simulated, profiles machine:{first} to machine:{last}{less}'),
         ('train', f'{arguments.passes} passes at each speed, of {trained} g in random order'),
-        ('test', f'{PASSES} others'),
-        ('attainable', f'ridge regression on {protocol.further} more passes of each speed'),
+        ('test', f'{PASSES} other passes at each speed'),
+        ('attainable', f'ridge regression on {protocol.further} further passes at each speed'),
         _tuning(arguments),
         *_versions(),
     )
@@ -116,7 +120,7 @@ def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
         raise UserError(f'--mass: must be above 0 and up to {GRAMS * CAPACITY:g} g')
     for cause in arguments.without:
         if cause not in CAUSES:
-            raise UserError(f'--without {cause}: is none of {", ".join(CAUSES)}')
+            raise UserError(f'--without {cause}: is not one of {", ".join(CAUSES)}')
     if arguments.passes < FEWEST_PASSES:
         raise UserError(
             f'--passes {arguments.passes}: tuning needs at least {FEWEST_PASSES} passes'
@@ -129,7 +133,7 @@ def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
     name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.max
     if interval is not None and maximum is not None:
-        raise UserError('--interval and --max: name one of them; --max sets the interval')
+        raise UserError('--interval and --max: give only one, because --max sets the interval')
     try:
         if maximum is not None:
             e = smallest_interval(name, maximum / GRAMS)
@@ -142,28 +146,30 @@ def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
 
 def _check(arguments: argparse.Namespace) -> None:
     if bool(arguments.bags) == bool(arguments.protocol):
-        raise UserError('name bags, or --protocol paper or machines to simulate')
+        raise UserError('give either bags, or --protocol paper or machines to simulate')
     settings.check_positive(arguments, 'budget', 'jobs', 'nominal')
     if arguments.seed < 0:
         raise UserError(f'--seed {arguments.seed}: must not be negative')
     if arguments.tuned and not (arguments.train or arguments.protocol):
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
+    if arguments.tuned and REFERENCES.keys() >= set(arguments.estimator or ('all',)):
+        raise UserError('--tuned: a line has none of these estimators; name another one as well')
     outputs = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
     for path in outputs:
         check_output_file(path, arguments.overwrite)
         if path is not None and outputs.count(path) > 1:
-            raise UserError(f'{path}: cannot be two of the outputs at once')
+            raise UserError(f'{path}: is the path of two outputs; give each its own file')
 
 
 def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     profile = arguments.profile or 'paper'
     if profile not in PROFILES:
-        raise UserError(f'--profile {profile}: is none of {", ".join(PROFILES)}')
+        raise UserError(f'--profile {profile}: is not one of {", ".join(PROFILES)}')
     if arguments.passes < 2 or arguments.passes % 2:
-        raise UserError(f'--passes {arguments.passes}: must be even, half train and half test')
-    settings.refuse(arguments, 'the protocol trains on its own first half', 'train')
-    base = settings.line_parameters(arguments.params)
-    estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
+        raise UserError(f'--passes {arguments.passes}: must be even, for two halves')
+    settings.refuse(arguments, 'not with --protocol, which trains on its own passes', 'train')
+    base = _line_parameters(arguments)
+    estimators = settings.estimator_names(arguments.estimator, tuple(METHODS), METHODS)
     protocol = Protocol(profile, arguments.passes, arguments.seed)
     conditions, tuned = evaluate_protocol(
         protocol, estimators, base, budget=arguments.budget, n_jobs=n_jobs
@@ -186,9 +192,9 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> R
 
 def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     """Weigh the passes of known mass in bags. Tune first if the user gave bags to train on."""
-    base = settings.line_parameters(arguments.params)
-    default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
-    estimators = settings.estimator_names(arguments.estimator, default)
+    base = _line_parameters(arguments)
+    default = tuple(METHODS) if arguments.train else (base.identifier.estimator,)
+    estimators = settings.estimator_names(arguments.estimator, default, METHODS)
     taught = ReadPasses([], [], 0)
     if arguments.train:
         bags = settings.places_of(arguments, find_bags(arguments.train))
@@ -214,7 +220,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return the heaviest pass at the slowest speed and the heaviest pass at the fastest speed."""
+    """Return the heaviest pass at the lowest speed and, if there are more, at the highest speed."""
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
     return tuple(
@@ -224,15 +230,15 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 
 
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
-    """Return the passes to train on and the passes to test on, grouped by belt speed.
+    """Return the passes for training and for the test, grouped by belt speed.
 
-    The speeds of the groups are common, so that the results of training and test can be compared.
+    Training and test have the same speeds, so that their results can be compared.
     """
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):
-        raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
+        raise UserError('no pass can be weighed; checkweigher weigh shows the reasons')
     if len({each.window.sample_rate for each in whole}) > 1:
-        raise UserError('--train: these bags are sampled at another rate than the others')
+        raise UserError('--train: the sample rate of these bags differs from that of the others')
     groups = group_by_speed(whole)
     return [*_by_speed('train', train, groups), *_by_speed('test', test, groups)]
 
@@ -240,18 +246,25 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
 def _by_speed(
     part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
 ) -> Iterator[PassSet]:
-    """Yield the passes of each speed. A fault has the speed of the pass before it."""
+    """Yield the passes of each speed. A pass with a fault has the speed of the pass before it."""
     speeds = {id(each): group.speed for group in groups for each in group.passes}
     chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
     speed = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)
     for each in passes:
         speed = speeds.get(id(each), speed)
         chosen[speed].append(each)
-    return (PassSet(speed, part, tuple(found), {}) for speed, found in chosen.items() if found)
+    return (PassSet(speed, part, tuple(found)) for speed, found in chosen.items() if found)
+
+
+def _line_parameters(arguments: argparse.Namespace) -> LineParameters:
+    """Return the parameters of the line, with those of the methods that only `evaluate` has."""
+    base = settings.line_parameters(arguments.params)
+    compared = ComparedParameters.from_mapping(base.identifier.as_mapping())
+    return replace(base, identifier=compared)
 
 
 def _tuning(arguments: argparse.Namespace) -> tuple[str, str]:
-    return 'tuning', f'{arguments.budget} evaluations of each estimator at each speed at most'
+    return 'tuning', f'at most {arguments.budget} evaluations of each estimator at each speed'
 
 
 def _versions() -> tuple[tuple[str, str], ...]:

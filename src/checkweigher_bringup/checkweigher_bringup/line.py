@@ -11,7 +11,7 @@ from functools import partial
 import os
 import sys
 
-# The variable must be set before numpy is imported, and rclpy imports numpy.
+# The variable must be set before the import of numpy, which the next import causes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from rclpy.node import Node
@@ -46,10 +46,10 @@ NODE_CLASSES: dict[str, Callable[[], Node]] = {
 
 
 def make_line(names: Collection[str] = ()) -> list[Node]:
-    """Make the nodes with these names, or all nodes if `names` is empty."""
+    """Create the nodes with the given names, or all nodes if `names` is empty."""
     for name in names:
         if name not in NODE_CLASSES:
-            raise ParameterError(f'{name}: no such node; there are {", ".join(NODE_CLASSES)}')
+            raise ParameterError(f'{name}: is not one of the nodes {", ".join(NODE_CLASSES)}')
     return [make() for name, make in NODE_CLASSES.items() if not names or name in names]
 
 

@@ -27,8 +27,8 @@ class ResultListener(PortNode):
     """Node that pairs each verdict of a lane with its mass estimate.
 
     The subscriptions also request earlier messages, because a node may publish a result before it
-    discovers the subscription. Any thread may read the pairs from the queue `weighings`. `judged`
-    is the number of pairs, and `heard` is the arrival time of the latest record in s of the
+    discovers the subscription. Any thread may read the pairs from the queue `weighings`. `pairs` is
+    the number of pairs. `heard` is the time in s of the latest sign of life, such as a pair, on the
     monotonic clock.
     """
 
@@ -38,7 +38,7 @@ class ResultListener(PortNode):
         # signal arrives just before the timeout.
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
-        self.judged = 0
+        self.pairs = 0
         # Estimates without a verdict, and verdicts without an estimate, by the estimate number.
         self._estimates: dict[int, MassEstimate] = {}
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # arrival time in s, verdict
@@ -71,7 +71,7 @@ class ResultListener(PortNode):
 
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
-        self.judged += 1
+        self.pairs += 1
         # The number of the estimate may be repeated, but the number of the verdict is unique.
         self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
 
@@ -105,7 +105,7 @@ class EchoNode(ResultListener):
         self.listen(ports.REFERENCE_MASS, self._references.append)
 
     def _pair_overdue(self) -> None:
-        # A node that has just started may have missed the estimate of the first verdict.
+        # An estimate never arrives if it was published before this node discovered the identifier.
         for key, (arrival, verdict) in list(self._verdicts.items()):
             if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
                 del self._verdicts[key]
@@ -127,6 +127,6 @@ class EchoNode(ResultListener):
             if self.count_publishers(name) == 0:
                 return (
                     f'no verdict on {self.place()}: no node publishes {name}; start the line, or '
-                    'give --namespace and ROS_DOMAIN_ID of the running one'
+                    'give the --namespace and ROS_DOMAIN_ID of the running line'
                 )
         return f'no verdict on {self.place()}: the line is running, but no product has passed'

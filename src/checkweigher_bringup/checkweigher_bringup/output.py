@@ -33,7 +33,7 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
 
 
 def with_warning(recording: Recording) -> Recording:
-    """Return a recording, after printing its warning on stderr if it has one."""
+    """Print the warning of a recording, if any, on stderr, and return the recording."""
     if recording.warning:
         warn(recording.warning)
     return recording
@@ -56,7 +56,7 @@ class ItemTable:
         self._origin = origin
         self._file = file
         self._decisions: Counter[Decision] = Counter()
-        # A sum of errors in g takes constant memory, while a line runs for months.
+        # Only sums of the errors in g are kept, because a line may run for months.
         self._errors = ErrorSum()
         if origin is not None:
             self._print(TABLE_HEADER)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder that writes the serialized messages of a lane to a bag without a change."""
+"""Recorder that writes the serialized messages of a lane unchanged to a bag."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -25,11 +25,11 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-# A pass with only these reasons for a fault counts. The window of the pass is complete, and
-# training may remove the cause of the fault.
+# Reasons for a fault with which a pass still counts, because its window is complete and training
+# may remove the cause.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # maximum time in s of the messages that are lost if the process is killed
+_FLUSH_PERIOD = 1.0  # time in s between flushes, after which a kill loses no earlier message
 _FAREWELL = 1.0  # time in s after a signal in which messages in transit are still recorded
 _PATIENCE = 5.0  # time in s without a message before a warning
 _TRAIL = 1.0  # time in s for the last product to leave the belt
@@ -81,8 +81,8 @@ class ReferencePasses:
 class RecorderNode(PortNode):
     """Node that receives the serialized messages of a lane.
 
-    The queue `messages` has the port, the arrival time in ns, and the bytes of each message. Any
-    thread may read the queue. If `passes` is given, its known mass is recorded for each pass
+    The queue `messages` contains the port, the arrival time in ns, and the bytes of each message.
+    Any thread may read the queue. If `passes` is given, its known mass is recorded for each pass
     instead of the reference masses that the line publishes.
     """
 
@@ -93,8 +93,8 @@ class RecorderNode(PortNode):
         self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self.passes = passes
         self._flushed = time.monotonic()
-        # With the QoS of the stages, verdicts of earlier items do not arrive. The signals of those
-        # items are not in the bag.
+        # With the QoS of the stages, the node does not receive verdicts of earlier items, whose
+        # signals are not in the bag.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
                 put = partial(self._put, port)
@@ -134,12 +134,11 @@ def record(
     inputs_only: bool = False,
     passes: ReferencePasses | None = None,
 ) -> None:
-    """Record a lane for `duration` s, until all `passes` are done, or until a signal arrives.
+    """Record a lane for `duration` s, until all `passes` are recorded, or until a signal arrives.
 
     The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the last
     second and the file ``metadata.yaml``. With `inputs_only`, results are not recorded, because a
-    replay computes them again. The known mass of `passes` is recorded instead of the reference
-    masses of the line.
+    replay computes them again.
 
     Raises `OutputError` if the bag cannot be written. Raises `UserError` and leaves no bag if no
     message arrives.
@@ -159,13 +158,13 @@ def record(
         if count == 0:
             topic = node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
             raise UserError(
-                f'{path}: nothing was recorded: no message came on {topic}; is the line running?'
+                f'{path}: nothing was recorded: no message on {topic}; is the line running?'
             )
     print(f'{path}: {count} messages' + (f', {passes.count} passes' if passes else ''))
 
 
 def _write_until(end: float, bag: BagWriter, node: RecorderNode, asked: Sequence[int]) -> None:
-    """Write messages until the time `end` in s, until all passes are done, or until a signal."""
+    """Write messages until the time `end` in s, all passes are recorded, or a signal arrives."""
     passes, silent_since = node.passes, time.monotonic()
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
         while not asked and (now := time.monotonic()) < end and not (passes and passes.done):

@@ -55,7 +55,7 @@ class Collector(ResultListener):
     @property
     def finished(self) -> bool:
         """True if every item has its verdict or the replay has failed."""
-        return self.failure is not None or self._expected == self.judged
+        return self.failure is not None or self._expected == self.pairs
 
     def _on_segmenter(self, status: StreamStatus) -> None:
         self.heard = time.monotonic()
@@ -75,12 +75,12 @@ class Collector(ResultListener):
         elif not self._waits and time.monotonic() - self.heard > self._patience:
             expected = '' if self._expected is None else f' of {self._expected}'
             self.failure = LineError(
-                f'the graph has been silent for {self._patience:.0f} s, after {self.judged}'
+                f'the graph has been silent for {self._patience:.0f} s, after {self.pairs}'
                 f'{expected} verdicts and {self._samples} samples'
             )
 
     def conflict(self) -> UserError:
-        """Return the error that a second driver runs."""
+        """Return the error for a second driver in the same lane."""
         name = self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
         return UserError(
             f'something else publishes {name} in this ROS domain; stop it, or choose another '
@@ -100,7 +100,7 @@ def replay(
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
     # With deadlines, the results on a slow machine could differ from those of the command `weigh`.
     values['reject']['deadlines'] = False
-    # The bag does not contain the record of the parameters that the line has learned.
+    # A replay starts without learned parameters, because the bag does not contain them.
     values['identifier']['learning.record'] = '-'
     values['driver'] = dict(driver)
     with spinning(namespace) as spinner, ExitStack() as stack:
@@ -147,7 +147,7 @@ def _results(
             return
         collector.check()
         if not spinner.alive:
-            collector.failure = LineError('the graph broke off; its error is above')
+            collector.failure = LineError('the graph has ended early; its error is printed above')
         for child in children:
             if child.poll() is not None:
                 text = f'a node ended with status {child.returncode}: {child.args!r}'

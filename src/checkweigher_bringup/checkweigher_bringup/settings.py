@@ -43,26 +43,28 @@ def recipe_of(arguments: Namespace) -> Product | None:
     if path is None and name is None:
         return None
     if path is None or name is None:
-        raise UserError('--recipes and --product belong together: the file, and a product of it')
+        raise UserError('--recipes and --product must be given together')
     products = read_recipes(path)
     if name not in products:
-        raise UserError(f'--product {name}: {path} has {", ".join(products)}')
+        raise UserError(f'--product {name}: is not in {path}, which has {", ".join(products)}')
     return products[name]
 
 
-def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:
+def estimator_names(
+    given: Sequence[str] | None, default: Sequence[str], known: Iterable[str] = ESTIMATORS
+) -> list[str]:
     """Return the estimators that an option names, or `default`, without repetitions.
 
-    The name `all` stands for the estimators of `default`, followed by all others. Raises
-    `UserError` if a name is unknown.
+    The name `all` stands for the estimators of `default`, followed by all others that are `known`.
+    Raises `UserError` if a name is unknown.
     """
     names: list[str] = []
     for name in given or default:
-        if name not in (*ESTIMATORS, 'all'):
+        if name not in (*known, 'all'):
             raise UserError(
-                f'--estimator {name}: no such estimator; there are {", ".join(sorted(ESTIMATORS))}'
+                f'--estimator {name}: is not an estimator; there are {", ".join(sorted(known))}'
             )
-        names += (*default, *ESTIMATORS) if name == 'all' else (name,)
+        names += (*default, *known) if name == 'all' else (name,)
     return list(dict.fromkeys(names))
 
 
@@ -95,7 +97,8 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
         raise UserError('--jobs: a cluster has one job per worker, so leave out this option')
     if arguments.scheduler != LOCAL and '://' not in arguments.scheduler:
         raise UserError(
-            f'--scheduler {arguments.scheduler}: must be local, or an address as tcp://HOST:8786'
+            f'--scheduler {arguments.scheduler}: must be local, or an address such as '
+            'tcp://HOST:8786'
         )
     refuse = partial(other_program, here=program())
     with on_scheduler(arguments.scheduler, program, refuse) as refused:

@@ -21,16 +21,16 @@ from checkweigher_core.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
 
-_PROCESS_PATIENCE = 5.0  # time in s in which a process must end by itself
+_PROCESS_PATIENCE = 5.0  # time in s after which a process that does not end is killed
 
 
 @contextmanager
 def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
     """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
 
-    With security on, the process has the enclave of this name in the namespace.
-    Ctrl-C raises KeyboardInterrupt in the block, which can finish its work while the nodes still
-    exist. The nodes log only warnings, because a command shows its own results.
+    With ROS security, the process uses `enclave` of this namespace. Ctrl-C raises KeyboardInterrupt
+    in the block, which can finish its work while the nodes still exist. The nodes log only warnings
+    and errors, because a command shows its own results.
     """
     arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
     if enclave:
@@ -130,7 +130,7 @@ def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[st
 
 
 def end_process(process: Process) -> bool:
-    """Wait until a process ends. Return false if the process had to be killed after some time."""
+    """Wait until a process ends, and kill it after 5 s. Return false if it was killed."""
     try:
         process.wait(timeout=_PROCESS_PATIENCE)
     except subprocess.TimeoutExpired:

@@ -28,9 +28,10 @@ from checkweigher_validation.tuning.tuner import tune
 
 @dataclass(frozen=True, slots=True)
 class BagPasses:
-    """The passes of known mass in a bag, the load cell, and notes for the user.
+    """Passes of known mass in a bag, the load cell, and notes for the user.
 
-    The windows of `passes` and of `untrained` are cut by different parameters, if both are given.
+    `untrained` contains the same passes as `passes`, with windows that are cut with other
+    parameters, or is empty.
     """
 
     passes: tuple[KnownPass, ...]
@@ -62,10 +63,11 @@ def read_passes(
     n_jobs: int | None = None,
     untrained: SegmenterParameters | None = None,
 ) -> ReadPasses:
-    """Return the passes of known mass in bags. `n_jobs` is described at `run_jobs`.
+    """Return the passes of known mass in bags.
 
-    `segmenter` cuts the windows of `ReadPasses.passes`, and `untrained` those of
-    `ReadPasses.untrained`, if it is given. Bags that cannot be read are reported on stderr and
+    The windows of `ReadPasses.passes` are cut with the parameters `segmenter`, and those of
+    `ReadPasses.untrained` with `untrained`. If `untrained` is None, there are none. `n_jobs` is the
+    number of processes, as in `run_jobs`. Bags that cannot be read are reported on stderr and
     skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate than the
     first bag, and `BagError` if no bag can be read.
     """
@@ -76,20 +78,15 @@ def read_passes(
     if len(broken) == len(bags):
         raise broken[0]
     for problem in broken:
-        warn(f'{problem}; passed over')
+        warn(f'{problem}; skipped')
     read = [(bag, each) for bag, each in found if not isinstance(each, BagError)]
     for bag, each in read:
         _check(f'{bag}', each, rate=read[0][1].cell.sample_rate)
-    return _joined(read, len(broken))
-
-
-def _joined(read: Sequence[tuple[Path | str, BagPasses]], broken: int) -> ReadPasses:
-    """Return the passes of all bags that were read."""
     return ReadPasses(
-        passes=[one for _, each in read for one in each.passes],
+        passes=list(chain.from_iterable(each.passes for _, each in read)),
         lines=[f'{bag}: {each}' for bag, each in read],
-        broken=broken,
-        untrained=[one for _, each in read for one in each.untrained],
+        broken=len(broken),
+        untrained=list(chain.from_iterable(each.untrained for _, each in read)),
     )
 
 
@@ -99,12 +96,12 @@ def _check(bag: str, found: BagPasses, rate: float) -> None:
         warn(note)
     if found.cell.sample_rate != rate:
         raise UserError(
-            f'{bag}: sampled at {found.cell.sample_rate:g} Hz, the bags before it at {rate:g} Hz; '
-            'bags of one machine belong together'
+            f'{bag}: the sample rate is {found.cell.sample_rate:g} Hz, but {rate:g} Hz in the '
+            'first bag; give bags of one machine'
         )
     if not found.passes:
         raise UserError(
-            f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'
+            f'{bag}: no pass of known mass; it needs messages on reference_mass with the stamp t1'
         )
 
 
@@ -154,12 +151,12 @@ def train(
 ) -> int:
     """Tune estimators on the passes of known mass in bags, and write a parameter file.
 
-    The file has the tuned parameters, all other parameters of `base`, and selects the first
-    estimator. If `estimators` is None, the estimators that so few or many passes can determine are
-    tuned, and compared with each other and with `base` on held-out passes. The file then has only
-    the best one, or the estimator of `base` as it is. `budget` is the maximum number of evaluations
-    of each estimator at each speed. `n_jobs` is described at `run_jobs`. Returns the number of bags
-    that were skipped.
+    The file contains the tuned parameters and the changed parameters of `base`, and selects the
+    first estimator. If `estimators` is None, all candidates for this number of passes are tuned,
+    and compared with each other and with `base` on held-out passes. The file then contains only the
+    best one, or the estimator of `base` without tuning. `budget` is the largest number of
+    evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
+    `run_jobs`. Returns the number of bags that were skipped.
     """
     before = base
     as_untrained = base.segmenter if estimators is None else None

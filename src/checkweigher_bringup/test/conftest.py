@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures of the tests of the command line and the line."""
+"""Fixtures for the tests of the commands and the line."""
 
 from subprocess import CompletedProcess
 
@@ -13,7 +13,7 @@ _HERE = 'weigh', 'simulate', 'import'  # which need no graph and no further proc
 
 @pytest.fixture
 def checkweigher() -> Run:
-    """Run a command that must succeed, in this process if that does."""
+    """Return a function that runs a command which must succeed, in this process if possible."""
 
     def run(command: str, *arguments: object) -> CompletedProcess[str]:
         done = (run_here if command in _HERE else run_command)(command, *arguments)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: its help, its examples, what it takes from the parameters, its imports."""
+"""Command line: help, examples, options from the parameters, and imports."""
 
 from dataclasses import fields
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input: one line that says what and where, exit status 2, nothing half-written."""
+"""Bad input, which gives one line on the error, exit status 2, and no partial output."""
 
 from collections.abc import Callable
 import os
@@ -95,9 +95,9 @@ def test_options(arguments: tuple[object, ...]):
         (('--keep', '/nowhere/at/all'), 'there is no folder /nowhere/at/all; make it first'),
         (('--trust', __file__), f'{__file__}: is not an Ed25519 public key'),
         (('--trust', '/none'), '/none: cannot be read: No such file'),
-        (('--trust', __file__, '--bag', BAG), '--trust: of a running line only'),
+        (('--trust', __file__, '--bag', BAG), '--trust: not with --bag'),
         (('--bag', BAG, '--report', '/none'), 'there is no such file'),
-        (('--report', __file__), '--report: goes with --bag only'),
+        (('--report', __file__), '--report: only with --bag'),
     ],
 )
 def test_pages(monkeypatch: pytest.MonkeyPatch, options: tuple[object, ...], said: str):

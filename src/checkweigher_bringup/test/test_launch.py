@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The launch file, where a ROS installation has `ros2 launch`; the wheels have none."""
+"""Launch file, tested only with a ROS installation, because the wheels lack `ros2 launch`."""
 
 import os
 from pathlib import Path

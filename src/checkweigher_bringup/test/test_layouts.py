@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Layouts of Foxglove and rqt show topics and fields that there are; the bridge reads alone."""
+"""Layouts of Foxglove and rqt, which show existing topics and fields, and the read-only bridge."""
 
 from ast import literal_eval
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def rqt_fields() -> list[str]:
 
 
 def check(topic: str, fields: list[str]) -> None:
-    """Fail unless a topic has a field, and an array exactly where the path takes its elements."""
+    """Check that a topic has a field, which must be an array only if the path has an index."""
     kinds = PORTS[topic].type.get_fields_and_field_types()
     for field in fields:
         name, elements, _ = field.partition('[')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The launch files by launch_testing, where an installation has it; the wheels do not."""
+"""Launch files, tested with launch_testing, which only a ROS installation has."""
 
 import os
 import signal

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Waits of commands for what other threads put into their queues."""
+"""Waiting of a command for its queue while a signal arrives."""
 
 import subprocess
 import sys

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What systemd hears of a line, at a socket as systemd has it, and the unit files."""
+"""Notifications of a line to a socket as that of systemd, and the unit files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -31,7 +31,7 @@ of_systemd = pytest.mark.skipif(
 
 @contextmanager
 def manager(address: str) -> Iterator[socket.socket]:
-    """Yield the socket at which a service manager listens; it is not waited for."""
+    """Yield the non-blocking socket of a service manager."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(address)
         listening.setblocking(False)
@@ -39,7 +39,7 @@ def manager(address: str) -> Iterator[socket.socket]:
 
 
 def received(listening: socket.socket) -> list[bytes]:
-    """Return the notifications that have come."""
+    """Return the notifications that have arrived."""
     found = []
     while True:
         try:
@@ -49,7 +49,7 @@ def received(listening: socket.socket) -> list[bytes]:
 
 
 def wait_for_silence(listening: socket.socket) -> None:
-    """Wait until no notification has come for three periods."""
+    """Wait until no notification has arrived for three periods."""
     listening.settimeout(3.0)
     end = time.monotonic() + PATIENCE
     with suppress(TimeoutError):

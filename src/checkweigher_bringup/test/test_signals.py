@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Signals at any time: the exit status says so, and no process, folder or partial file is left."""
+"""Signals at any time, which give the exit status and leave no process, folder or partial file."""
 
 from collections import Counter
 import os
@@ -58,13 +58,13 @@ def family(mark: str) -> dict[int, str]:
 
 
 class Tried:
-    """A command that was ended by a signal, and what was left of it."""
+    """Command that a signal has ended, and the processes and files that are left of it."""
 
     def __init__(
         self, words: tuple[str, ...], folder: Path, number: int, *, delay: float = PATIENCE,
         processes: int = 100,
     ) -> None:  # fmt: skip
-        """Send a signal after a delay in s, or when it has so many processes."""
+        """Send a signal after a delay in s, or when the command has a number of processes."""
         mark = f'CHECKWEIGHER_TEST={folder}'
         scratch = folder / 'tmp'
         scratch.mkdir()
@@ -97,7 +97,7 @@ class Tried:
 
 
 def problem(name: str, number: int, tried: Tried) -> str:
-    """Return what is wrong, empty if nothing is."""
+    """Return what is wrong, or an empty text."""
     expected = {128 + number, -number} | WITHOUT_STATUS.get(name, set())
     if name == 'weigh':
         expected.add(0)  # it had ended

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""When a process is started again, and when it is hung: real processes, and times that are told."""
+"""Restart of processes that end or hang, with real processes and given times."""
 
 from collections.abc import Iterator
 import os
@@ -17,7 +17,7 @@ LIVES = 'exec sleep 1000'
 
 
 class Supervised:
-    """A process that runs the word `does` of a shell."""
+    """Supervised process that runs the shell command `does`."""
 
     def __init__(self, does: str = LIVES, *, reports: bool = True) -> None:
         self.does = does
@@ -29,13 +29,13 @@ class Supervised:
         return set(children(os.getpid())) - self._others
 
     def starts(self, now: float) -> bool:
-        """Return whether it is started at a time."""
+        """Return whether the process is started at a time."""
         before = self.pids
         assert self.process.look(now)
         return bool(self.pids - before)
 
     def ended(self, number: int = 0) -> None:
-        """Wait until it has ended, by itself or by a signal."""
+        """Wait until the process has ended, by itself or by a signal."""
         (pid,) = self.pids
         if number:
             os.kill(pid, number)

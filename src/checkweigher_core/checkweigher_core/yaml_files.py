@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of YAML and JSON files, with errors that name the file and the line."""
+"""Reading of YAML and JSON files, with errors that name the file and the line, and YAML texts."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -89,6 +89,18 @@ _REAL = (
 )
 _Loader.add_implicit_resolver('tag:yaml.org,2002:int', re.compile(_WHOLE), [*'-+0123456789'])
 _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(_REAL), [*'-+.0123456789'])
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML writer that quotes the strings which `_Loader` would read as numbers."""
+
+
+_Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+
+def yaml_text(content: Any) -> str:
+    """Return the text of a YAML file from which `opened` reads the same content."""
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
 
 
 def _line(text: str, path: tuple[Any, ...]) -> int:

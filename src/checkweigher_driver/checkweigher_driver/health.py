@@ -85,7 +85,7 @@ class DriverWatch:
             error_if(
                 bool(trouble),
                 trouble,
-                'check cable and power; after the repair, call reset_stop_request',
+                'check cable and power; after the repair, reset the stop',
             ),
             warn_if(
                 self._state == 'inactive',

@@ -156,8 +156,11 @@ class AuditTrail:
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
     def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
-        """Write the parameters of a running node that are about to be set."""
-        for name, value in self._changed(node, values).items():
+        """Write the parameters of a running node that are about to be set.
+
+        The value in use may differ from the last one in the log, as the limits of a product do.
+        """
+        for name, value in values.items():
             old = self._parameters.get(node, {}).get(name)
             self.note(PARAMETER, f'{node}.{name}', old, value, by)
 

@@ -26,7 +26,8 @@ packaging. The scale weighs contents and packaging together. Therefore the tare 
 limits for the reject node.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -43,6 +44,9 @@ from checkweigher_core.parameters import (
 )
 from checkweigher_core.records import GRAMS, ProductOnLine
 from checkweigher_core.settings_files import Settings, read_settings, settings_of
+from checkweigher_core.state_files import changing
+from checkweigher_core.whole_file import output_error, write_whole
+from checkweigher_core.yaml_files import opened, yaml_text
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.rejection.parameters import LIMITS, RejectParameters
@@ -141,7 +145,7 @@ class Product(Settings):
         ):
             if beyond:
                 raise SettingsError(
-                    f'{getattr(self, name)} is {side} nominal, {self.nominal:g} kg', name
+                    f'{getattr(self, name):g} kg is {side} nominal, {self.nominal:g} kg', name
                 )
         for name in ('length', 'speed'):
             smallest, largest = getattr(self, name)
@@ -240,6 +244,62 @@ class RecipeFile(Settings):
 def read_recipes(path: Path) -> dict[str, Product]:
     """Return the products of a recipe file by name. Raises `SettingsError` if one is not valid."""
     return dict(read_settings(path, RecipeFile).products)
+
+
+def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the keys that a recipe file gives for each product, by the names of the products.
+
+    Raises `SettingsError` if a recipe is not valid.
+    """
+    return {name: dict(keys) for name, keys in _content(path)['products'].items()}
+
+
+def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None:
+    """Add a product to a recipe file, replace its recipe, or remove it if `keys` is None.
+
+    Comments in the file are lost. Raises `SettingsError` if a recipe is not valid, and
+    `OutputError` if the file cannot be written. The file is then unchanged.
+    """
+    with _locked(path):
+        content = _content(path)
+        products = content['products']
+        if keys is not None:
+            settings_of(Product, dict(keys), name)
+            products[name] = dict(keys)
+        elif name not in products:
+            raise SettingsError(f'there is no recipe {name!r}')
+        elif len(products) == 1:
+            raise SettingsError(f'{name!r} is the only recipe; add another one before')
+        else:
+            del products[name]
+        settings_of(RecipeFile, content)
+        write_whole(path, yaml_text(content))
+
+
+def replace_recipes(path: Path, text: str) -> None:
+    """Replace a recipe file by a text, with its comments.
+
+    Raises `SettingsError` if a recipe is not valid, and `OutputError` if the file cannot be
+    written. The file is then unchanged.
+    """
+    read_settings(text, RecipeFile)
+    with _locked(path):
+        write_whole(path, text)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    try:
+        with changing(path):
+            yield
+    except OSError as error:
+        raise output_error(path, error) from None
+
+
+def _content(path: Path) -> dict[str, Any]:
+    with opened(path) as content:
+        settings_of(RecipeFile, content)
+    return dict(content)
 
 
 def product_of(values: Mapping[str, Any]) -> Product:

@@ -46,9 +46,15 @@ def test_a_change_has_its_old_and_its_new_value(tmp_path: Path):
 def test_what_did_not_change_is_not_written(tmp_path: Path):
     path = tmp_path / 'audit.log'
     values = {'lower_limit': -math.inf, 'speeds': (0.5, 1.0)}
-    session(path, values, ('lower_limit', -math.inf))
+    session(path, values)
     session(path, values)
     assert len(entries(path)) == 1
+
+
+def test_a_limit_that_a_product_had_changed_is_written_when_it_is_set_back(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    session(path, {'lower_limit': -math.inf}, ('lower_limit', -math.inf))
+    assert entries(path)[1:] == [('parameter', f'{NODE}.lower_limit', '-inf', '-inf')]
 
 
 def test_a_parameter_file_that_was_edited_in_between_is_noticed(tmp_path: Path):

@@ -13,7 +13,14 @@ import yaml
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import ProductOnLine
 from checkweigher_core.settings_files import plain, settings_of
-from checkweigher_production.recipes import Product, product_of, read_recipes
+from checkweigher_production.recipes import (
+    Product,
+    change_recipe,
+    given_recipes,
+    product_of,
+    read_recipes,
+    replace_recipes,
+)
 
 EXACT = 1e-12  # relative
 GOOD = {
@@ -117,9 +124,9 @@ def test_a_test_product_and_a_target_may_be_up_to_half_off():
         ('nominal', None, 'crisps.nominal: is missing'),
         ('nominal', -0.1, 'crisps.nominal: -0.1 is not in'),
         ('tare', -0.001, 'crisps.tare: -0.001 is not in 0..10000 kg'),
-        ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 is above nominal, 0.15 kg'),
+        ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 kg is above nominal, 0.15 kg'),
         ('lower_limit', 'TU3', "crisps.lower_limit: 'TU3' is not a number"),
-        ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is below nominal, 0.15 kg'),
+        ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 kg is below nominal, 0.15 kg'),
         ('length', 0.1, 'crisps.length: 0.1 is not a list like [a, b]'),
         ('length', [0.12, 0.08], 'crisps.length: from 0.12 to 0.08 nothing would be weighed'),
         ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
@@ -219,3 +226,45 @@ def test_the_recipe_in_a_record_of_before_is_read():
     own = {'parameters': {'identifier': {'hann': {'gain': [1.01]}}}}
     product = product_of(json.loads(line))
     assert product == settings_of(Product, {**rules, **inner, **own}, 'crisps')
+
+
+TWO = 'products:\n  crisps: {nominal: 0.15, lower_limit: TU1}\n  nuts: {nominal: 0.2}\n'
+
+
+def test_a_recipe_is_changed_added_and_removed_as_it_was_given(tmp_path: Path):
+    path = write(tmp_path, TWO)
+    # YAML 1.1 would take 1:30 for a number, and 1e5 for a string.
+    change_recipe(path, '1e5', {'nominal': 0.3, 'parameters': {'reject': {}}, 'reason': True})
+    change_recipe(path, 'crisps', {'nominal': 0.16, 'lower_limit': 'TU1'})
+    change_recipe(path, 'nuts', None)
+    assert list(given_recipes(path)) == ['crisps', '1e5']
+    assert given_recipes(path)['crisps'] == {'nominal': 0.16, 'lower_limit': 'TU1'}
+    # 160 g: the tolerable negative error is 4.5 %, 7.2 g. TU1 follows the new nominal mass.
+    assert read_recipes(path)['crisps'].lower_limit == pytest.approx(0.1528, rel=EXACT)
+
+
+@pytest.mark.parametrize(
+    ('name', 'keys', 'complaint'),
+    [
+        ('crisps', {'nominal': 0.15, 'lower_limit': 0.2}, 'crisps.lower_limit: 0.2 kg is above'),
+        ('peas', None, "there is no recipe 'peas'"),
+    ],
+)
+def test_a_change_that_is_refused_leaves_the_file(
+    name: str, keys: dict[str, object] | None, complaint: str, tmp_path: Path
+):
+    path = write(tmp_path, TWO)
+    with pytest.raises(SettingsError) as error:
+        change_recipe(path, name, keys)
+    assert str(error.value).startswith(complaint)
+    with pytest.raises(SettingsError, match=r'line 2: products\.a\.nominal'):
+        replace_recipes(path, 'products:\n  a: {nominal: much}\n')
+    assert path.read_text() == TWO
+
+
+def test_the_only_recipe_stays(tmp_path: Path):
+    path = write(tmp_path, 'products: {crisps: {nominal: 0.15}}')
+    with pytest.raises(SettingsError, match="'crisps' is the only recipe"):
+        change_recipe(path, 'crisps', None)
+    replace_recipes(path, f'# of the spring\n{TWO}')
+    assert path.read_text().startswith('# of the spring')

@@ -21,13 +21,13 @@ _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
 
 class SchedulerError(ValueError):
-    """Error for a cluster that cannot be used. The message has address, reason and advice."""
+    """Raised if a cluster cannot be used. The message contains address, reason and advice."""
 
 
 class _Cluster(Workers):
     """Workers of a cluster with some addresses. If `addresses` is None, all workers are used."""
 
-    ahead = 5000  # a number above that of the workers, which the memory of the scheduler can hold
+    ahead = 5000  # more than the number of workers, and few enough for the scheduler's memory
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
         from distributed import KilledWorker
@@ -128,7 +128,7 @@ def _refused(
 ) -> dict[str, str]:
     refused = {}
     for name, answer in client.run(question, on_error='return').items():
-        # A connection error of Dask has no errno. In this case the worker has ended.
+        # A connection error of Dask, which has no errno, means that the worker has ended.
         if isinstance(answer, OSError) and answer.errno is None:
             continue
         is_error = isinstance(answer, BaseException)

@@ -21,7 +21,7 @@ _AFTER = NANOSECONDS  # duration in ns of the signal after the item, for each pr
 
 
 class KeepError(ValueError):
-    """Error for an item that cannot be cut out. The message has the reason and advice."""
+    """Raised if an item cannot be cut out. The message contains the reason and advice."""
 
 
 def keep_item(
@@ -32,8 +32,8 @@ def keep_item(
     The result depends on preceding items, because zero, belt speed and lag of the photo-eyes are
     computed from them. The number of preceding items is therefore doubled until the item has the
     same decision and reasons, and a mass that differs by at most a tenth of its standard deviation.
-    In the short recording, the numbers of the items begin with 1. The item was weighed with
-    `parameters`, and has the given `estimate` and `verdict`.
+    In the short recording, the numbers of the items begin with 1. `estimate` and `verdict` are the
+    result of the item with `parameters`.
 
     Raises `KeepError` if the item has another result even in the whole recording.
     """
@@ -49,8 +49,8 @@ def keep_item(
                 return part, result
         if begin == first and end > recording.blocks[-1].stamp:
             raise KeepError(
-                f'item {estimate.item_id} is weighed another way in the whole recording; keep it '
-                'with the parameters that it was weighed with'
+                f'item {estimate.item_id} has another result even in the whole recording; use the '
+                'parameters with which it was weighed'
             )
         count *= 2
 

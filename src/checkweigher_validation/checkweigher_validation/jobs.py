@@ -35,7 +35,7 @@ class ClusterLostError(ValueError):
 class Workers(AbstractContextManager['Workers']):
     """Context manager of processes that run jobs. An exception in the block cancels all jobs."""
 
-    ahead: int  # largest number of submitted jobs
+    ahead: int  # largest number of submitted jobs that are not done yet
     lost: type[Exception]  # exception of a job whose worker was killed, perhaps by another job
 
     @abstractmethod
@@ -59,7 +59,7 @@ class _Processes(Workers):
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         with _mute():
             while True:
-                # The function returns a new executor if a process of the last one was killed.
+                # The executor is a new one if a process of the previous executor was killed.
                 self._executor = get_reusable_executor(
                     1 if alone else self._count,
                     timeout=None,
@@ -79,10 +79,9 @@ class _Processes(Workers):
 
 @contextmanager
 def _mute() -> Iterator[None]:
-    """Redirect stderr to the null device, for this process and the processes it starts meanwhile.
+    """Redirect stderr to the null device, also for processes that are started in the block.
 
-    Ctrl-C interrupts all processes of a terminal. A process that is interrupted during its imports
-    would print a traceback.
+    Otherwise, a process that Ctrl-C interrupts during its imports would print a traceback.
     """
     kept = os.dup(2)
     null = os.open(os.devnull, os.O_WRONLY)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Small recordings of one item are weighed as the long one that they were cut from."""
+"""Short recordings of one item, in which the item has the result of the long recording."""
 
 from dataclasses import replace
 
@@ -51,5 +51,5 @@ def test_an_item_has_the_same_verdict_in_a_small_recording(
 def test_an_item_of_other_parameters_is_refused(line: Recording, results: list[ItemResult]):
     item = results[14]
     other = replace(item.verdict, decision=Decision.OVER)
-    with pytest.raises(KeepError, match='item 15 is weighed another way'):
+    with pytest.raises(KeepError, match='item 15 has another result'):
         keep_item(line, DEFAULTS, item.estimate, other)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs on several processes: their order, their errors, their bar, and what Ctrl-C does to them."""
+"""Jobs in several processes: their order, errors, progress bar, and the effect of Ctrl-C."""
 
 from functools import partial
 import math

@@ -73,11 +73,17 @@ class Figure(_FromText, ui.echart, component='figure.js'):
 
 
 class ItemList(_FromText, component='items.js'):
-    """List of items. If the viewer chooses a row, `choose` is called with the key of the row."""
+    """List of items. If the viewer chooses a row, `choose` is called with the key of the row.
 
-    def __init__(self, heads: Iterable[str], choose: Callable[[str], None]) -> None:
+    Screen readers read `verb` before the first cell of a row.
+    """
+
+    def __init__(
+        self, heads: Iterable[str], choose: Callable[[str], None], verb: str = 'show item'
+    ) -> None:
         super().__init__()
         self.props['heads'] = list(heads)
+        self.props['verb'] = verb
         self.on('choose', lambda event: choose(str(event.args)))
 
     def choose(self, key: str) -> None:

@@ -1,8 +1,8 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
 // The list of items. Its rows come as one text, which the server makes once for all viewers:
-// a key, the number of the item, the decision, and the texts of the other columns. The list is one
-// stop of the tabulator key; arrows lead from item to item in it.
+// a key, the number of the item, the decision, and the texts of the other columns. Recipes and users
+// are such lists as well, with their names as numbers and without a decision. The list is one stop of the tabulator key; arrows lead from item to item in it.
 export default {
   template: `
     <table class="plain">
@@ -11,7 +11,7 @@ export default {
         <tr v-for="[key, number, decision, ...texts] in list" :key="key"
             :class="[decision, { chosen: key === chosen }]">
           <td>
-            <button :aria-label="'show item ' + number" :aria-pressed="key === chosen"
+            <button :aria-label="verb + ' ' + number" :aria-pressed="key === chosen"
                     :tabindex="key === stop ? 0 : -1" @keydown.up.prevent="step(-1)"
                     @keydown.down.prevent="step(1)" @keydown.home.prevent="step(-Infinity)"
                     @keydown.end.prevent="step(Infinity)"
@@ -21,7 +21,8 @@ export default {
         </tr>
       </tbody>
     </table>`,
-  props: { heads: Array, rows: { type: String, default: "[]" }, chosen: String },
+  props: { heads: Array, rows: { type: String, default: "[]" }, chosen: String,
+           verb: String },
   emits: ["choose"],
   computed: {
     list() {

@@ -42,6 +42,7 @@ from checkweigher_web.listening import Watch
 from checkweigher_web.overview import Overview, show_overview, wait_for_lane
 from checkweigher_web.page import show_lane, show_shift
 from checkweigher_web.shift import Shift
+from checkweigher_web.technician.practice import Practice
 from checkweigher_web.views.view import Look
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.bar import keep_item, work_bar, work_menu, work_of
@@ -52,6 +53,7 @@ from checkweigher_web.work.services import Workshop
 
 HUNG = 30.0  # time in s after which the process ends if the event loop hangs
 _LOOK_PERIOD = 1.0  # s
+_PATIENCE = 15.0  # longest time in s in which the nodes of a lane answer before a page is shown
 _AWAY = 15.0  # time in s for which the server keeps the page of a browser that is offline
 _LARGEST_MESSAGE = 1 << 20  # maximum size of a message from a browser in bytes
 _REPORT = '/report'
@@ -184,7 +186,7 @@ def _add_pages(
             header(access, _title(name), others=lambda: True)
             wait_for_lane(name, lambda: name in watch.lanes)
 
-    @ui.page('/commissioning/{name:path}', title='Checkweigher')
+    @ui.page('/commissioning/{name:path}', title='Checkweigher', response_timeout=_PATIENCE)
     async def commission(name: str) -> None:
         if name not in watch.lanes:
             header(access, _title(name), others=lambda: True)
@@ -194,7 +196,7 @@ def _add_pages(
         if desk.role < Role.TECHNICIAN:
             ui.navigate.to(LOGIN)
             return
-        services = await desk.services()
+        services = await desk.begin()
         header(access, _title(name), look, lambda: True, partial(work_menu, desk, look))
         CommissioningPath(desk, services)
 
@@ -205,6 +207,7 @@ def _add_pages(
         look = Look(drawings.setdefault(name, Drawing(watch.lanes[name])), watch.board)
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
         look.work = work_of(desk)
+        look.practice = Practice(desk) if desk.role >= Role.TECHNICIAN else None
         return look, desk
 
     def show(name: str) -> None:

@@ -40,7 +40,7 @@ def take_plan(ben: Inspector, path: Path) -> None:
     wrong = path.with_name('wrong.yaml')
     wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
     upload.send_keys(str(wrong))
-    ben.sees("class: class 'none' is none of", where='.found')
+    ben.sees("class: class 'none' is not one of", where='.found')
     ben.make('Begin')
     ben.said('✗', 'the plan: line')
     path.write_text(SHORT_PLAN)

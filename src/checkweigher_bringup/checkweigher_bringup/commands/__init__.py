@@ -12,20 +12,39 @@ from pathlib import Path
 from typing import Any
 
 Option = tuple[Any, ...]  # usage, kind, help and default of an option, see `_add`
-REQUIRED = {'required': True}  # mark of an option that has no default and must be given
+REQUIRED = {'required': True}  # in place of the default of an option that must be given
 
 PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
 NAMESPACE: Option = ('--namespace NAME', str, 'namespace of the lane', '')
 NEW_BAG: Option = ('--output DIR', Path, 'bag to write', REQUIRED)
-ESTIMATOR: Option = ('--estimator NAME', str, 'estimator of the mass; default iswd_eksi')
-LANE: Option = ('--lane NAME', str, 'namespace to take, if the bag has several')
+ESTIMATOR: Option = (
+    '--estimator NAME',
+    str,
+    'estimator of the mass; default: that of the parameter file, or iswd_eksi',
+)
+LANE: Option = ('--lane NAME', str, 'namespace of the lane to read if a bag contains several')
 OVERWRITE: Option = ('--overwrite', bool, 'replace FILE if it exists')
 DURATION: Option = ('--duration S', float, 'end after S seconds')
 RECIPES: Option = ('--recipes FILE', Path, 'recipe file')
+USERS: Option = (
+    '--users FILE',
+    Path,
+    'file of the users; default: checkweigher/users in $XDG_CONFIG_HOME or ~/.config',
+)
+# Certificate and key of the page.
+TLS: tuple[Option, ...] = (
+    ('--certificate FILE', Path, 'certificate file of the page for TLS (PEM)'),
+    ('--key FILE', Path, 'key file of the certificate (PEM)'),
+)
 # Number of the worker processes, and the cluster on which they run.
 SCHEDULING: tuple[Option, ...] = (
-    ('--jobs N', int, 'processes; default one for a core'),
-    ('--scheduler ADDRESS', str, 'local (default), or a Dask cluster: tcp://HOST:8786', 'local'),
+    ('--jobs N', int, 'number of processes; default: one for each core'),
+    (
+        '--scheduler ADDRESS',
+        str,
+        'local (default), or the address of a Dask scheduler, such as tcp://HOST:8786',
+        'local',
+    ),
 )
 CSV: Option = ('--csv FILE', Path, 'write one row per item to FILE')
 WEIGHING: tuple[Option, ...] = (PARAMS, ESTIMATOR, LANE, CSV, OVERWRITE)
@@ -33,26 +52,31 @@ TUNING: tuple[Option, ...] = (
     (
         '--estimator NAME',
         [str],
-        'one or several, or all; the first one is what a tuned file selects; default of tune the '
-        'best of all on held-out passes',
+        'one or more estimators, or all; the written parameter file selects the first one; by '
+        'default, tune selects the best one on held-out passes',
     ),
-    ('--budget N', int, 'evaluations of each estimator at each speed; default 240', 240),
+    (
+        '--budget N',
+        int,
+        'largest number of evaluations of each estimator at each speed; default 240',
+        240,
+    ),
     *SCHEDULING,
-    ('--lane NAME', str, 'namespace to take, if the bags hold several'),
+    LANE,
 )
 
 
 def bags(text: str) -> Option:
     """Return the argument for one or more bags. The help text begins with `text`."""
-    where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with bags in it'
+    where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder that contains bags'
     return 'bags BAG', [str], f'{text}: {where}'
 
 
 def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None:
     """Add options to a parser.
 
-    A string in `options` is the title of the options after it. Options in a tuple exclude each
-    other.
+    A string in `options` is the title of the options that follow. Of the options in an inner tuple,
+    only one may be given.
     """
     group: argparse._ActionsContainer = parser
     for option in options:

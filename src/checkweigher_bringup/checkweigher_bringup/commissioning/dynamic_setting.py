@@ -58,14 +58,19 @@ class DynamicSettingParameters(Parameters):
 
     node: ClassVar[str] = 'dynamic_setting'
 
-    folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml, must be given')
+    folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml; must be given')
     estimator: str = parameter(
         'best',
         'estimator that is trained and selected in machine.yaml; best: the most accurate one on '
         'held-out passes',
         choices=('best', *ESTIMATORS),
     )
-    budget: int = parameter(240, 'number of evaluations per speed', minimum=1, maximum=1_000_000)
+    budget: int = parameter(
+        240,
+        'largest number of evaluations of each estimator at each speed',
+        minimum=1,
+        maximum=1_000_000,
+    )
     parameters: str = parameter(
         '', 'file of the parameters that are not trained; empty for the defaults'
     )

@@ -59,7 +59,7 @@ def verify(arguments: argparse.Namespace) -> str:
 def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
     """Write the result of a verification to the audit log of the line.
 
-    Returns why it could not be written, which is empty if it was.
+    Returns the reason why the result could not be written, or an empty text.
     """
     files = [folder / f'report.{ending}' for ending in ('html', 'json')]
     value = {
@@ -75,7 +75,7 @@ def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
 
 
 def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
-    """Return how a bag and its verdict differ from an audit log as text, which may be empty."""
+    """Return how a bag and its verdict differ from an audit log, or an empty text."""
     if log is None:
         return ''
     chain = read_chain(log)

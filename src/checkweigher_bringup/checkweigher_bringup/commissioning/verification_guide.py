@@ -186,7 +186,7 @@ class VerificationNode(RecorderNode):
         self.feed.put(block)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        # On a busy computer, samples may arrive after verdicts, and a step begins after both.
+        # A step begins after the latest verdict, which may arrive before the samples of its time.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
 

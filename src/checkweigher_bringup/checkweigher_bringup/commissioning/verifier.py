@@ -55,8 +55,10 @@ class VerifierParameters(Parameters):
 
     node: ClassVar[str] = 'verifier'
 
-    folder: str = parameter('', 'folder for the folders plans and verifications, must be given')
-    audit_log: str = parameter('', 'audit log of the line, for its digest in the reports')
+    folder: str = parameter('', 'folder for the folders plans and verifications; must be given')
+    audit_log: str = parameter(
+        '', 'audit log of the line, whose digest the reports contain; empty for none'
+    )
 
 
 class RemoteOperator:

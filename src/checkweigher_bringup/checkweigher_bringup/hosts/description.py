@@ -187,7 +187,8 @@ def read_line(path: Path) -> LineDescription:
 
 def _check_name(name: str, *place: object) -> None:
     if not _NAME.fullmatch(name):
-        raise SettingsError(f'{name!r} must be a letter, then letters, digits and _', *place)
+        text = f'{name!r} must begin with a letter, and contain at most 64 letters, digits and _'
+        raise SettingsError(text, *place)
 
 
 def _file(path: Path, *place: object) -> Path:

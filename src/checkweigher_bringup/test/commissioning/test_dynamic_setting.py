@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The dynamic setting of a simulated line: passes of a known mass at two speeds, then training."""
+"""Dynamic setting of a simulated line: passes of a known mass at two speeds, then training."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -41,7 +41,7 @@ LINE = {
 
 @contextmanager
 def line(spinner: Spinner, speed: float) -> Iterator[None]:
-    """Run a line on which a product of one mass passes again and again."""
+    """Run a line on which products of one mass pass."""
     nodes = [*make_stages(), DriverNode({**LINE, 'simulator.speed': speed})]
     for node in nodes:
         spinner.add(node)
@@ -53,7 +53,7 @@ def line(spinner: Spinner, speed: float) -> Iterator[None]:
 
 
 class Technician:
-    """Records and trains by the actions of the dynamic setting, and hears its state."""
+    """Client of the actions of the dynamic setting, which also receives its states."""
 
     def __init__(self, spinner: Spinner) -> None:
         self._node = Node('technician')
@@ -70,7 +70,7 @@ class Technician:
         return Goal(self._node, TunePasses, ports.TUNE_PASSES)
 
     def wait(self, condition: Callable[[DynamicSetting], bool]) -> list[DynamicSetting]:
-        """Return what was said up to what meets a condition."""
+        """Return the states up to the first one that meets a condition."""
         said: list[DynamicSetting] = []
         while not said or not condition(said[-1]):
             said.append(self._said.get(timeout=90)[1])

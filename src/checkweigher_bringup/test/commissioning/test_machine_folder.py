@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a machine: what is made in it, and what the line reads from it."""
+"""Folder of a machine: the files that are created in it, and the parameters for the line."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A verification on a simulated line, by the action of the node and by a person at the keyboard."""
+"""Verification on a simulated line, by the action of the node and at the terminal."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -48,7 +48,7 @@ MAKE, SKIP, GO_ON = StepAnswer
 
 
 class Operator(PortNode):
-    """Somebody elsewhere on the graph."""
+    """Operator in another process of the graph."""
 
     def __init__(self) -> None:
         super().__init__('operator')
@@ -67,7 +67,7 @@ class Operator(PortNode):
         return goal
 
     def answer(self, answer: StepAnswer, reason: str = '', question: int | None = None) -> str:
-        """Answer the question that was heard last, or another; return why it was refused."""
+        """Answer the latest or another question, and return why the answer was refused."""
         asked = self.said.question if question is None else question
         values = {'question': asked, 'answer': int(answer), 'reason': reason}
         found = call(self, AnswerVerification, ports.ANSWER_VERIFICATION, **values)
@@ -82,7 +82,7 @@ class Operator(PortNode):
 
 @contextmanager
 def guided(folder: Path) -> Iterator[tuple[Process, Operator]]:
-    """Run a line, the node in a process of its own as `run --folder` does, and somebody."""
+    """Run a line, the node `verifier` in its own process, and an operator."""
     folder.mkdir()
     file = parameter_file(folder / 'node.yaml', {'verifier': {'folder': str(folder)}})
     command = node_command('checkweigher_bringup.commissioning.verifier', LANE, file)
@@ -96,7 +96,7 @@ def guided(folder: Path) -> Iterator[tuple[Process, Operator]]:
 
 
 def check_same(folder: Path, scratch: Path) -> dict[str, object]:
-    """Hold a report to the one that its bag gives, and return it."""
+    """Check that the bag of a report gives the same report, and return the report."""
     done = run_here('verify', '--from', folder / 'bag', '--output', scratch)
     assert done.returncode == 1, done.stderr
     for name in ('report.html', 'report.json'):

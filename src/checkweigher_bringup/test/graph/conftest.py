@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures of the tests of the graph."""
+"""Fixtures for the tests of the graph."""
 
 from collections.abc import Iterator
 import os
@@ -23,7 +23,7 @@ for _name in _LOG:  # the processes that tests start keep to standard error
 
 @pytest.fixture
 def spinner(request: pytest.FixtureRequest) -> Iterator[Spinner]:
-    """Serve nodes in the namespace `LANE` of the module of the test, by default lane1."""
+    """Spin nodes in the namespace `LANE` of the test module, by default lane1."""
     with spinning(getattr(request.module, 'LANE', 'lane1')) as running:
         yield running
 

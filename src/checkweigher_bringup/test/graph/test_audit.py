@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of a running line: in the audit log before they take effect, or refused."""
+"""Changes of a running line, which are in the audit log before they take effect, or refused."""
 
 from contextlib import suppress
 import os
@@ -36,7 +36,7 @@ def _line(line: Line) -> Line:
 
 
 def set_limit(line: Line, value: float, *, atomically: bool = False) -> Any:
-    """Set the lower limit and return the result."""
+    """Set the lower limit, and return the result."""
     if not atomically:
         return line.set_limit('lower_limit', value)
     change = Parameter('lower_limit', value=value).to_parameter_msg()

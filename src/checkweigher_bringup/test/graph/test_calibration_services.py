@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A load cell on a port is calibrated by action and services of the driver, on a running line."""
+"""Calibration of a load cell on a serial port by action and services of a running driver."""
 
 from pathlib import Path
 import queue
@@ -32,7 +32,7 @@ NOISE = 40  # counts, more than that of the device
 
 
 class Technician:
-    """Reads loads, calls the services, and hears what the load cell is."""
+    """Client of the action and the services, which also receives the load cell."""
 
     def __init__(self, spinner: Spinner) -> None:
         self._node = Node('technician')
@@ -48,7 +48,7 @@ class Technician:
         self._latest = block.counts[0]
 
     def put_on(self, device: SerialDevice, level: int) -> None:
-        """Put a load on the belt, and wait until the line reads it: the port holds older values."""
+        """Put a load on the belt, and wait until the port has delivered all older samples."""
         device.tell(f'level {level}')
         wait_for(lambda: abs(self._latest - ZERO - level) < NOISE)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The clock of a bag, for nodes with use_sim_time."""
+"""Clock of a bag for nodes with use_sim_time."""
 
 from lines import weigh_all
 from rclpy.node import Node

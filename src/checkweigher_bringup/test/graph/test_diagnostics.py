@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What /diagnostics tells over real DDS, of a line that is well and of all that can go wrong."""
+"""Diagnostics over real DDS, of a line without faults and of each kind of fault."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +34,7 @@ OF_THE_MACHINE = ('Clock', 'Verdicts', 'Line', 'Windows', 'Permission')
 
 
 class Told:
-    """The latest status of each aspect, and each one that was not OK."""
+    """Listener with the latest status of each aspect, and each status that was not OK."""
 
     def __init__(self, spinner: Spinner) -> None:
         self.node = Node('others')
@@ -58,18 +58,18 @@ class Told:
         return (Level.OK, '') if status is None else (Level(status.level[0]), status.message)
 
     def values(self, name: str) -> dict[str, str]:
-        """Return the figures of an aspect."""
+        """Return the values of an aspect."""
         return {value.key: value.value for value in self.last[f'{LANE}/{name}'].values}
 
     def wait(self, name: str, level: Level, text: str, timeout: float = PATIENCE) -> str:
-        """Wait until an aspect has a level and says a text; return the hint."""
+        """Wait until an aspect has a level and a text, and return its hint."""
         wait_for(
             lambda: self.aspect(name)[0] == level and text in self.aspect(name)[1], text, timeout
         )
         return self.aspect(name)[1].partition('; ')[2]
 
     def rows(self) -> dict[str, Level]:
-        """Return the levels of all."""
+        """Return the levels of all aspects."""
         with self._lock:
             return {name: Level(status.level[0]) for name, status in self.last.items()}
 
@@ -285,5 +285,5 @@ def test_the_lanes_show_the_worst_with_its_hint_to_the_end():
 def test_the_status_of_nothing_says_so_and_fails():
     done = run_command('status', '--duration', 1)
     assert done.returncode == 1
-    assert 'nothing on /diagnostics' in done.stdout
+    assert 'no message on /diagnostics' in done.stdout
     assert 'Traceback' not in done.stderr

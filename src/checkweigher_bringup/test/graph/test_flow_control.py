@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay at full speed over a network that holds the edges up: it waits for them."""
+"""Replay at full speed, which waits for edges that the network delays."""
 
 from collections import deque
 from dataclasses import asdict
@@ -27,7 +27,7 @@ DELAY = 0.15  # s; at full speed that is ten seconds of signal, and edges may be
 
 
 class SlowEdges(Node):
-    """Passes edges on, each DELAY after it has come."""
+    """Node that forwards each edge after DELAY."""
 
     def __init__(self) -> None:
         super().__init__('slow_edges')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A stranger beside the nodes of a line."""
+"""Foreign publisher on the topics of a line."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +20,7 @@ SAYS = '/running/stranger publishes /running/mass_estimate'
 
 
 def wait_until_heard(messages: Any, wanted: Callable[[Any], bool]) -> Any:
-    """Return the next message that is wanted."""
+    """Return the next message that meets a condition."""
     while not wanted(message := messages.get(timeout=PATIENCE)[1]):
         pass
     return message

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults with a bad product on the belt: it is rejected, or the line stops until a person looks.
+"""Faults with a bad product on the belt, which is rejected, or the belt stops for a person.
 
 The machine is `belt_machine.py`, whose PLC runs the program of docs/hardware_io.md; the line is
 that of the command `run`. A trial feeds a bad product among good ones, lets a fault happen when it
@@ -42,7 +42,7 @@ WEIGHED = 5 * PATIENCE
 
 @dataclass(frozen=True)
 class Fault:
-    """One kind of fault; `stops` says that the line has to stop in any case."""
+    """Kind of fault. If `stops` is True, the line must stop in any case."""
 
     name: str
     happen: Callable[[BeltLine, random.Random], None]
@@ -121,7 +121,7 @@ def state_damaged(line: BeltLine, rng: random.Random) -> None:
 
 
 def told(name: str, *choices: str) -> Fault:
-    """Return a fault that the machine is told of."""
+    """Return a fault that is reported to the machine."""
 
     def happen(line: BeltLine, rng: random.Random) -> None:
         line.tell(rng.choice(choices).format(rng.uniform(0.05, 1.5)))
@@ -171,13 +171,13 @@ class Trials:
         self.start()
 
     def start(self) -> None:
-        """Wait for the release of the belt at a start that leaves nothing in doubt."""
+        """Wait for the release of the belt after a start without a fault."""
         line, said = self._line, len(self._line.stops)
         self.operate()  # a busy host may have read the eyes late
         assert not [stop.hint for stop in line.stops[said:] if 'look for' in stop.hint]
 
     def run(self, fault: Fault) -> None:
-        """Let a fault happen with a bad product on the belt, and recover."""
+        """Cause a fault with a bad product on the belt, and recover."""
         line, rng = self._line, self._rng
         bad, place = rng.choice((LIGHT, HEAVY)), rng.uniform(*REACHES_REJECTOR)
         self.weigh(2)
@@ -198,7 +198,7 @@ class Trials:
         self.counts['second product weighed'] += first <= 2
 
     def _bring(self, bad: float, place: float, behind: int) -> None:
-        """Feed a bad product with good ones around it, and wait until it is at a place, m."""
+        """Feed a bad product between good ones, and wait until it is at a place in m."""
         line, fed = self._line, 0
 
         def there() -> bool:
@@ -214,20 +214,20 @@ class Trials:
         line.wait_for(there, f'{bad} g at {place:.2f} m')
 
     def operate_again(self) -> None:
-        """Release a belt that was stopped for another reason than the fault, and count it."""
+        """Release a belt that has stopped for another reason than the fault, and count the stop."""
         self.counts['stopped again'] += 1  # a product was cut off, or the host was too busy
         print(f'stopped again: {self._line.stop_text()[-160:]}')
         self.operate()
 
     def _place(self, mass: float, since: int) -> float:
-        """Return where a product is, by its mass and when it was fed, m; 1 behind the rejector."""
+        """Return the place of a product in m from mass and feed time; 1 if behind the rejector."""
         for _, _, place, _ in (p for p in self._line.products() if p[1] == mass):
             return place
         gone = (entry for entry in self._line.events() if entry[0] > since and entry[2:])
         return 1.0 if any(entry[3] == mass for entry in gone) else -1.0
 
     def _follow(self, fault: Fault, bad: float, began: int) -> str:
-        """Return what became of the bad product."""
+        """Return the outcome for the bad product."""
         line, since = self._line, time.monotonic()
         passed = ejected = text = ''
         while time.monotonic() - since < WEIGHED:  # nodes that were killed take long to start
@@ -247,7 +247,7 @@ class Trials:
         return f'escaped: nobody was told: {passed=} {ejected=} {text=}'
 
     def operate(self) -> None:
-        """Clear a belt that stands and press the button, until it runs and is empty."""
+        """Clear a stopped belt and press the button, until the belt runs and is empty."""
         line = self._line
         line.feed(0)
 
@@ -261,7 +261,7 @@ class Trials:
         line.wait_for(released, 'the release of the belt')
 
     def weigh(self, count: int) -> int:
-        """Weigh good products until so many in a row are; return which was the first of all."""
+        """Weigh good products until enough in a row are accepted, and return the first of all."""
         line, first = self._line, len(self._line.verdicts)
         line.feed(*([GOOD] * count))
 
@@ -296,9 +296,9 @@ def hold(
     again: bool = False,
     whole: int = WHOLE,
 ) -> None:
-    """Let each of the faults happen, and print what became of it.
+    """Cause each of the faults, and print the outcomes.
 
-    With `again`, end with an empty belt and start `again`, for which no person is needed.
+    With `again`, end with an empty belt, and start the line `again`, which needs no person.
     """
     options = {'processes': processes, 'wiring': wiring}
     if wiring == 'permit':  # with more time between products than the watchdog has

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One verdict and one number an item while nodes of the line are killed, each in its process."""
+"""Each item has one verdict and one number, even if nodes in their own processes are killed."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -32,11 +32,11 @@ _SETTLE = 4.0  # s, in which the verdicts on what has entered come
 
 
 class Campaign:
-    """Kills of nodes of a line, and what a listener has heard of its items.
+    """Kills of nodes of a line, and the messages on its items.
 
-    A product is known by the stamp of its t1, or of its t3 where the segmenter was dead at t1. Only
-    one product is on the weigh belt at a time. A driver that is started again begins with the same
-    stamps, so that a stamp may be that of several products.
+    A product is identified by the stamp of its t1, or of its t3 if the segmenter was dead at t1.
+    Only one product is on the weigh belt at a time. A driver that is restarted begins with the same
+    stamps, so several products may have the same stamp.
     """
 
     def __init__(self, line: SupervisedLine) -> None:
@@ -52,7 +52,7 @@ class Campaign:
         self._kills: list[tuple[int, str]] = []  # times, ns, and nodes
 
     def kill(self, name: str) -> None:
-        """Kill a node that has been started."""
+        """Kill a running node."""
         wait_for(lambda: self._killed(name))
         self.killed[name] += 1
         self._kills.append((time.time_ns(), name))
@@ -71,7 +71,7 @@ class Campaign:
                 self._hear(self.line.verdicts.get(timeout=left)[1])
 
     def judge_until(self, decision: int) -> None:
-        """Let the line run until a verdict of a decision has come."""
+        """Let the line run until a verdict with a decision arrives."""
         before = len(self.line.found)
         self.line.judge_until(decision)
         for verdict in self.line.found[before:]:
@@ -88,7 +88,7 @@ class Campaign:
         self._waiting.append(verdict)
 
     def _look(self) -> None:
-        """Count the products whose edges have come, and the verdicts on them."""
+        """Count the products whose edges have arrived, and the verdicts on them."""
         while not self.line.edges.empty():
             _, edge = self.line.edges.get()
             stamp = stamp_from(edge.header.stamp)
@@ -106,9 +106,9 @@ class Campaign:
         self._waiting = []
 
     def check(self, *, gap: bool = False) -> None:
-        """Print the counts, and check that each item has one verdict under a number of its own.
+        """Print the counts, and check that each item has one verdict with a unique number.
 
-        With a `gap` no node saw some of the items.
+        With a `gap`, no node has seen some of the items.
         """
         self.judge_for(_SETTLE)
         self._look()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Lanes over several hosts: shares, a good network, and one that loses, delays and falls apart."""
+"""Lanes on several hosts: shares, a good network, and a network with loss, delay and partition."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -35,7 +35,7 @@ Values = dict[str, dict[str, object]]
 
 
 class Witness:
-    """What came of the lanes of a host, told on that host itself."""
+    """Listener on a host for the verdicts of the lanes of this host."""
 
     def __init__(self, words: list[str], lanes: list[str]) -> None:
         script = str(ROOT / 'test/support/witness.py')
@@ -66,7 +66,7 @@ class Witness:
 def lanes_over(
     hosts: Network, count: int, files: Mapping[str, Path], environment: Mapping[str, str]
 ) -> Iterator[dict[str, Witness]]:
-    """Run lanes whose machine is on one of `count` hosts and whose computing is on the next one."""
+    """Run lanes, each with its machine on one of `count` hosts and its weighing on the next one."""
     commands = {}
     for number, (lane, file) in enumerate(files.items()):
         for host, nodes in ((number, AT_MACHINE), (number + 1, AWAY)):
@@ -86,7 +86,7 @@ def lanes_over(
 
 
 def verdicts(told: list[Told], since: int = 0) -> list[Told]:
-    """Return the verdicts that came since a time, in order of entry."""
+    """Return the verdicts since a time, in order of entry."""
     found = [t for t in told if t['topic'] == ports.VERDICT.name and t['came'] >= since]
     return sorted(found, key=lambda verdict: verdict['item_id'])
 
@@ -142,7 +142,7 @@ def wait_for_accepted(witnesses: dict[str, Witness], since: int, patience: float
 
 
 def check(lane: str, told: list[Told], begin: int, end: int) -> Counter[str]:
-    """Check the verdicts of a lane; count them by what they are."""
+    """Check the verdicts of a lane, and count them by kind."""
     given = verdicts(told)
     while given[0]['decision'] != Decision.ACCEPT:  # its nodes were starting
         del given[0]

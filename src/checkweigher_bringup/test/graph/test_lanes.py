@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Lanes in one ROS domain: each is a process and a namespace, and none hears of another."""
+"""Lanes in one ROS domain, each with its own process and namespace, and without cross-talk."""
 
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -50,7 +50,7 @@ def simulator(mass: float) -> dict[str, object]:
 
 
 class Lane:
-    """An operator beside a lane."""
+    """Operator of a lane."""
 
     def __init__(self, namespace: str, folder: Path) -> None:
         self.mass = MASSES[namespace]
@@ -99,7 +99,7 @@ class Lane:
         wait_for(lambda: len(self.verdicts) >= count)
 
     def offline(self, count: int) -> list[Verdict]:
-        """Return the first verdicts of the lane without the graph."""
+        """Return the first verdicts of the lane, computed offline."""
         parameters = SimulationParameters.from_mapping({**simulator(self.mass), 'count': count + 1})
         weighings = weigh_all(simulate(parameters), LineParameters.from_file(self.file))
         return [weighing.verdict for weighing in islice(weighings, count)]
@@ -116,7 +116,7 @@ def lanes(tmp_path: Path) -> Iterator[dict[str, Lane]]:
 
 
 def change_all(lane: Lane) -> None:
-    """Do to a lane all that an operator can do."""
+    """Change everything in a lane that an operator can change."""
     answer = lane.call(SelectProduct, 'select_product', product='crisps')
     assert answer.success, answer.message
     assert lane.call(NewBatch, 'new_batch', batch='monday').success

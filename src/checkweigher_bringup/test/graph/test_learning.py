@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a line has learned: kept over a restart, forgotten by a service, in the audit log."""
+"""Learned parameters of a line: kept over a restart, discarded by a service, in the audit log."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Driver and reject as managed nodes over real DDS: safe when inactive, in order, and recalled."""
+"""Managed nodes `driver` and `reject` over real DDS, which are safe when inactive."""
 
 import queue
 import signal
@@ -35,19 +35,19 @@ FAST = {'simulator.count': 0, 'simulator.spacing': 0.4, 'simulator.lead_in': 0.5
 
 
 class Manager:
-    """A lifecycle manager of one node."""
+    """Lifecycle manager of one node."""
 
     def __init__(self, node: Node, name: str) -> None:
         self._node, self._name = node, name
 
     def change(self, transition: int) -> bool:
-        """Ask for a transition and return whether it was made."""
+        """Request a transition, and return whether it was made."""
         wanted = Transition(id=transition)
         name = f'{self._name}/change_state'
         return bool(call(self._node, ChangeState, name, transition=wanted).success)
 
     def state(self) -> str:
-        """Return the state by its name."""
+        """Return the name of the state."""
         return str(call(self._node, GetState, f'{self._name}/get_state').current_state.label)
 
 

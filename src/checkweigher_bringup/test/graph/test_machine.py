@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole graph on a machine: load cell on a port, photo-eyes, rejector and stop over Modbus TCP.
+"""Graph on a machine: load cell on a serial port, photo-eyes, rejector and stop over Modbus TCP.
 
-The load cell and the PLC are programs of their own; both play the same bag from the same moment.
+The load cell and the PLC are separate programs, which play the same bag from the same moment.
 """
 
 from bisect import bisect_right
@@ -47,7 +47,7 @@ PATIENT = {'modbus.timeout': 2.0, 'modbus.longest_gap': 1.0, 'modbus.max_uncerta
 
 @dataclass
 class Line:
-    """The line that runs, and what was heard of it."""
+    """Running line, and the messages from it."""
 
     spinner: Spinner
     node: Node
@@ -107,18 +107,18 @@ def machine(folder: Path, bag: Path, recording: Recording, eyes: str) -> Iterato
 
 
 def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float], float, float]:
-    """Return the edges as they were read, on the time of the bag, and how far that is off.
+    """Return the edges as they were read, on the time of the bag, and the errors of this time.
 
-    Each edge is put between the samples of the bag between which it was published.
+    Each edge is placed between the same two samples of the bag as in the published stream.
 
     Returns
     -------
     edges : list of EyeEdge
     errors : list of float
-        Of their stamps against what the PLC played, ms.
+        Differences between the stamps and the times of the PLC in ms.
     drift, late_drift : float
-        Largest relative error of the time between samples as far apart as in a pass, in all, and
-        from 10 s after the first one on.
+        Largest relative error of the time between samples that are as far apart as in a pass, of
+        all samples, and of those at least 10 s after the first one.
     """
     blocks, rate = line.blocks, recording.load_cell.sample_rate
     counts = np.concatenate([block.counts for block in recording.blocks])
@@ -163,7 +163,7 @@ def weighed(recording: Recording, edges: Sequence[EyeEdge], uncertainty: float) 
 
 
 def check_rejects(line: Line, verdicts: list[Verdict]) -> list[float]:
-    """Hold the coil to the verdicts; return by how many ms each pulse was late."""
+    """Check that the coil follows the verdicts, and return the delays of the pulses in ms."""
     switches = line.plc.switches(REJECTOR)
     ons = [when for when, on in switches if on]
     late = []
@@ -183,7 +183,7 @@ def check_rejects(line: Line, verdicts: list[Verdict]) -> list[float]:
 
 
 def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
-    """Weigh the first items of a bag on the machine and hold them to `weigh`."""
+    """Weigh the first items of a bag on the machine, and compare them with `weigh`."""
     recording = read_bag(bag)
     cell = recording.load_cell
     with machine(folder, bag, recording, eyes) as line:

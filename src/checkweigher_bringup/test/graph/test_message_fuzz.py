@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Random messages, bytes, calls and parameters: no node dies, and the line weighs after it."""
+"""Random messages, bytes, calls and parameters, which end no node and spoil no later stream."""
 
 from collections import Counter
 import os
@@ -33,7 +33,7 @@ FOREIGN = 2**20  # bit in the numbers of the items of the tormentor, which the l
 
 
 class Tormentor(Node):
-    """Sends what nobody should."""
+    """Sender of random and invalid data."""
 
     def __init__(self, seed: int) -> None:
         super().__init__('tormentor')
@@ -55,14 +55,14 @@ class Tormentor(Node):
         self._zeroing: list[Future] = []
 
     def know(self, nodes: list[Node]) -> None:
-        """Take the parameters of nodes as targets."""
+        """Add the parameters of nodes to the targets."""
         for node in nodes:
             client = self.create_client(SetParameters, f'{node.get_name()}/set_parameters')
             names = [name for name in node.get_parameters_by_prefix('') if name != 'use_sim_time']
             self._targets.append((client, names))
 
     def is_heard(self) -> bool:
-        """Whether all subscribers have been found."""
+        """Return whether all subscribers have been discovered."""
         heard = sum(publisher.get_subscription_count() > 0 for _, publisher in self._to)
         return heard >= 9 and all(client.service_is_ready() for client, _ in self._servers)
 
@@ -98,22 +98,22 @@ class Tormentor(Node):
                 publisher.publish(message)
 
     def wait(self) -> None:
-        """Wait until all subscribers have what was sent, and the calls have been answered."""
+        """Wait until all messages are acknowledged and all calls are answered."""
         for _, publisher in self._to:
             assert publisher.wait_for_all_acked()
         wait_for(lambda: all(call.done() for call in self._calls), timeout=60.0)
         self._calls.clear()
 
     def finish(self) -> None:
-        """Wait until nothing that was asked for can still happen."""
+        """Wait until no request can have an effect any more."""
         self.wait()
         wait_for(lambda: all(call.done() for call in self._zeroing), timeout=60.0)
 
 
 class Counters:
-    """What nodes count of the messages that they handle, as their diagnostics tell it.
+    """Counts of the handled messages in the diagnostics of the nodes.
 
-    Acknowledged is not yet handled: a stream that begins now would take the rest for its own.
+    An acknowledged message may not be handled yet, and would then belong to the next stream.
     """
 
     def __init__(self, node: Node, names: list[str]) -> None:
@@ -128,7 +128,7 @@ class Counters:
             self._told[message.status[0].name].append(counted)
 
     def settle(self) -> int:
-        """Wait until no node has counted more for a second; return how many were refused."""
+        """Wait until no count has changed for 1 s, and return the number of refused messages."""
         for told in self._told.values():
             told.clear()
         wait_for(
@@ -139,7 +139,7 @@ class Counters:
 
 
 def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
-    """Send `count` things to a line, check that it lives and weighs a bag; return the counts."""
+    """Send `count` random things to a line, check that it weighs a bag, and return the counts."""
     stages = make_stages()
     product = ProductNode()
     listener = ResultListener('listener')

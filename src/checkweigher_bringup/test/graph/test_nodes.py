@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes over real DDS: hostile messages to the driver, a bag twice, changed parameters."""
+"""Nodes over real DDS: hostile messages to the driver, a bag twice, changed parameters."""
 
 import math
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole graph with its rejector over Modbus TCP."""
+"""Graph with a rejector over Modbus TCP."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -37,7 +37,7 @@ def plc(tmp_path: Path) -> Iterator[Plc]:
 
 
 class Line:
-    """The graph on a bag that is played at true time, with outputs; verdicts and stops of it."""
+    """Graph with outputs, which plays a bag in real time, and its verdicts and stop requests."""
 
     def __init__(self, spinner: Spinner, plc: Plc, monkeypatch: Any, **limits: float) -> None:
         # Under a name that the parameter allows.
@@ -61,7 +61,7 @@ class Line:
         return self._heard.get(timeout=PATIENCE)
 
     def verdict_after(self, time: int) -> Verdict:
-        """Return the next verdict on a product that left the belt after a time, ns."""
+        """Return the next verdict on a product that left the belt after a time in ns."""
         while (verdict := self.verdict()).t3 is None or verdict.t3 < time:
             pass
         return verdict

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The programs of docs/own_driver.md, own_stage.md and own_plc.md do as they are printed."""
+"""Programs of docs/own_driver.md, own_stage.md and own_plc.md, run as they are printed."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -47,7 +47,7 @@ def start() -> Iterator[Start]:
 
 
 def start_stages(start: Start, *arguments: str) -> list[Process]:
-    """Start the stages; the rejector is far away, so that a busy computer is in time as well."""
+    """Start the stages with a distant rejector, so that a busy computer is also in time."""
     far = ['--ros-args', '-p', 'rejector_distance:=8.0', '--ros-args', *arguments]
     names = 'segmenter', 'denoise', 'identifier', 'reject'
     return [start('-m', f'checkweigher_dsp.nodes.{name}', *far) for name in names]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The performance test of a recipe over real DDS: reminder, stop, passes, and its entry."""
+"""Performance test of a recipe over real DDS: reminder, stop, passes, and audit log entry."""
 
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from checkweigher_core.ros import ports
 
 
 class Watched:
-    """A line with the product `tested`, and what it says of its overdue test and of stop."""
+    """Line with the product `tested`, and its states of the overdue test and of the stop."""
 
     def __init__(self, spinner: Spinner, folder: Path) -> None:
         self.line = Line(spinner, folder, product='tested')

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The permission to run is gone soon after a node of the line is, and comes back with it.
+"""Permission to run, which ends soon after a node of the line ends, and returns with the node.
 
 The line is that of the command `run` with a process per node, on the machine of `belt_machine.py`.
-The campaign prints the figures of docs/safety.md. `make test` halts each node once and kills one;
-it leaves the times to the campaign, which needs an idle machine.
+The campaign prints the figures of docs/safety.md. `make test` halts each node once and kills one.
+It does not check the times, because that needs an idle machine.
 """
 
 from collections import defaultdict
@@ -30,7 +30,7 @@ HALT = 1.5  # s
 
 
 class Heard:
-    """The permission as a PLC with DDS takes it: true messages hold, until they run out."""
+    """Permission as a PLC with DDS uses it: a message with `run` holds until it expires."""
 
     def __init__(self, node: Node) -> None:
         self.runs = False
@@ -68,7 +68,7 @@ def operate(line: BeltLine, heard: Heard) -> None:
 
 
 def stopped_at(line: BeltLine, since: int) -> int:
-    """Return when the machine has stopped the belt, ns."""
+    """Return the time in ns at which the machine has stopped the belt."""
 
     def stops() -> list[int]:
         stands = [each[0] for each in line.events() if each[1] in ('stop', 'watchdog')]

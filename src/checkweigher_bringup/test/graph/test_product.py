@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The product node over real DDS: recipes of a running line."""
+"""Node `product` over real DDS: recipes of a running line."""
 
 import math
 from pathlib import Path
@@ -101,9 +101,14 @@ def test_a_limit_that_is_set_holds_until_another_product_is_selected(line: Line)
     assert (verdict.decision, verdict.batch, verdict.lower_limit) == (1, 'L2', 0.17)
     assert line.select('nuts').success
     assert line.judge(0.18).decision == 2  # UNDER
-    (changed,) = line.entries('parameter')
-    assert (changed.subject, changed.new) == ('/lane1/reject.lower_limit', 0.17)
     assert line.entries('selection')[-1].old['lower_limit'] == 0.17
+    # The parameter has this value still, while the limit is that of the product.
+    assert line.set_limit('lower_limit', 0.17).successful
+    assert line.judge(0.18).decision == 1
+    changes = [(entry.subject, entry.new) for entry in line.entries('parameter')]
+    assert changes == 2 * [('/lane1/reject.lower_limit', 0.17)]
+    text = line.product._selection.finding().text
+    assert 'limits on the line, 170 g and none, are not those of the recipe, 190 g and' in text
 
 
 def test_a_bad_recipe_file_changes_nothing(line: Line):

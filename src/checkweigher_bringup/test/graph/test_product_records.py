@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The product node over real DDS: statistics, audit log and batches, which go on over restarts."""
+"""Node `product` over real DDS: statistics, audit log and batches, which survive restarts."""
 
 from dataclasses import asdict
 import hashlib
@@ -204,7 +204,7 @@ GOOD, LIGHT = 0.102 + 0.004, 0.095 + 0.004
 
 
 def judge_by_recipe(line: Line, mass: float) -> Any:
-    """Judge an item once the reject node has its product."""
+    """Send an item, and return its verdict when the node `reject` has the product."""
     line.wait_for_product('tins')
     return line.judge(mass)
 

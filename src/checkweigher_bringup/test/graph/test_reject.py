@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reject node over real DDS: masses and edges that come late or not, and stops of the line."""
+"""Node `reject` over real DDS: late and missing masses and edges, and stops of the line."""
 
 import signal
 import subprocess

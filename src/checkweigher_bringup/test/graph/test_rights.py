@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The security policy against the endpoints of a running line, in processes of their own."""
+"""Security policy, compared with the endpoints of a running line in separate processes."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ RARE = {'segmenter': {ports.DIAGNOSTICS.name}}
 
 
 def endpoints(node: Node, name: str, space: str) -> Rights:
-    """Return what a node of the graph does."""
+    """Return the endpoints of a node of the graph."""
     asked = (
         node.get_publisher_names_and_types_by_node,
         node.get_subscriber_names_and_types_by_node,

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph on a serial load cell: the masses of the recording that the device sends."""
+"""Graph with a serial load cell, which gives the masses of the bag that the device plays."""
 
 from pathlib import Path
 

@@ -95,7 +95,7 @@ def changed(path: str, value: object) -> dict[str, Any]:
         (changed('hosts.hall', 'hall.local'), "hosts.hall: 'hall.local' is not an IP address"),
         (changed('hosts.hall', '10.75.0.2'), 'two hosts have the same address'),
         (changed('discovery', 'everywhere'), "discovery: 'everywhere' is not one of hosts, subnet"),
-        (changed('lanes.1', {'host': 'hall'}), "lanes.1: '1' must be a letter"),
+        (changed('lanes.1', {'host': 'hall'}), "lanes.1: '1' must begin with a"),
         (changed('lanes.lane1.host', 'attic'), "lanes.lane1.host: 'attic' is not one of the hosts"),
         (changed('lanes.lane1.nodes', {}), 'must have either host .* or nodes'),
         (changed('lanes.lane1.params', 3), 'lanes.lane1.params: 3 is not a list'),

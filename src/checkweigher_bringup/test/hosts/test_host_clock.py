@@ -82,7 +82,7 @@ def test_a_command_that_hangs_is_ended():
 
 @contextmanager
 def chronyd(folder: Path, *lines: str) -> Iterator[tuple[str, ...]]:
-    """Run a daemon that sets no clock, and have the command that asks it."""
+    """Run a daemon that sets no clock, and yield the command that queries it."""
     socket_path = folder / 'chronyd.sock'
     file = folder / 'chrony.conf'
     own = ('cmdport 0', f'bindcmdaddress {socket_path}', f'pidfile {folder / "pid"}')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the line reaches on lines that it has not been tuned on."""
+"""Accuracy of the untuned line on simulated and real passes."""
 
 from collections import defaultdict
 import json
@@ -70,10 +70,9 @@ def test_passes_of_a_real_belt_scale(checkweigher: Run, rows: Rows, tmp_path: Pa
 
 @pytest.fixture(name='real_bags', scope='module')
 def _real_bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Bags with what the recordings hold up to t3, each behind its own empty belt, by mass.
+    """Write bags by mass, in which the signal up to t3 follows the empty belt of its recording.
 
-    The recordings begin just before t1, and have their empty belt after t4, from when it is at
-    rest.
+    The recordings begin just before t1. Their empty belt is at rest only some time after t4.
     """
     folder = tmp_path_factory.mktemp('real')
     bags = {}
@@ -100,7 +99,7 @@ def _real_bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def real_error(rows: Rows, bags: list[Path], *options: object) -> float:
-    """Root mean square of the errors of some real passes, g."""
+    """Return the root mean square of the errors of some real passes in g."""
     found = [row for bag in bags for row in rows('weigh', bag, *options)]
     assert len(found) == len(bags)
     errors = [float(row['mass_g']) - float(row['reference_g']) for row in found]
@@ -126,9 +125,9 @@ def test_tuning_on_few_real_passes_makes_nothing_worse(
 
 
 def begins_blocked(log: Path) -> bool:
-    """Tell whether the infeed eye was clear for less than the debounce time before its first edge.
+    """Return whether the infeed eye may have been blocked before the recording began.
 
-    It may then have been blocked before the recording began.
+    This is the case if it was clear for less than the debounce time before its first edge.
     """
     recorded = json.loads(log.with_suffix('.edges.json').read_text())
     first = next(index for index, blocked in recorded['ftc1'] if blocked)

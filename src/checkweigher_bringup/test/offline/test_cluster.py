@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Many bags on a Dask cluster of real processes: the bits of one machine, also where one dies."""
+"""Many bags on a Dask cluster of real processes, with the same results as on one machine."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -31,7 +31,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def make_bags(folder: Path, count: int, products: int) -> Path:
-    """Write so many bags of so many products, no two the same."""
+    """Write different bags with a number of products each."""
     folder.mkdir()
     for number in range(count):
         line = simulated(count=products, seed=number, speed=(0.5, 1.0, 1.5)[number % 3])
@@ -51,10 +51,10 @@ def test_a_worker_without_access_to_a_bag_says_so(running: Cluster, tmp_path: Pa
 
     host = os.uname().nodename
     assert done.stderr.splitlines() == [
-        f'on worker {host}: {gone}: there is no such file or folder; passed over'
+        f'on worker {host}: {gone}: there is no such file or folder; skipped'
     ]
     assert done.returncode == 1
-    assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag passed over')
+    assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag skipped')
     assert list(digests(tmp_path / 'results')) == ['bags/paper_90.parquet']
 
 
@@ -102,6 +102,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bits(
     assert digests(there) == digests(here)
 
 
+@pytest.mark.soak
 def test_a_worker_of_another_version_is_refused(tmp_path: Path):
     # The same program, but for a file that another version has changed.
     other = tmp_path / 'other'
@@ -125,6 +126,7 @@ def test_a_worker_of_another_version_is_refused(tmp_path: Path):
     assert done.stdout.splitlines()[-1].endswith('50 items')
 
 
+@pytest.mark.soak
 def test_a_cluster_that_ends_is_one_line_and_what_is_done_is_kept(tmp_path: Path):
     bags, results = make_bags(tmp_path / 'bags', 1, 300), tmp_path / 'results'
     for number in range(1, 40):
@@ -147,7 +149,7 @@ def test_a_cluster_that_ends_is_one_line_and_what_is_done_is_kept(tmp_path: Path
     ('address', 'text'),
     [
         ('tcp://127.0.0.1:1', 'no Dask scheduler there'),
-        ('nowhere', 'must be local, or an address as tcp://HOST:8786'),
+        ('nowhere', 'must be local, or an address such as tcp://HOST:8786'),
     ],
 )
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, address: str, text: str):
@@ -188,7 +190,7 @@ def test_a_cluster_of_one_worker_does_the_work_itself(tmp_path: Path):
 
 @pytest.fixture(scope='module')
 def deadly(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """Have a worker that dies at each bag with the name deadly, and is started again."""
+    """Run a worker that dies at each bag with the name deadly, and is restarted."""
     folder = tmp_path_factory.mktemp('deadly')
     with cluster(folder, 1, deadly_environment(folder), nannies=True) as found:
         yield found
@@ -206,6 +208,7 @@ def test_a_job_that_keeps_killing_workers_is_lost_and_no_other(deadly: Cluster):
     assert done == {0: -1, 2: -2}
 
 
+@pytest.mark.soak
 def test_a_cluster_without_a_worker_left_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(jobs, '_LOOK', 0.1)
     monkeypatch.setattr(on_workers, '_PATIENCE', 1.0)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged bags: one line that says so, or the right masses; never other ones."""
+"""Damaged bags, which are refused in one line or give the right masses."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -86,7 +86,7 @@ def masses_of(path: Path) -> Masses:
 
 
 def as_ros2_records(source: Path, path: Path) -> None:
-    """Copy a file as the recorder of ROS 2 writes it: with check sums of the chunks only."""
+    """Copy a file as the recorder of ROS 2 writes it, with checksums of the chunks only."""
     with source.open('rb') as file, path.open('xb') as new:
         writer = Writer(new, CHUNK, CompressionType.ZSTD)
         writer.start(profile='ros2')
@@ -106,7 +106,7 @@ def as_ros2_records(source: Path, path: Path) -> None:
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a small bag with its masses in them."""
+    """Return a small bag with reference masses."""
     line = simulated(count=3, speed=1.5, spacing=0.5, lead_in=0.6, run_out=0.3)
     return write_line(tmp_path_factory.mktemp('whole') / 'bag', line)
 
@@ -122,7 +122,7 @@ def whole(bag: Path) -> Masses:
 
 @pytest.fixture(params=['folder', 'file', 'ros2'])
 def copy(request: pytest.FixtureRequest, bag: Path, tmp_path: Path) -> tuple[Path, Path]:
-    """Return a bag to read and the file of it to damage.
+    """Return a bag to read, and the file of the bag to damage.
 
     A folder with metadata.yaml, its file alone, and a file as the recorder of ROS 2 writes it.
     """
@@ -160,7 +160,7 @@ def outcome(path: Path, whole: Masses) -> str:
 
 
 def try_damages(copy: tuple[Path, Path], whole: Masses, damage: Damage, count: int) -> Counter[str]:
-    """Damage a bag in `count` ways, the same ones in each run, and count what comes of it."""
+    """Damage a bag in `count` reproducible ways, and count the outcomes."""
     path, file = copy
     data = file.read_bytes()
     chance = random.Random(f'{damage.__name__} {file.name}')

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings and state files of each format, and what is left of them when they are damaged.
+"""Settings and state files of each format, also with random damages.
 
-`make soak SOAK_ARGS='-k damaged_file'` damages 20,000, others at each run.
+`make soak SOAK_ARGS='-k damaged_file'` tries 20,000 damages, which differ in each run.
 """
 
 from collections import Counter
@@ -35,7 +35,7 @@ TOKEN = re.compile(rb'"[^"]*"|[-+]?\d[\d.e+-]*|\w+')
 
 
 def read_learned(path: Path) -> LearnedKinds:
-    """Read what was learned; a fit that is accepted weighs a load of 1 as 1."""
+    """Read learned parameters, and check that an accepted fit weighs a load of 1 as 1."""
     record = LearnedRecord(str(path))
     known = record.read()
     if known is None:
@@ -84,7 +84,7 @@ def content_of(name: str) -> bytes:
 
 
 def damaged(data: bytes, random: Random) -> bytes:
-    """Return a file with a damage of its bytes, lines, values, keys or format."""
+    """Return a file with damaged bytes, lines, values, keys or format."""
     first, last = sorted(random.randrange(len(data) + 1) for _ in range(2))
     lines, tokens = data.splitlines(keepends=True), [each.span() for each in TOKEN.finditer(data)]
     (begin, end), other = (random.choice(tokens or [(first, last)]) for _ in range(2))
@@ -111,7 +111,7 @@ def damaged(data: bytes, random: Random) -> bytes:
 
 
 def refusal(name: str, path: Path) -> str:
-    """Return the refusal of a file, empty if it is read."""
+    """Return the message with which a file is refused, or an empty text."""
     try:
         FILES[name](path)
     except ParameterError as error:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records that no machine sends, in the middle of a line, and parameters at their limits."""
+"""Impossible records in the middle of a line, and parameters at their limits."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -50,9 +50,9 @@ def line() -> Recording:
 
 
 def blocks(count: int, ahead: float = 0.0, index: int | None = None, later: int = 0) -> Maker:
-    """Return what makes a block of `count` samples, `ahead` s in index and time.
+    """Return a function that makes a block of `count` samples, `ahead` s in index and time.
 
-    `index` replaces its index, `later` is added to its stamp, ns.
+    `index` replaces the index of the block, and `later` in ns is added to its stamp.
     """
 
     def make(chance: random.Random, last: SampleBlock) -> Hostile:
@@ -70,7 +70,7 @@ def many_blocks(chance: random.Random, last: SampleBlock) -> Hostile:
 
 
 def edges(count: int, spread: float, centre: int = 0) -> Maker:
-    """Return what makes edges at random times, within `spread` ns around a time."""
+    """Return a function that makes edges at random times, within `spread` ns of a time."""
 
     def make(chance: random.Random, last: SampleBlock) -> Hostile:
         times = (last.stamp + centre + round(chance.uniform(-spread, spread)) for _ in range(count))
@@ -105,7 +105,7 @@ CLAIMED = {'a block 1 s ahead': 1.0, 'edges around now': 0.5, 'many blocks': 3.5
 
 
 def run(recording: Recording, make: Maker, seed: int) -> tuple[list[Weighing], int]:
-    """Weigh a line with hostile records in the middle; return the items and when they came."""
+    """Weigh a line with hostile records in the middle, and return the items with their times."""
     chance = random.Random(seed)
     stages = WeighingLine(
         recording.load_cell, LineParameters(identifier=IdentifierParameters(estimator='mean'))
@@ -124,9 +124,9 @@ def run(recording: Recording, make: Maker, seed: int) -> tuple[list[Weighing], i
 
 
 def check(recording: Recording, kind: str, seed: int) -> int:
-    """Run one line: after the time that the records claim, the second whole product is weighed.
+    """Check that the second whole product after the time of the hostile records is weighed.
 
-    No product is weighed twice or wrongly. Return the number of whole products that were lost.
+    Also check that no product is weighed twice or wrongly. Returns the number of lost products.
     """
     weighings, came = run(recording, KINDS[kind], seed)
     accepted = [each for each in weighings if each.verdict.decision is Decision.ACCEPT]
@@ -162,7 +162,7 @@ STAMPS = (0, 1, -1, 2**62, -(2**62), 1_700_000_000 * NANOSECONDS, 40_000 * DAY, 
 
 
 def spoilt(record: Any, chance: random.Random, counts: int) -> Any:
-    """Return a window or an estimate with senseless fields."""
+    """Return a window or an estimate with meaningless fields."""
     values: dict[str, Any] = {}
     for entry in fields(record):
         old = getattr(record, entry.name)
@@ -221,7 +221,7 @@ def test_no_estimate_ends_the_reject_stage_and_the_next_ten_are_judged(windows: 
 
 
 def at_limits(chance: random.Random) -> dict[str, object]:
-    """Return some numbers of the stages at the ends of their ranges."""
+    """Return parameters of the stages with some numbers at the ends of their ranges."""
     values: dict[str, object] = {}
     for node in ('segmenter', 'denoise', 'identifier', 'reject'):
         entries = getattr(LineParameters(), node).entries()
@@ -238,7 +238,7 @@ def at_limits(chance: random.Random) -> dict[str, object]:
 
 
 def weigh_at_limits(recording: Recording, count: int) -> Counter[str]:
-    """Weigh a line with parameters at their limits; return how often it was refused, or weighed."""
+    """Weigh lines with parameters at their limits, and count the refused and the weighed ones."""
     told: Counter[str] = Counter()
     for seed in range(count):
         values = at_limits(random.Random(seed))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What must not change a mass: how samples were grouped, the gain of the cell, its clock."""
+"""Masses do not depend on the blocks of samples, the gain of the load cell, or its clock."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Whole windows against the plain path, and windows at once against windows one by one."""
+"""Windows in batches, compared with single windows and with the plain computation."""
 
 from dataclasses import astuple, replace
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Random lines, spoilt in every way: one verdict for each product, no unsound one accepted."""
+"""Random lines with faults: each product has one verdict, and no faulty product is accepted."""
 
 import os
 
@@ -53,7 +53,7 @@ DIFFICULT = {
 def check_line(
     plan: Plan, estimator: str, delays: list[int | None], *, length_known: bool
 ) -> tuple[SpoiltLine, list[Verdict], list[Verdict]]:
-    """Check a line; return it, its verdicts, and those of the reject stage alone on a clock."""
+    """Check a line. Returns the line, its verdicts, and the verdicts of the reject stage alone."""
     line = make_line(plan)
     known = parameters(estimator, length_known=length_known)
     weighed = weigh(line, known)
@@ -70,7 +70,7 @@ def check_line(
 
 
 def check_lines(estimator: str, count: int) -> Tally:
-    """Weigh `count` random lines; return what came of them, and of the reject stage on a clock."""
+    """Weigh `count` random lines. Returns the counts, also those of the reject stage alone."""
     tally = Tally()
 
     @settings(max_examples=count, suppress_health_check=list(HealthCheck))

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Converters that lie: no wrong mass is accepted, and no good one refused.
+"""Faulty converters: no wrong mass is accepted, and no right mass is refused.
 
-Machine, belt speed and masses of each line are random. Each product of a line meets the same kind
-of lie: a limit all the time, others from a random moment of its pass on until it has left.
+Machine, belt speed and masses of each line are random. All products of a line have the same kind of
+fault. A limit acts all the time, and other faults act from a random moment of each pass to its end.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ KINDS = ('frozen', 'stuck', 'repeated', 'offset', 'limited', 'limited softly')
 
 @lru_cache(maxsize=4)
 def line_of(seed: int) -> Recording:
-    """Return a line with a converter that shows its noise."""
+    """Return a line with a converter that resolves the noise."""
     random = np.random.default_rng(seed)
     profile = f'machine:{seed}' if seed % 4 else list(PROFILES)[seed // 4 % len(PROFILES)]
     own = {'counts_per_kg': 5e5, **own_values(profile)}
@@ -48,7 +48,7 @@ def line_of(seed: int) -> Recording:
 
 
 def lying(recording: Recording, kind: str, random: np.random.Generator) -> Recording:
-    """Return the line with a lie in each pass."""
+    """Return the line with a fault of the converter in each pass."""
     cell, true = recording.load_cell, counts_of(recording).astype(np.int64)
     start, kg = recording.blocks[0].stamp, cell.counts_per_kg
     bit = 1 << round(np.log2(kg * np.exp(random.uniform(np.log(1e-3), np.log(0.2)))))
@@ -83,7 +83,7 @@ def lying(recording: Recording, kind: str, random: np.random.Generator) -> Recor
 
 
 def campaign(kind: str, seeds: range) -> Counter[str]:
-    """Weigh lines with a lie; print and return the counts of items."""
+    """Weigh lines with a faulty converter, and print and return the counts of items."""
     found: Counter[str] = Counter()
     for seed in seeds:
         line = line_of(seed)

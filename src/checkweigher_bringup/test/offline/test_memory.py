@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The memory of weigh and simulate over the length of a bag: it does not grow with it."""
+"""Memory of `weigh` and `simulate`, which does not grow with the length of a bag."""
 
 from collections.abc import Iterator
 import os
@@ -24,7 +24,7 @@ GROWTH = 12_000  # kB that two runs may differ by
 
 
 def noisy_line(seconds: int) -> Iterator[Event]:
-    """Yield a line with a product a second on a belt of noise."""
+    """Yield a line with one product per second and a noisy belt."""
     noise = np.random.default_rng(1).integers(-100, 100, SIZE + 997, dtype=np.int32)
     for number in range(seconds * RATE // SIZE):
         begin = START + number * SIZE * NANOSECONDS // RATE
@@ -36,7 +36,7 @@ def noisy_line(seconds: int) -> Iterator[Event]:
 
 
 def curve(*words: object, every: float = 0.05) -> list[int]:
-    """Return the memory of a command in kB from time to time, and at last the most that it had."""
+    """Return the memory of a command in kB at several times, and its maximum as the last value."""
     process = start_command(*words, stdout=subprocess.DEVNULL, stderr=None)
     found = [0]
     most = 0

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State files after a power cut at each step of their writing, which is recorded."""
+"""State files after a power cut at each step of their writing."""
 
 from collections.abc import Callable
 import os
@@ -26,10 +26,10 @@ from checkweigher_web.access.users import Role, User, changing_users, read_users
 
 
 class Disk:
-    """A folder as its disk has it: of files and folders what was synced, the rest is lost.
+    """Content of a folder on its disk, on which only synced files and folders are safe.
 
-    After each step `check` is called for two folders. In one of them the entries are those that
-    were synced, in the other all entries are on the disk already, with contents that may be lost.
+    After each step, `check` is called for two folders. One of them contains only the entries that
+    were synced. The other one contains all entries, with contents that may be lost.
     """
 
     def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch, check: Callable[[Path], None]):
@@ -65,7 +65,7 @@ class Disk:
             self._contents[number] = path.read_bytes()
 
     def cut(self) -> None:
-        """Check what a power cut leaves now."""
+        """Check the state after a power cut at this moment."""
         with pytest.MonkeyPatch.context() as real:
             for name, call in REAL.items():
                 real.setattr(os, name, call)

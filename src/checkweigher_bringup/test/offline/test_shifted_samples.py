@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Samples that are off against the photo-eyes: no wrong mass is accepted, and no good one refused.
+"""Samples that lag behind the photo-eyes: no wrong mass is accepted, and no right mass is refused.
 
-An amplifier's filter, two clocks or a debounced eye do that. All stamps of the samples of a bag are
-moved by a constant, from its beginning or from its middle on.
+Possible causes are the filter of an amplifier, two clocks or a debounced eye. The stamps of the
+samples of a bag are moved by a constant, either all of them or those of the second half.
 """
 
 from collections import Counter
@@ -42,7 +42,7 @@ SHIFTS = (
 
 
 def shifted(recording: Recording, shift: float, begin: float = 0.0) -> Recording:
-    """Return the line with its samples later by `shift` ms from a share `begin` of it on."""
+    """Return the line with samples that are `shift` ms later after the fraction `begin` of it."""
     first, last = recording.blocks[0].stamp, recording.blocks[-1].stamp
     start = first + begin * (last - first)
     blocks = (
@@ -55,7 +55,7 @@ def shifted(recording: Recording, shift: float, begin: float = 0.0) -> Recording
 
 
 def errors(weighings: Iterable[Weighing], recording: Recording) -> NDArray[np.float64]:
-    """Return how far masses are off, in the standard deviations that they state; NaN of a FAULT."""
+    """Return the errors of masses in units of their stated deviations; NaN for a FAULT."""
     masses = ReferenceMasses(recording.references)
     return np.array([
         (each.estimate.mass - masses.at(each.estimate.t1)) / each.estimate.std_dev
@@ -67,7 +67,7 @@ def campaign(
     bags: Iterable[str], estimators: Iterable[str], shifts: Iterable[float],
     begins: Iterable[float],
 ) -> None:  # fmt: skip
-    """Weigh bags with moved samples; print the counts and require that nothing escapes."""
+    """Weigh bags with moved samples, print the counts, and check that no wrong mass is accepted."""
     recordings = {bag: read_bag(BAGS / bag) for bag in bags}
     shifts, begins = list(shifts), list(begins)
     escapes = []
@@ -108,7 +108,7 @@ def test_no_wrong_mass_is_accepted_at_any_shift_by_any_estimator(estimator: str)
 
 
 def jittering(recording: Recording, random: np.random.Generator) -> Recording:
-    """Return the line with each item off its edges by about 1 ms, by another amount each."""
+    """Return the line with the load of each item moved by a random time of about 1 ms."""
     off = random.normal(0.0, MS, len(recording.edges))
     seen: Counter[tuple[int, bool]] = Counter()
     edges = []

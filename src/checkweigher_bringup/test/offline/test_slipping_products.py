@@ -29,9 +29,9 @@ ESCAPES = 0.002  # share of the products that stick or slip, in docs/safety.md
 def line_of(
     seed: int, slowest: float, fastest: float
 ) -> tuple[Recording, float, float, dict[int, bool]]:
-    """Return a line, the mass in kg and length in m of its products, and which of them lose speed.
+    """Return a line, the mass in kg and length in m of its products, and those that lose speed.
 
-    The products have a share of the speed of the belt meanwhile, and are named by their t1.
+    The products that lose speed have a fraction of the belt speed, and are identified by their t1.
     """
     random = np.random.default_rng(seed)
     values = own_values(f'machine:{seed}') | {'profile': f'machine:{seed}', 'counts_per_kg': 5e5}

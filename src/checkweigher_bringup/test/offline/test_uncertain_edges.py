@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the uncertainty of polled photo-eyes goes into the mass, for each estimator.
+"""Effect of the uncertainty of polled photo-eyes on the mass, for each estimator.
 
-`iswd_eksi` is the bare filter here, as it is once trained, unless its name says otherwise. Until
-then it doubts: an edge that is off makes the rise misfit, and the level of the window counts more.
+Unless its name says otherwise, `iswd_eksi` is the trained filter, without the parameter `doubt`.
+With `doubt`, a wrong edge makes the rise misfit, and the level of the window gets more weight.
 """
 
 from collections.abc import Callable
@@ -58,19 +58,19 @@ def parameters_of(name: str, **denoise: object) -> LineParameters:
 
 
 def weighed(recording: Recording, parameters: LineParameters, shift: Shift) -> NDArray[np.float64]:
-    """Return the masses in g where each edge is later by `shift` s."""
+    """Return the masses in g if each edge is `shift` s later."""
     edges = [replace(e, stamp=e.stamp + round(NANOSECONDS * shift(e))) for e in recording.edges]
     moved = replace(recording, edges=tuple(sorted(edges, key=canonical_order)))
     return np.array([1e3 * done.estimate.mass for done in weigh_all(moved, parameters)])
 
 
 def exact(edge: EyeEdge) -> float:
-    """Return by how much an edge moves that is where it was."""
+    """Return a shift of 0 for an exact edge."""
     return 0.0
 
 
 def doubt(random: np.random.Generator) -> Shift:
-    """Return how edges move that lie anywhere within the uncertainty."""
+    """Return random shifts of edges within the uncertainty."""
     return lambda edge: random.uniform(-UNCERTAINTY, UNCERTAINTY)
 
 
@@ -83,13 +83,13 @@ def rms(errors: NDArray[np.float64]) -> float:
 
 
 def inwards(edge: EyeEdge) -> float:
-    """Return by how much an edge moves if the window is to be surely that of t2..t3, s."""
+    """Return the shift of an edge in s with which the window is surely within t2..t3."""
     clears, blocks = (Eye.INFEED, False), (Eye.OUTFEED, True)
     return {clears: UNCERTAINTY, blocks: -UNCERTAINTY}.get((edge.eye, edge.blocked), 0.0)
 
 
 def test_fitted_times_keep_most_of_what_polled_edges_add_out_of_a_mass():
-    """Measure the bare filter: the doubt sees the times of the eyes, not those that are fitted."""
+    """Test the filter without `doubt`, which uses the times of the eyes and not the fitted ones."""
     recording = read_bag(BAGS / 'paper_90')
 
     def added(name: str) -> float:
@@ -160,7 +160,7 @@ def test_what_the_fit_of_the_times_brings_and_costs(profile: str):
 
 
 def price(profile: str, speed: float) -> float:
-    """Return by what the Gauss-Markov bound rises where t1 and t2 are as uncertain as that."""
+    """Return the increase of the Gauss-Markov bound by such an uncertainty of t1 and t2."""
     mass, rise = 0.1645, 0.1 / speed
     model = pass_model(SimulationParameters(profile=profile, speed=speed), mass)
     ease = math.sqrt(MOVING_MASS / (MOVING_MASS + mass))

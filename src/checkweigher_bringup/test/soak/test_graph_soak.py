@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A shift of products through the real graph: nothing lost, nothing doubled, nothing leaked."""
+"""Many products through the real graph, without lost or repeated verdicts and memory leaks."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ PERIOD = 1.0  # s, between two looks at the memory
 
 
 class Witness(PortNode):
-    """Keep the verdicts of a line and how many there should be."""
+    """Listener with the verdicts of a line, and their expected number."""
 
     def __init__(self) -> None:
         super().__init__('witness')
@@ -60,7 +60,7 @@ class Witness(PortNode):
 
 
 class Memory:
-    """Resident memory of processes against the number of items that passed, kB."""
+    """Resident memory of processes in kB as a function of the number of items."""
 
     def __init__(self, processes: dict[str, Process]) -> None:
         self._processes = processes
@@ -68,13 +68,13 @@ class Memory:
         self.resident: dict[str, list[int]] = {name: [] for name in processes}
 
     def look(self, items: int) -> None:
-        """Note what each process has now."""
+        """Record the memory of each process."""
         self.items.append(items)
         for name, process in self._processes.items():
             self.resident[name].append(resident_memory(process.pid))
 
     def growth(self, name: str) -> int:
-        """Return the growth from the settled line to the end, kB."""
+        """Return the growth in kB from the settled line to the end."""
         return self.resident[name][-1] - self.resident[name][self._settled]
 
     @property
@@ -122,7 +122,7 @@ def offline(count: int) -> list[Verdict]:
 def shift(
     folder: Path, count: int, rate: float = RATE, *, one_process: bool
 ) -> tuple[list[Verdict], Memory]:
-    """Run the line to its end and return its verdicts in order of entry."""
+    """Run the line to its end, and return its verdicts in order of entry."""
     begin = time.monotonic()
     with spinning() as spinner:
         witness = Witness()

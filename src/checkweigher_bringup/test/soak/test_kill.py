@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Each of the six nodes killed and stopped in turn while products pass: a campaign of minutes."""
+"""Kill and stop of each of the six nodes while products pass, for some minutes."""
 
 from collections.abc import Iterator
 import os
@@ -60,6 +60,6 @@ def test_every_item_has_one_verdict_whichever_node_dies(
 
 
 def _streams(stamps: list[int], first: int) -> list[list[int]]:
-    """Split at the first item of a simulation that was started again, with the same stamps."""
+    """Split items at the start of a restarted simulation, which has the same stamps."""
     begins = [n for n, stamp in enumerate(stamps) if n > 0 and stamp == first]
     return [stamps[i:j] for i, j in zip([0, *begins], [*begins, None], strict=True)]

@@ -175,8 +175,7 @@ class RecentItems(Recent[tuple[str, ...]]):
         """Number of consecutive failed items up to the latest item."""
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self)))
 
-    @property
-    def main_reason(self) -> str:
-        """Most frequent first reason of the failed items, empty if no item failed."""
-        firsts = Counter(reasons[0] for _, reasons in self if reasons)
+    def main_reason(self, count: int) -> str:
+        """Return the most frequent first reason of the last `count` items, '' if none failed."""
+        firsts = Counter(reasons[0] for _, reasons in list(self)[-count:] if reasons)
         return firsts.most_common(1)[0][0] if firsts else ''

@@ -114,7 +114,7 @@ _HINTS = {
     Reason.BELT_STOPPED: 'below half the speed of the previous item; belt stopped or edges lost',
     Reason.START_UP: 'the product was on the line before the first sample; weigh it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
-    Reason.ZERO_OUT_OF_RANGE: 'the zero is out of range or has jumped; clean the belt, call zero',
+    Reason.ZERO_OUT_OF_RANGE: 'the zero is out of range or has jumped; clean the belt, set it anew',
     Reason.EDGE_MISMATCH: 'load and edges differ in time; check clocks, filter and eye positions',
     Reason.MEAN_VALUE_REQUIREMENT: 'the mean of the batch would be below nominal; check the filler',
     Reason.GUARD_BAND: 'within the limits, but too uncertain for the guard band of the recipe',
@@ -146,6 +146,6 @@ _STOP_HINTS = {
     StopReason.NO_ITEMS: 'items leave the belt, but segmenter announces none; restart it',
     StopReason.FOREIGN_PUBLISHER: 'a foreign node publishes topics of this line; stop that node',
     StopReason.STAGE_FAILED: 'the program failed on two items in a row; report the log and a bag',
-    StopReason.ZERO_STEP: 'the zero has jumped; clear the belt, call zero, then reset_stop_request',
+    StopReason.ZERO_STEP: 'the zero has jumped; clear the belt, then set the zero',
     StopReason.UNKNOWN: 'this version does not know the reason of the stop request',
 }

@@ -159,12 +159,18 @@ class StageNode(PortNode, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
 
     def _as_declared(self, given: Parameter) -> Parameter | None:
-        """Return a change in the type of its parameter, None if the value stays the same."""
+        """Return a change in the type of its parameter, None if the value stays the same.
+
+        The value in use may differ from that of the parameter, as the limits of a product do.
+        """
         if not self.has_parameter(given.name):
             return given
         declared = self.get_parameter(given.name)
         change = as_declared(declared, given)
-        same = change.get_parameter_value() == declared.get_parameter_value()
+        in_use = self.parameters.as_mapping().get(given.name, declared.value)
+        (used,) = ros_parameters({given.name: in_use})
+        value = change.get_parameter_value()
+        same = value == declared.get_parameter_value() == used.get_parameter_value()
         return None if same else change
 
     def _may_set(self, changes: Sequence[Parameter]) -> bool:

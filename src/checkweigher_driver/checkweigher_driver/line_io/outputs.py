@@ -104,10 +104,10 @@ class MachineOutputs:
         if not self.is_open:
             return conclude('Outputs', 'not open' if self.exist else 'none', [])
         port, missed = self._port_trouble, self._control.missed.text
-        check = 'check power, cable and address of the outputs; then call reset_stop_request'
+        check = 'check power, cable and address of the outputs; then reset the stop'
         concerns = (
             error_if(bool(port), port, check),
-            error_if(bool(missed), missed, 'look for the product; then call reset_stop_request'),
+            error_if(bool(missed), missed, 'look for the product; then reset the stop'),
         )
         values: dict[str, float | str] = {
             **{name.replace(' ', '_'): value for name, value in self._control.figures.items()},

@@ -4,17 +4,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+import os
+import signal
+from threading import Timer
 import time
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.recording import Event
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.sources import Source
-from checkweigher_recording.simulation.simulator import (
-    OperationParameters,
-    Simulation,
-    SimulationParameters,
-)
+from checkweigher_recording.simulation.operation import OperationParameters
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+
+_LAST_WORDS = 0.5  # time in s in which the driver answers who kills it
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class SimulatorSource(Source):
     def operate(self, operation: OperationParameters) -> None:
         """Apply the operator's settings."""
         self._simulation.operation = operation
+        if operation.kill:
+            Timer(_LAST_WORDS, os.kill, (os.getpid(), signal.SIGKILL)).start()
 
     def close(self) -> None:
         """Do nothing, because a simulation has no device."""

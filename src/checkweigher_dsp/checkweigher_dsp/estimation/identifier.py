@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mass in weigh windows by the selected estimator."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
 import hashlib
 from importlib.util import find_spec
@@ -14,8 +14,9 @@ from checkweigher_core.parameters import Parameters, package_missing, parameter
 from checkweigher_core.records import MassEstimate, WeighWindow
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.denoising.window_batch import is_consistent
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import ESTIMATORS, METHODS, REFERENCES
 from checkweigher_dsp.estimation.estimators.base import (
+    Estimator,
     EstimatorParameters,
     LoadEstimate,
     is_in_window,
@@ -55,12 +56,19 @@ class _OwnParameters(Parameters):
     learning: LearningParameters = LearningParameters()
 
 
-_SETS = [
-    (name, type(each.parameters), field(default=each.parameters))
-    for name, each in ESTIMATORS.items()
-]
-# The type is Any, because a type checker does not see these fields.
-_AllParameters: Any = make_dataclass('_AllParameters', _SETS, bases=(_OwnParameters,), frozen=True)
+def _with_sets(base: Any, estimators: Mapping[str, type[Estimator]]) -> Any:
+    """Return a subclass of a parameter set that also has the parameters of estimators.
+
+    The type is Any, because a type checker does not see these fields.
+    """
+    sets = [
+        (name, type(each.parameters), field(default=each.parameters))
+        for name, each in estimators.items()
+    ]
+    return make_dataclass(f'{base.__name__}AndSets', sets, bases=(base,), frozen=True)
+
+
+_AllParameters: Any = _with_sets(_OwnParameters, ESTIMATORS)
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ class IdentifierParameters(_AllParameters, _OwnParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        package = ESTIMATORS[self.estimator].package
+        package = METHODS[self.estimator].package
         if package and find_spec(package) is None:
             raise package_missing('identifier.estimator', self.estimator, package)
 
@@ -88,6 +96,16 @@ class IdentifierParameters(_AllParameters, _OwnParameters):
         """Name of the estimator and hash of its parameters, which identify the learned state."""
         values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
         return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
+
+
+_WithReferences: Any = _with_sets(IdentifierParameters, REFERENCES)
+
+
+@dataclass(frozen=True)
+class ComparedParameters(_WithReferences, IdentifierParameters):
+    """Parameters of an identifier that may also use one of `REFERENCES`, which no line offers."""
+
+    estimator: str = parameter('iswd_eksi', 'estimator of the mass', choices=tuple(METHODS))
 
 
 class Identifier:
@@ -118,7 +136,7 @@ class Identifier:
         self._parameters = parameters
         self._failures = failures
         self._known = parameters.chosen
-        self._estimator = ESTIMATORS[parameters.estimator](self._known)
+        self._estimator = METHODS[parameters.estimator](self._known)
         basis = parameters.basis
         self.learned = known if known is not None and known.basis == basis else LearnedKinds(basis)
         self._lesson: tuple[WeighWindow, LoadEstimate] | None = None

@@ -41,7 +41,8 @@ _NO_MASSES = 3  # number of successive items without a mass that causes an error
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
     """Return an error after successive failed items, and a warning if many recent items failed."""
-    in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
+    in_a_row, failed = items.failed_in_a_row, items.failed
+    reason = items.main_reason(in_a_row if in_a_row >= _ALL_FAIL else len(items))
     hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
     return [
         error_if(in_a_row >= _ALL_FAIL, f'the last {in_a_row} items {what}, mostly {reason}', hint),
@@ -280,7 +281,7 @@ class RejectorWatch:
         ]
         if request is not None:
             place = f' at item {request.item_id}' if request.item_id else ''
-            hint = f'{request.hint}; then call reset_stop_request'
+            hint = f'{request.hint}; then reset the stop'
             concerns.append(error_if(True, f'stop requested: {request.reason}{place}', hint))
         well = 'rejects are confirmed' if confirmed else 'no eye confirms rejects'
         return conclude('Rejector', well, concerns, values)

@@ -23,6 +23,7 @@ _DRIFT_SPAN = 1800.0  # longest period for the measurement of the drift in s
 _DRIFT_PERIOD = 10.0  # interval between two readings for the drift in s
 _SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
+_STEP = 5.0  # change of the zero that is no drift, in standard deviations
 _NEAR_LIMIT = 0.75  # fraction of zero_range that causes a warning
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
 _SPECTRUM = 1024  # number of samples of a spectrum
@@ -38,16 +39,24 @@ class ZeroWatch:
     """Statistics of the distance of the zero from the zero of calibration, and of its drift.
 
     `zero_range` is the largest permitted distance in kg. `began` is the time in s at which the line
-    was started.
+    was started. `usual_drift` is the standard deviation of the drift in kg/s.
     """
 
     def __init__(
-        self, counts_per_kg: float, zero_counts: float, zero_range: float, began: float
+        self,
+        counts_per_kg: float,
+        zero_counts: float,
+        zero_range: float,
+        began: float,
+        usual_drift: float = math.inf,
     ) -> None:
         self._counts_per_kg = counts_per_kg
         self._zero_counts = zero_counts
         self._range = zero_range
         self._began = began
+        self._usual_drift = usual_drift
+        self._moved = 0.0, -math.inf  # latest sudden change of the zero in kg, and its time in s
+        self._uncertain = math.inf  # standard deviation of the latest reading for the drift in kg
         self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
@@ -63,10 +72,26 @@ class ZeroWatch:
             self._missed_since = min(self._missed_since, now)
         self._zero = zero
         if now - self._noted >= _DRIFT_PERIOD:
+            self._look_for_step(now)
             self._drift.add(now, self._distance)
             self._noted = now
         if item:
             self._item = now
+
+    def set(self) -> None:
+        """Register that a person has set the zero, whose change is no concern."""
+        self._noted = -math.inf
+        self._drift.clear()
+
+    def _look_for_step(self, now: float) -> None:
+        """Note a change of the zero since the last reading that no drift explains."""
+        before, self._uncertain = self._uncertain, self._zero.std_dev / abs(self._counts_per_kg)
+        if not self._drift:
+            return
+        step = self._distance - self._drift[-1][1]
+        usual = self._usual_drift * (now - self._noted)
+        if abs(step) > _STEP * (usual + before + self._uncertain):
+            self._moved = step, now
 
     @property
     def _distance(self) -> float:
@@ -93,8 +118,13 @@ class ZeroWatch:
         concerns = [
             error_if(
                 not self._zero.trusted,
-                f'the zero is {GRAMS * distance:+.1f} g from calibration, outside its limits',
-                'clean the belt, free the platform, call the service zero or calibrate',
+                'the empty belt reads another zero than the one in use, or one outside zero_range',
+                'clean the belt, free the platform, then set the zero or calibrate',
+            ),
+            warn_if(
+                now - self._moved[1] < MINUTE,
+                f'the zero has changed by {GRAMS * self._moved[0]:+.1f} g at once',
+                'look whether something lies on the belt or was taken off it',
             ),
             warn_if(
                 share > _NEAR_LIMIT,

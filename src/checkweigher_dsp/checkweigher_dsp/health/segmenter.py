@@ -49,9 +49,17 @@ class SegmenterWatch:
         self._load_cell = load_cell
         self._samples = SampleWatch(load_cell)
         self._zero = ZeroWatch(
-            load_cell.counts_per_kg, load_cell.zero_counts, self._parameters.zero_range, self._began
+            load_cell.counts_per_kg,
+            load_cell.zero_counts,
+            self._parameters.zero_range,
+            self._began,
+            self._parameters.zero_drift or math.inf,
         )
         self._noise = BeltNoiseWatch(load_cell.sample_rate, self._parameters.max_belt_noise)
+
+    def set_zero(self) -> None:
+        """Register that a person has set the zero."""
+        self._zero.set()
 
     def end_stream(self, *, well: bool, text: str = '') -> None:
         """End the stream. `well` is whether it succeeded, and `text` the message of the source."""

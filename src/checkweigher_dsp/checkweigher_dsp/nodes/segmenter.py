@@ -168,6 +168,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if self._zero_requests and answer is not None:
             if answer.change is not None:
                 self._zero_settings.send(answer.change)
+                self._watch.set_zero()
             self._answer_zero(answer.change is not None, answer.text)
         self._finish_if_ended()
 

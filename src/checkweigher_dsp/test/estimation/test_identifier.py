@@ -10,11 +10,18 @@ import numpy as np
 import pytest
 from synthetic_line import make_pass, make_window
 
+from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.denoiser import PADDINGS, DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.estimators import METHODS, REFERENCES
 from checkweigher_dsp.estimation.estimators.averages import MeanParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
-from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
+from checkweigher_dsp.estimation.identifier import (
+    ESTIMATORS,
+    ComparedParameters,
+    Identifier,
+    IdentifierParameters,
+)
 
 # R / P0 of a noise-free window is 1e-12: so much the prior may pull, with room for rounding.
 PRIOR = 1e-10
@@ -29,7 +36,7 @@ def _denoised(window, **parameters):
 def _identifier(estimator, **values):
     """Return an identifier whose estimator has some values of its own."""
     own = {f'{estimator}.{name}': value for name, value in values.items()}
-    return Identifier(IdentifierParameters.from_mapping({'estimator': estimator, **own}))
+    return Identifier(ComparedParameters.from_mapping({'estimator': estimator, **own}))
 
 
 def _oscillation(mass=0.2, count=96, seed=2):
@@ -67,7 +74,7 @@ def test_a_platform_is_identified_where_nothing_is_denoised_away():
     assert estimate.damping_ratio == pytest.approx(0.06, rel=1e-4)
 
 
-@pytest.mark.parametrize('estimator', sorted(ESTIMATORS))
+@pytest.mark.parametrize('estimator', sorted(METHODS))
 @pytest.mark.parametrize('surround', PADDINGS)
 @pytest.mark.parametrize('gain', [-1, 3, 128])
 def test_the_gain_of_the_load_cell_does_not_matter(estimator, surround, gain):
@@ -232,6 +239,13 @@ def test_only_what_the_zero_is_worse_than_in_training_is_added(estimator, zero_s
 
     variance = 3e-4**2 + 0.0003015**2 + excess
     assert estimate.std_dev == pytest.approx(math.sqrt(variance), rel=1e-9)
+
+
+@pytest.mark.parametrize('estimator', REFERENCES)
+def test_no_line_offers_a_method_that_is_only_compared(estimator):
+    with pytest.raises(ParameterError, match=f'identifier.estimator: .*{estimator}'):
+        IdentifierParameters(estimator=estimator)
+    assert not any(name.startswith(f'{estimator}.') for name in IdentifierParameters.entries())
 
 
 @pytest.mark.parametrize('calibrated', [False, True])

@@ -140,4 +140,4 @@ def test_the_rejector_is_told_of_with_what_to_do():
     finding = watch.finding(62.0, StopRequest(StopReason.TOO_MANY_REJECTS, 7), confirmed=True)
     assert finding.level == Level.ERROR
     assert finding.text == 'stop requested: TooManyRejects at item 7'
-    assert 'reset_stop_request' in finding.hint
+    assert finding.hint.endswith('; then reset the stop')

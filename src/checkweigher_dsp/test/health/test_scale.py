@@ -37,6 +37,33 @@ def test_the_zero_is_judged_by_its_share_of_the_range(mass, trusted, level):
     assert finding.values['age_of_last_update_s'] == 2.0
 
 
+@pytest.mark.parametrize(
+    ('masses', 'std_devs', 'text'),
+    [
+        ((0.0, 0.003), (5, 5), 'the zero has changed by +3.0 g at once'),
+        ((0.003, 0.0), (5, 5), 'the zero has changed by -3.0 g at once'),
+        ((0.0, 0.0005), (5, 5), ''),  # as much as it drifts in this time
+        ((0.0, 0.003), (2500, 5), ''),  # 5 g: the first zero after a start
+    ],
+)
+def test_a_zero_that_changes_at_once_is_told_for_a_minute(masses, std_devs, text):
+    watch = ZeroWatch(COUNTS_PER_KG, 1000.0, 0.3, 0.0, usual_drift=2e-5)
+    for number, (mass, std_dev) in enumerate(zip(masses, std_devs, strict=True)):
+        watch.add(10.0 * number, Zero(1000.0 + COUNTS_PER_KG * mass, std_dev), item=True)
+    assert watch.finding(60.0).text.startswith(text)
+    assert watch.finding(60.0).level == (Level.WARN if text else Level.OK)
+    assert watch.finding(71.0).level == Level.OK
+
+
+def test_a_zero_that_a_person_sets_is_not_told():
+    watch = ZeroWatch(COUNTS_PER_KG, 1000.0, 0.3, 0.0, usual_drift=2e-5)
+    watch.add(0.0, zero_of(0.0), item=True)
+    watch.set()
+    watch.add(10.0, zero_of(0.02), item=True)
+    watch.add(20.0, zero_of(0.02), item=True)
+    assert watch.finding(20.0).level == Level.OK
+
+
 @pytest.mark.parametrize(('per_hour', 'level'), [(0.1, Level.OK), (-0.4, Level.WARN)])
 def test_a_drift_is_warned_of_if_it_uses_the_range_up_in_an_hour(per_hour, level):
     watch = zero_watch()

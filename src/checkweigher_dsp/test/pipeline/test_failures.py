@@ -12,7 +12,7 @@ from synthetic_line import make_line, make_pass, run_segmenter
 
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import ESTIMATORS, METHODS
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.items.failures import Failures
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
@@ -65,7 +65,7 @@ def test_a_window_on_which_a_stage_fails_costs_itself_alone(failed, failures, mo
             assert all(window.item_id != 2 for window in windows)
             return super().estimate_all(windows)
 
-    monkeypatch.setitem(ESTIMATORS, 'mean', Mean)
+    monkeypatch.setitem(METHODS, 'mean', Mean)
     windows = [make_pass(item_id=number) for number in (1, 2, 3)]
     unreadable = make_pass(item_id=4, counts=np.full(len(windows[0].counts), 'x'))
 

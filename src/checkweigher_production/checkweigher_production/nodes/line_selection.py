@@ -5,12 +5,13 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+import math
 from pathlib import Path
 
 from checkweigher_core import changes
 from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.parameters import SettingsError
-from checkweigher_core.records import BatchResult, ProductOnLine, Statistics
+from checkweigher_core.records import GRAMS, BatchResult, ProductOnLine, Statistics
 from checkweigher_core.ros.line_parameters import RefusedError
 from checkweigher_core.settings_files import plain
 from checkweigher_dsp.rejection.parameters import limits_of
@@ -201,11 +202,24 @@ class LineSelection:
                 record = str(self.batches.record_of(state.batch))
                 yield BatchResult(0, state.batch, record, state.sha256)
 
+    def _other_limits(self) -> str:
+        """Return how the limits in use differ from those of the recipe, or ''."""
+        product, in_use = self.batches.production.product, self.recipe.in_use
+        if product is None or in_use is None or in_use.product != product.name:
+            return ''
+        own = product.on_line(in_use.batch)
+        if limits_of(own) == limits_of(in_use):
+            return ''
+        return (
+            f'the limits on the line, {_grams(in_use)}, are not those of the recipe, {_grams(own)}'
+        )
+
     def finding(self) -> Finding:
         """Return the finding "Recipe" of the diagnostics."""
         production = self.batches.production
         product = production.product
         unresolved = product.unresolved(production.std_dev) if product else ''
+        other = self._other_limits()
         values: dict[str, float | str] = {
             'product': product.name if product else 'none',
             'batch': production.batch,
@@ -224,11 +238,24 @@ class LineSelection:
                 'select one on the page, or by the service select_product',
             ),
             warn_if(
+                bool(other),
+                other,
+                'select the product again, or change its recipe',
+            ),
+            warn_if(
                 bool(unresolved), unresolved, 'train this product, or run the belt at a lower speed'
             ),
         )
         well = f'product {product.name!r}' if product else 'no product is selected'
         return conclude('Recipe', well, concerns, values)
+
+
+def _grams(product: ProductOnLine) -> str:
+    lower, upper = (
+        f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
+        for limit in (product.lower_limit, product.upper_limit)
+    )
+    return f'{lower} and {upper}'
 
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # While a product crosses an end of the belt, the mass that moves with the platform changes in 16
 # steps, so its error is at most 1/32 of the product.
 _STAIRS = 16
+_IMPACTS = 1000  # maximum number of impacts that wait for their products
 
 STEADY = Variation(speed=0.0, length=0.0, spacing=0.0)
 
@@ -60,6 +61,11 @@ class BeltTravel:
         Mass of each product in kg, or 0 for the masses of the line.
     resting : float
         Mass in kg that rests on the belt.
+    gap : float
+        Free belt between two products in m, or 0 for the spacing of the line.
+    by_hand : list of float
+        Masses in kg of products put by hand, which take the next places of products, also without
+        feed. A mass of 0 stands for that of the other products.
     """
 
     def __init__(
@@ -81,7 +87,8 @@ class BeltTravel:
         self.last_exit: float | None = None
         self.speed = line.speed
         self.feed = True
-        self.mass = self.resting = 0.0
+        self.mass = self.resting = self.gap = 0.0
+        self.by_hand: list[float] = []
         self._line = line
         self._speed_jitter = variation.speed
         self._length_jitter = variation.length * line.product_length
@@ -92,7 +99,8 @@ class BeltTravel:
         self._planned = 0
         self._next = 0.0  # travel in m at which the next product enters
         self._knots = 0
-        self._impacts: deque[float] = deque()
+        self._shift = 0.0  # travel in m by which gaps have moved the places of products
+        self._impacts: deque[float] = deque(maxlen=_IMPACTS)
         # The travel at any time is interpolated linearly between these points.
         self._times = [-1.0, line.lead_in]
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
@@ -106,8 +114,9 @@ class BeltTravel:
             self._extend()
         added: list[Pass] = []
         while not self._complete() and self._time_of(self._next) <= end:
+            comes = self.feed or bool(self.by_hand)
             entry = self._next_pass()
-            if self.feed:
+            if comes:
                 added.append(entry)
         self.passes += added
         return added
@@ -160,22 +169,25 @@ class BeltTravel:
         line = self._line
         entry, length, weigh_length = self._next, line.product_length, line.weigh_length
         number = self._planned
-        self._next = (number + 1) * line.spacing
+        spacing = line.product_length + self.gap if self.gap else line.spacing
+        self._shift += spacing - line.spacing
+        self._next = (number + 1) * line.spacing + self._shift
         if self._spacing_jitter or self._length_jitter:
             gap, longer = np.clip(self._products.standard_normal(2), -2.0, 2.0).tolist()
             length += self._length_jitter * longer
-            self._next += self._spacing_jitter * gap
+            self._next += 0.0 if self.gap else self._spacing_jitter * gap
         while self._travels[-1] < entry + weigh_length + length:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
         mass = self._next_mass()  # the filler fills the product even if the mass is not used
+        mass = (self.by_hand.pop(0) if self.by_hand else 0.0) or self.mass or mass
+        # The products of a narrow gap are more than the pieces of travel, each with an impact.
+        impact = self._impacts.popleft() if self._impacts else float(self._random.normal())
         self._planned += 1
         if self._complete():
             self.last_exit = t4
-        return Pass(
-            self.mass or mass, t1, t2, t3, t4, entry, self._impacts.popleft(), length, number
-        )
+        return Pass(mass, t1, t2, t3, t4, entry, impact, length, number)
 
     def _extend(self) -> None:
         jitter, impact = self._random.standard_normal(2)

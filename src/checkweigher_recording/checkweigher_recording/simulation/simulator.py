@@ -35,18 +35,18 @@ from numpy.typing import NDArray
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.recording import Event, Recording, canonical_order
-from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel, Pass
 from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import Array, FloorNoise, white
+from checkweigher_recording.simulation.operation import CAPACITY, OperationParameters
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 
 OVERSAMPLING = 8  # integration steps per sample
 ROLLER_DIAMETER = 0.032  # diameter of a roller in m
 MIN_COUNTS, MAX_COUNTS = -(2**23), 2**23 - 1  # range of a 24-bit converter
-CAPACITY = 7.2  # capacity of the load cell in kg
 MOVING_MASS = 2.5  # moving mass of the empty platform in kg
 DAMPING_RATIO = 0.06  # damping ratio of the empty platform
 IMPACT_DURATION = 0.0035  # duration of the impact at entry in s
@@ -196,24 +196,6 @@ class SimulationParameters(Parameters):
             )
 
 
-@dataclass(frozen=True)
-class OperationParameters(Parameters):
-    """Parameters of a simulated machine that an operator may change while it runs."""
-
-    node: ClassVar[str] = 'simulator.now'
-
-    feed: bool = parameter(True, 'whether products enter the belt')
-    speed: float = parameter(
-        0.0, 'belt speed; 0 selects simulator.speed', unit='m/s', minimum=0.0, maximum=5.0
-    )
-    mass: float = parameter(
-        0.0, 'product mass; 0 selects simulator.masses', unit='kg', minimum=0.0, maximum=CAPACITY
-    )
-    load: float = parameter(
-        0.0, 'mass that rests on the belt', unit='kg', minimum=0.0, maximum=CAPACITY
-    )
-
-
 def own_values(profile: str) -> dict[str, float]:
     """Return the values of `SimulationParameters` that belong to a randomly drawn machine.
 
@@ -287,12 +269,7 @@ class Simulation:
 
     def _switches(self, entry: Pass) -> Iterator[Event]:
         """Yield the edges of the photo-eyes for a product, and its true mass as a reference."""
-        for time, eye, blocked in (
-            (entry.t1, Eye.INFEED, True),
-            (entry.t2, Eye.INFEED, False),
-            (entry.t3, Eye.OUTFEED, True),
-            (entry.t4, Eye.OUTFEED, False),
-        ):
+        for time, eye, blocked in self.operation.switches(entry):
             yield EyeEdge(self._stamp(time), eye, blocked)
         yield Reference(self._stamp(entry.t1), entry.mass)
 
@@ -320,6 +297,8 @@ class _Machine:
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.total: int | None = None
+        self._put: int | None = None  # products put by hand so far
+        self._zero = self._lead = 0.0
         self._parameters = parameters
         self._rate = OVERSAMPLING * parameters.sample_rate
         # Each cause has its own random numbers, so that a change of one does not affect the others.
@@ -348,7 +327,10 @@ class _Machine:
         """Apply the settings of the operator to the belt."""
         belt = self._belt
         belt.speed, belt.feed = operation.speed or self._parameters.speed, operation.feed
-        belt.mass, belt.resting = operation.mass, operation.load
+        belt.mass, belt.resting, belt.gap = operation.mass, operation.load, operation.gap
+        if self._put is not None:
+            belt.by_hand += [operation.put_mass] * (operation.put - self._put)
+        self._put, self._zero, self._lead = operation.put, operation.zero, operation.lead
 
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the counts of the samples from `first` to before `end`, and the new passes.
@@ -356,7 +338,9 @@ class _Machine:
         `first` must be the end of the previous call. If the line ends before `end`, there are fewer
         samples. The passes contain the times that the photo-eyes report.
         """
-        new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
+        # An eye before the end of the belt sees a product early.
+        until = end / self._parameters.sample_rate + self._lead / self._belt.speed
+        new = self._belt.plan(self._middle(first), until)
         if self._belt.last_exit is not None:
             duration = self._belt.last_exit + self._parameters.run_out
             self.total = math.ceil(duration * self._parameters.sample_rate) + 1
@@ -378,7 +362,7 @@ class _Machine:
         parameters = self._parameters
         time = (first + np.arange(len(reading))) / parameters.sample_rate
         samples = self._signal.electronics(reading, time)
-        drift = parameters.zero_drift * time
+        drift = parameters.zero_drift * time + self._zero
         counts = parameters.zero_counts + parameters.counts_per_kg * (samples + drift)
         return np.clip(np.rint(counts), MIN_COUNTS, MAX_COUNTS).astype(np.int32)
 

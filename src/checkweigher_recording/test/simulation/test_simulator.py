@@ -14,10 +14,10 @@ import pytest
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.recording import canonical_order
 from checkweigher_core.records import Eye, EyeEdge, Reference, SampleBlock
+from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_recording.simulation.simulator import (
     MAX_COUNTS,
     PROFILES,
-    OperationParameters,
     Simulation,
     SimulationParameters,
     simulate,
@@ -259,3 +259,47 @@ def test_an_operator_sets_mass_and_belt_speed_of_a_line_that_runs():
     edges = [each for each in events if isinstance(each, EyeEdge)]
     entered = [each.stamp for each in edges if each.eye == Eye.INFEED and each.blocked]
     assert np.diff(entered) / 1e9 == pytest.approx(0.66 / 1.5, rel=0.01)
+
+
+def test_a_product_that_a_hand_puts_on_the_belt_passes_without_feed():
+    _, events = operated(4, feed=False, put=2, put_mass=0.3)
+    # One of them may have passed before the events that are looked at.
+    assert {each.mass for each in events if isinstance(each, Reference)} <= {0.3}
+    line = Simulation(SimulationParameters(count=0))
+    events = iter(line)
+    while next(events).stamp < START + 5 * 10**9:
+        pass
+    line.operation = OperationParameters(feed=False, put=2, put_mass=0.3)
+    later = takewhile(lambda event: event.stamp < START + 12 * 10**9, events)
+    masses = [each.mass for each in later if isinstance(each, Reference)]
+    assert masses[-2:] == [0.3, 0.3]
+    assert masses.count(0.3) == 2
+
+
+def test_a_gap_is_the_free_belt_between_two_products():
+    _, events = operated(5, gap=0.05, speed=0.5)
+    edges = [each for each in events if isinstance(each, EyeEdge) and each.eye == Eye.INFEED]
+    stamps = [each.stamp for each in edges[edges[0].blocked is False :]]
+    clear = np.subtract(stamps[2::2], stamps[1:-1:2]) / 1e9
+    assert clear == pytest.approx(0.05 / 0.5, rel=0.01)
+
+
+def test_an_eye_is_displaced_dirty_or_dead():
+    _, events = operated(5, infeed_place=-0.03, outfeed_dead=True)
+    assert [each.stamp for each in events] == sorted(each.stamp for each in events)
+    edges = [each for each in events if isinstance(each, EyeEdge)]
+    assert {each.eye for each in edges} == {Eye.INFEED}
+    entries = [each.stamp for each in events if isinstance(each, Reference)]
+    early = [each.stamp for each in edges if each.blocked][-2]
+    assert min(abs(stamp - early) for stamp in entries) / 1e9 == pytest.approx(0.03, rel=0.01)
+
+    _, events = operated(3, infeed_dirty=True)
+    edges = [each for each in events if isinstance(each, EyeEdge)]
+    counts = [sum(each.eye == eye for each in edges) for eye in (Eye.INFEED, Eye.OUTFEED)]
+    assert counts[0] / counts[1] == pytest.approx(7, rel=0.2)
+
+
+def test_the_zero_is_shifted():
+    cell, events = operated(2, feed=False, zero=0.02)
+    counts = np.concatenate([block.counts for block in events])
+    assert (counts.mean() - cell.zero_counts) / cell.counts_per_kg == pytest.approx(0.02, abs=1e-4)

@@ -86,7 +86,7 @@ _STD_DEV_ROWS = (
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
 
-_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service over tolerable negative error.
+_SUITABLE_SHARE = 1 / 5  # largest error in service relative to the tolerable negative error
 
 # Each row has the largest load in kg and the smallest number of weighings.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
@@ -112,11 +112,11 @@ class AccuracyClass:
         if not (_is_round(self.factor) and self.factor <= 2):
             raise ValueError(f'class factor x: {self.factor:g} is not 1, 2 or 5 x 10^k up to 2')
         if self.category == 'Y' and self.factor != 1:
-            raise ValueError(f'class factor x: {self.name} has none, only category X has')
+            raise ValueError(f'class factor x: {self.name} has none; only category X has one')
         if self.category == 'X':
             words, allowed = _FACTORS[self.name]
             if not allowed(self.factor):
-                raise ValueError(f'class factor x: {self.factor:g} is not {words}, for {self.name}')
+                raise ValueError(f'class factor x of {self.name}: {self.factor:g} is not {words}')
         _check_positive(self.interval, 'verification scale interval e')
 
     @property
@@ -168,7 +168,7 @@ def _class_name(name: str) -> str:
     """Return the name of a class in R 51. Raises `ValueError` if the class is unknown."""
     name = 'XIIII' if name == 'XIV' else name
     if name not in CLASSES:
-        raise ValueError(f'class {name!r} is none of {", ".join(CLASSES)}')
+        raise ValueError(f'class {name!r} is not one of {", ".join(CLASSES)}')
     return name
 
 
@@ -231,14 +231,14 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
     fewest, _ = _interval_counts(name, interval)
     if maximum / interval * _ON_BOUND < fewest:
         raise ValueError(
-            f'e: {e:g} g is {maximum / interval:g} times in a Max of {GRAMS * maximum:g} g, in '
-            f'class {name} it is so at least {fewest:g} times'
+            f'e: {e:g} g gives {maximum / interval:g} intervals for a Max of {GRAMS * maximum:g} '
+            f'g, but class {name} needs at least {fewest:g}'
         )
     least = _LEAST_MINIMUM.get(name, 0) * interval
     if minimum * _ON_BOUND < least:
         raise ValueError(
-            f'Min: {GRAMS * minimum:g} g is below {GRAMS * least:g} g, the least of class {name}: '
-            f'{_LEAST_MINIMUM[name]} e'
+            f'Min: {GRAMS * minimum:g} g is below {GRAMS * least:g} g, the smallest of class '
+            f'{name}: {_LEAST_MINIMUM[name]} e'
         )
 
 

@@ -41,7 +41,7 @@ class MachineResult:
 
 @dataclass(frozen=True, slots=True)
 class FamilyRow:
-    """Results of one estimator on all machines. A ratio is that of A to the attainable A."""
+    """Results of one estimator on all machines. Ratios are those of A to the attainable A."""
 
     estimator: str
     cells: tuple[tuple[float, float], ...]  # mean and largest ratio at each speed, then overall
@@ -116,7 +116,7 @@ def _conditions(machines: Sequence[Evaluation], **chosen: Any) -> list[Condition
 
 def family_text(machines: Sequence[MachineResult], title: str) -> str:
     """Return the tables of the tuned estimators and of the untrained estimators as text."""
-    lines = [f'{title}: A over the attainable A, mean over the machines and worst; test passes']
+    lines = [f'{title}: A / attainable A of the test passes, mean and largest of the machines']
     for table in family_tables(machines):
         lines += _table_text(table)
     chosen = _conditions([each.tuned for each in machines], estimator=CHOSEN, part='test')

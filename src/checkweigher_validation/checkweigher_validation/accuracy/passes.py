@@ -51,7 +51,7 @@ class ReferenceMasses:
 
 @dataclass(frozen=True, slots=True)
 class KnownPass:
-    """Weighing window of a pass, which may have faults, and the true mass of the product."""
+    """Weighing window of a pass, perhaps with faults, and true mass of the product."""
 
     window: WeighWindow
     mass: float  # kg

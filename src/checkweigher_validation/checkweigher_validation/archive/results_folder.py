@@ -24,9 +24,10 @@ _SECONDS_PER_HOUR = 3600
 class ResultsFolder:
     """Results of jobs in the folder `path`, which is created if necessary.
 
-    `jobs` has all jobs by the names of their results. Stored results of the same bag, parameters
-    and program are kept. The attribute `jobs` is a list of the jobs, in which `known` is set for
-    each job with stored results. Raises `OutputError` if the folder cannot be used.
+    `jobs` contains the jobs by the names of their result files, without suffix. Stored results of
+    the same bag, parameters and program are kept. The attribute `jobs` is a list of the jobs, in
+    which `known` is set for each job with stored results. Raises `OutputError` if the folder cannot
+    be used.
     """
 
     def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:
@@ -99,8 +100,8 @@ class ResultsFolder:
         items = sum(each.items for each in summaries.values())
         kept = sum(each is self._before.get(bag) for bag, each in summaries.items())
         parts = [counted(len(done), 'bag'), f'{self.hours:.2f} h of signal', counted(items, 'item')]
-        parts += [f'{counted(kept, "bag")} as before'] if kept else []
-        parts += [f'{counted(self.broken, "bag")} passed over'] if self.broken else []
+        parts += [f'{counted(kept, "bag")} unchanged'] if kept else []
+        parts += [f'{counted(self.broken, "bag")} skipped'] if self.broken else []
         return ', '.join(parts)
 
     def _write_summary(self, done: Iterable[Weighed]) -> None:

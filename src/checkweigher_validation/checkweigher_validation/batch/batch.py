@@ -37,11 +37,11 @@ from checkweigher_validation.batch.counts import count_faults
 from checkweigher_validation.batch.signatures import Signature, signature_faults, signatures_in
 
 _UNKNOWN = 'the audit log does not know this batch'
-_MOST_FAULTS = 3  # largest number of faults in the counts of a record that are told
+_MOST_FAULTS = 3  # largest number of faults in the counts of a record that are reported
 
 
 class BatchError(ValueError):
-    """Error for a batch that cannot be read. The message has the file, the line and the fault."""
+    """Raised if a file is not a batch. The message contains the file, the line and the fault."""
 
 
 class InLog(StrEnum):
@@ -63,7 +63,7 @@ class BatchItem:
     def __post_init__(self) -> None:
         # The rules for batches and the reference test need the masses of all accepted items.
         if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
-            raise ValueError('it is ACCEPT without a mass')
+            raise ValueError('its decision is ACCEPT, but it has no mass')
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +131,14 @@ class Batch:
         """Return how a record contradicts its states in the audit log, or an empty text."""
         has_end = any(each.event == ENDED for each in states)
         lacks = bool(states and self.end and not has_end)
-        own = 'it has an end of which the audit log does not know' if lacks else ''
+        own = 'it has an end that is not in the audit log' if lacks else ''
         return fault_of(data, states) or own
 
     def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
-        """Return the span of the entries from the begin to the end of the batch in the sequence.
+        """Return the slice of the entries from the begin to the end of the batch.
 
-        Times would leave out entries if the clock was set back.
+        The slice ends with None if the batch has not ended. It is found by hashes instead of times,
+        which would leave out entries if the clock was set back.
         """
         own = [n for n, e in enumerate(entries) if (e.kind, e.subject) == (RECORD, self.name)]
         begin = [n for n, e in enumerate(entries) if e.hash == self.after]
@@ -161,13 +162,13 @@ def read_csv(path: Path, product: Product) -> Batch:
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
     needed = {'item_id', 't3', 'mass_g', 'decision', 'reasons'}
     if missing := sorted(needed - set(rows.fieldnames or ())):
-        raise BatchError(f'{path}: no CSV of weigh or replay: it lacks {", ".join(missing)}')
+        raise BatchError(f'{path}: is not a CSV file of weigh: it lacks {", ".join(missing)}')
     items = []
     for row in rows:
         try:
             items.append(_item_of_row(row, product.tare))
         except (KeyError, TypeError, ValueError) as error:
-            raise BatchError(f'{path}:{rows.line_num}: is no item: {error}') from None
+            raise BatchError(f'{path}:{rows.line_num}: is not an item: {error}') from None
     parts = (Part(product, tuple(items)),)
     return Batch(path.stem, path.name, parts, sha256=hashlib.sha256(data).hexdigest())
 
@@ -211,9 +212,9 @@ def read_record(path: Path) -> Batch:
 
 
 def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterator[str]:
-    """Yield the reasons why a record cannot be trusted, as far as it tells itself."""
+    """Yield the reasons why a record cannot be trusted that need no audit log."""
     if record_path(path.parent, batch).name != path.name:
-        yield f'it is the record of batch {one_line(batch)!r}, so it has the name of another one'
+        yield f'it is the record of batch {one_line(batch)!r}, but has the name of another record'
     yield from islice(count_faults(events), _MOST_FAULTS)
 
 

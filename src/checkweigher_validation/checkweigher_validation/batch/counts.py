@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of the items in the record of a batch with the counts that its verdicts have."""
+"""Comparison of the items in the record of a batch with the counts in its verdicts."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -15,10 +15,10 @@ _TOLERANCE = 1e-9  # kg, rounding error of a sum of masses
 
 
 def count_faults(events: Iterable[tuple[str, Any]]) -> Iterator[str]:
-    """Yield a sentence for each verdict whose counts are not those of the items before it.
+    """Yield a sentence for each verdict whose counts do not agree with the items up to it.
 
-    `events` are the kinds and contents of the lines of a record. Each verdict has the counts of its
-    product in its batch, which the reject node has made.
+    `events` are the kinds and contents of the lines of a record. The node `reject` has written the
+    counts of the product in the batch to each verdict.
     """
     batch, products = '', dict[str, Product]()
     tallies: dict[str, BatchTally] = {}
@@ -47,11 +47,12 @@ def _counted(verdict: Verdict, known: BatchTally, product: Product | None) -> Ba
 
 
 def _difference(found: BatchTally, told: BatchTally) -> str:
-    """Return how the counts of a verdict differ from those that were found, or an empty text."""
+    """Return how the counts in a verdict differ from the items of the record, or an empty text."""
     for name in ('items', 'accepted', 'below_tu1'):
         here, there = getattr(found, name), getattr(told, name)
         if here != there:
             return f'its verdict counts {there} {name}, the record has {here}'
     if abs(found.surplus - told.surplus) > _TOLERANCE * max(1.0, abs(told.surplus)):
-        return f'the masses before it add up to {found.surplus:+.6f} kg, not {told.surplus:+.6f} kg'
+        there, here = (f'{each.surplus:+.6f} kg' for each in (told, found))
+        return f'its verdict has the surplus {there}, the record has {here}'
     return ''

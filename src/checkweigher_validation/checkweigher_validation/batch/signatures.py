@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Electronic signatures on the records of batches (21 CFR 11.50 and 11.70).
 
-A signature is an entry of the audit log. It has the name of the person, the time, the meaning and
-the SHA-256 of the record, and is signed with Ed25519 by a key that is derived from the password of
-the person. It is void for any other record, and for the same record after a change.
+A signature is an entry of the audit log. It contains the name of the person, the time, the meaning
+and the SHA-256 of the record, and is signed with an Ed25519 key that is derived from the password
+of the person. It is void for any other record, and for the same record after a change.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -97,7 +97,7 @@ def signature_faults(
 def foreign_keys(signatures: Sequence[Signature], keys: Mapping[str, str]) -> Iterator[str]:
     """Yield a sentence for each signature that was not made with the password of its person.
 
-    `keys` has the public keys of each user, separated by spaces.
+    `keys` contains the public keys of each user, separated by spaces.
     """
     for number, each in enumerate(signatures, 1):
         if each.key not in keys.get(each.who, '').split():
@@ -108,4 +108,4 @@ def lacking(signatures: Sequence[Signature], persons: int) -> str:
     """Return why a batch with these signatures may not be released, or an empty text."""
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
-    return f'{persons} persons must have signed, not {count}' if count < persons else ''
+    return f'{persons} persons must have signed, but only {count} did' if count < persons else ''

@@ -58,7 +58,7 @@ class PassModel:
 def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
     """Return the Gauss-Markov bound of the standard deviation of a mass in kg.
 
-    `parameters` have the machine, the belt speed and the lengths; their products are not used.
+    `parameters` contain the machine, the belt speed and the lengths. Their products are not used.
     `mass` is the mass of the product in kg. An estimate may use the signal from `before` s before
     t1 up to t3. The zero is assumed to be known exactly.
     """
@@ -90,8 +90,8 @@ class _SimulatedPass:
         self._mass = mass
         sample_rate = parameters.sample_rate
         self._step = 1 / (OVERSAMPLING * sample_rate)
-        # t1 coincides with a sample, which has little effect on the bound. The sample is at a whole
-        # second, so that rounding errors hardly depend on `before`.
+        # t1 is at a sample, which has little effect on the bound. It is also at a whole second, so
+        # that rounding errors hardly depend on `before`.
         entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
         last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
         self._first = entry - round(before * sample_rate)
@@ -117,7 +117,7 @@ class _SimulatedPass:
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
     def lines(self) -> NDArray[np.float64]:
-        """Return the covariance of the vibration of rollers and motor, sines of random phase."""
+        """Return the covariance of rollers and motor, whose vibrations have random phases."""
         profile, speed = self._profile, self._parameters.speed
         angles = [
             (amplitude, 2 * order / ROLLER_DIAMETER)
@@ -143,7 +143,7 @@ class _SimulatedPass:
         return np.asarray(np.outer(form, form), np.float64)
 
     def white_noise(self) -> NDArray[np.float64]:
-        """Return the covariance of broadband noise, floor and converter."""
+        """Return the covariance of broadband noise, floor vibration and converter noise."""
         covariance = self._shaken(self._broadband()) + self._shaken(self._floor())
         step = 1 / self._parameters.counts_per_kg
         covariance += np.eye(len(covariance)) * (self._profile.electronic**2 + step**2 / 12)
@@ -192,8 +192,8 @@ def _covariance_of_readings(
 
     `step` is a function of the load in kg that returns the matrices F, (d, d), and G, (d,), of the
     state equation x' = F x + G w of one step, in which w is white noise and x[0] is the reading.
-    `loads` has the load in each step of each sample, (n, steps) in kg. The process is stationary
-    before the first sample.
+    `loads` contains the load in each step of each sample, (n, steps) in kg. The process is
+    stationary before the first sample.
     """
     whole, drive = step(float(loads[0, 0]))
     size = len(drive)
@@ -215,9 +215,10 @@ def _covariance_of_readings(
 def _sample_step(
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the transition matrix over one sample, (d + 1, d), and the covariance of its noise.
+    """Return the transition matrix over one sample, (d + 1, d), and its noise, (d + 1, d + 1).
 
-    The last row belongs to the sample, and the other rows belong to the state.
+    The noise is a covariance. The last row of both matrices belongs to the sample, and the other
+    rows belong to the state.
     """
     size = len(steps[0][1])
     over = np.eye(size + 1, size)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from checkweigher_core.records import GRAMS
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS
 from checkweigher_dsp.estimation.estimators.base import PlotStyle
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
@@ -32,7 +32,7 @@ NONE = '–'
 
 # Label, marker, light colour and dark colour of each estimator. Readers with any kind of colour
 # vision can distinguish the colours (after Okabe and Ito).
-_LOOKS = {name: each.look for name, each in ESTIMATORS.items() if each.look}
+_LOOKS = {name: each.look for name, each in METHODS.items() if each.look}
 _LOOKS['chosen'] = PlotStyle('Chosen by tune', '<', '#7a5230', '#c79a6f')
 
 # Markers and colours of all other estimators.

@@ -3,7 +3,8 @@
 """Figures as SVG elements in an HTML page, with the colours and the font of the page.
 
 A figure is drawn in placeholder colours, which are replaced by CSS variables in the SVG element.
-Therefore the same figure suits a light page, a dark page and print. Text in a figure stays text.
+Therefore the same figure suits a light page, a dark page and print. Text in a figure can be
+selected and searched.
 """
 
 from collections.abc import Sequence

@@ -63,8 +63,8 @@ def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, PlotStyle]) -> 
         rows = [row for row in table.rows if row.estimator != CHOSEN]
         mean, worst, label = min((*row.cells[-1], looks[row.estimator].label) for row in rows)
         yield (
-            f'Smallest A over the attainable A, {table.title}: {label} with {number(mean, 2)} on '
-            f'average and {number(worst, 2)} at worst.'
+            f'Smallest ratio of A to the attainable A, {table.title}: {label} with '
+            f'{number(mean, 2)} on average and {number(worst, 2)} at worst.'
         )
 
 
@@ -93,5 +93,5 @@ def _ratios_figure(
     axes.xaxis.set_major_formatter('{x:g}')
     axes.xaxis.set_minor_formatter('')
     axes.axvline(1.0, **DASHED)
-    axes.set_xlabel('A over the attainable A')
+    axes.set_xlabel('A / attainable A')
     return figure

@@ -17,8 +17,8 @@ from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds, index
 from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, untrained
 
-# Estimators with few free numbers: a gain and an offset, or a closed form with at most one
-# coefficient that is searched. A search of more numbers fits few passes better than later ones.
+# Estimators with at most one searched coefficient. A search of more coefficients would overfit few
+# passes.
 _FEW_NUMBERS = ('mean', 'hann', 'fir_model', 'learned')
 _FEW_PASSES = 60  # number of passes of a speed below which only these estimators are candidates
 # Largest increase of ln A that is negligible. Between sets of 100 passes, A varies by more.
@@ -28,7 +28,7 @@ _LEAST = 1e-12  # smallest A in kg, to avoid the logarithm of 0
 
 
 def candidates(groups: Sequence[SpeedGroup]) -> tuple[str, ...]:
-    """Return the names of the estimators that can be chosen with so many passes at each speed."""
+    """Return the estimators for which there are enough passes at each speed."""
     few = min((len(group.passes) for group in groups), default=0) < _FEW_PASSES
     return _FEW_NUMBERS if few else tuple(ESTIMATORS)
 
@@ -36,9 +36,9 @@ def candidates(groups: Sequence[SpeedGroup]) -> tuple[str, ...]:
 def with_untrained(
     tuned: Mapping[str, Tuned], groups: Sequence[SpeedGroup], base: LineParameters
 ) -> dict[str, Tuned]:
-    """Return `tuned` after the line `base` without training, if that weighs all passes.
+    """Return `tuned` with `base` without training as the first entry, if it weighs all passes.
 
-    `groups` has the passes from which the others have learned, cut as on the line `base`.
+    `groups` contains the training passes, cut with the parameters `base`.
     """
     default = untrained(groups, base)
     weighed = all(np.all(np.isfinite(speed.held_out_errors)) for speed in default.speeds)
@@ -53,12 +53,12 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
 
     The best estimator is that with the smallest A on held-out passes, as the geometric mean over
     the belt speeds. A simpler estimator is chosen instead if its ln A, plus one standard error of
-    the difference, exceeds that of the best by a negligible amount. This is not a test at a
-    significance level: by one standard error, about one such choice in six costs more. The standard
-    error is computed by a jackknife over blocks of passes. It is large with few passes, so that the
-    best estimator is chosen. Disturbances cancel in the difference, because both estimators weigh
-    the same passes. If `tuned` has the default without training, it is chosen unless the A of
-    another estimator is smaller by more than one standard error. [own derivation]
+    the difference, exceeds that of the best by a negligible amount. This is not a significance
+    test: in about one such choice in six, the difference is not negligible. The standard error is
+    computed by a jackknife over blocks of passes. It is large with few passes, so that the best
+    estimator is chosen. Disturbances cancel in the difference, because both estimators weigh the
+    same passes. If `tuned` contains the parameters without training, they are chosen unless the A
+    of another estimator is smaller by more than one standard error. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """
@@ -80,7 +80,7 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
         return UNTRAINED, f'{UNTRAINED}: {why} {losses[UNTRAINED]}'
     for name in names[: names.index(best)]:
         if more[name] + errors[name] <= _NEGLIGIBLE:
-            why = f'simpler than {best}, whose A is smaller by next to nothing'
+            why = f'simpler than {best}, whose A is smaller by a negligible amount'
             return name, f'{name}: {why}, {losses[name]}'
     why = f'smallest A on held-out passes; that of {others[0]} is larger by'
     return best, f'{best}: {why} {losses[others[0]]}'

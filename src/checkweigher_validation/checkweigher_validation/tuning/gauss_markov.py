@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning of the Gauss-Markov estimator, which has a model of the platform and a model of the noise.
 
-First, the model of the platform is fitted to passes of known mass by nonlinear least squares, in
-which an autoregression of the signal of the empty belt whitens the noise. Then the noise model is
-learned from the residuals of the passes. The order of the noise model is searched.
+First, the model of the platform is fitted to passes of known mass by nonlinear least squares. The
+noise is whitened with an autoregression of the empty-belt signal. Then the noise model is learned
+from the residuals of the passes. The order of the noise model is searched.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,13 +34,13 @@ from checkweigher_validation.tuning.tunables import Tunable, TuningError
 ORDERS = (20, 40, 80, 120, 160, 200)
 _CHECKED_PASSES = 40  # number of passes of each speed to decide whether the platform model is used
 _CHECKED_ORDER = 40
-_STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient, which the file must not round
+_STABLE = 1 - 1e-6  # largest reflection coefficient, which the file must not round to 1
 _FIRST_ORDER = 40
 _PASSES_FOR_PLATFORM = 20  # number of passes of each speed to fit the platform
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # natural frequencies in Hz to start the fit with
-_LEAST_NOISE = 1e-9  # kg
-_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg.
+_LEAST_NOISE = 1e-9  # largest range in kg of a signal that is considered to have no noise
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg
 # Bounds of the fitted values: ln(natural frequency in Hz), ln(damping ratio), ln(moving mass /
 # heaviest product), and the parameters entry_begin and entry_end in mm.
 _LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
@@ -77,7 +77,7 @@ class TunedGaussMarkov(Tunable):
         return {'order': float(order)}, least
 
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the noise model that is learned from the passes `rows`."""
+        """Return the noise model of the passes `rows`, or its default without a platform model."""
         if not self.known.sample_rate:
             names = ('order', 'reflection', 'noise', 'impact')
             return {name: getattr(GaussMarkovParameters(), name) for name in names}
@@ -99,8 +99,9 @@ class TunedGaussMarkov(Tunable):
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
     """Return A in kg on some passes, each of which is weighed with a noise model of other passes.
 
-    This value shows whether the platform model of `base` is useful. A platform model may increase
-    the errors if there are few passes, or if disturbances mask the response of the platform.
+    A is infinite if a pass gets no mass. The value shows whether the platform model of `base` is
+    useful. A platform model may increase the errors if there are few passes, or if disturbances
+    mask the response of the platform.
     """
     indices = []
     for group in groups:
@@ -135,7 +136,7 @@ def fit_platform(
         )
 
     def chosen(count: int) -> list[tuple[Prewhitener, KnownPass, PassSignal]]:
-        # The used samples must not change while the entry positions are fitted.
+        # The fit needs the same samples in each step, although they depend on the entry positions.
         return [
             (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups

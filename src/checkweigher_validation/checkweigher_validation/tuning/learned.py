@@ -4,16 +4,17 @@ r"""Tuning of the learned estimator: the covariance of the signal of a pass abou
 
 .. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (d d' + z^2 1 1')
 
-R has the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is the
-mean of the variances of R. The other terms dominate if there are few passes. Each coefficient is
-the number of passes that a term is worth. N is the covariance of the noise of the empty belt, I is
-white noise, and E has the residuals of the other speeds at the same positions on the belt. The
-terms K are what physics lets expect: damped swings that begin during the entry, jitter of the edges
-(the curve moved or stretched), and an uneven rise (a Brownian bridge from t1 to t2). d is the
-change of the curve for a heavier product, whose oscillation is slower, and z the standard deviation
-of the zero, whose error is nearly equal in successive passes and thus not visible in R. The weights
-are averaged over a grid and random points of the coefficients. Each point is weighted by the
-likelihood of the passes, each weighed by the weights of the others. [own derivation]
+R contains the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is
+the mean of the variances of R. The other terms dominate if there are few passes. Each coefficient
+is the number of passes that a term is worth. N is the covariance of the noise of the empty belt, I
+is white noise, and E contains the residuals of the other speeds at the same positions on the belt.
+The terms K are models of damped swings that begin during the entry, jitter of the edges (the curve
+moved or stretched), and an uneven rise (a Brownian bridge from t1 to t2). d is the change of the
+curve for a heavier product, whose oscillation is slower. It is 0 if the masses differ enough, so
+that R contains this change. z is the standard deviation of the zero, whose error is nearly equal in
+successive passes and thus not visible in R. The weights are averaged over a grid and random points
+of the coefficients. Each point is weighted by the likelihood of the passes, where each pass is
+weighed with the weights of the other passes. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,7 +66,7 @@ _BEGINNINGS = (0.3, 0.5, 1.0)
 
 
 def _points() -> NDArray[np.float64]:
-    """Return the points of the coefficients, (points, 6): a grid, and random ones in a box."""
+    """Return the points of the coefficients, (points, 6): a grid, and random points in a box."""
     low, high = np.array(_RANGES).T
     cube = qmc.LatinHypercube(len(_RANGES), rng=np.random.default_rng(_SEED))
     return np.vstack((_GRID, low * (high / low) ** cube.random(_RANDOM)))
@@ -99,7 +100,7 @@ class Evidence:
         return np.asarray(residuals.T @ residuals)
 
 
-_MATRICES = ('noise', 'elsewhere', 'swings', 'rise')  # terms of the class below, (k, k) each
+_MATRICES = ('noise', 'elsewhere', 'swings', 'rise')  # terms of `Prior` with the shape (k, k)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +128,8 @@ def covariances(known: Evidence, prior: Prior) -> NDArray[np.float64]:
     variance = max(float(np.trace(scatter)) / parts / count, _LEAST_VARIANCE)
     slope = np.gradient(curve)
     if not are_distinct(known.masses):
-        drawl = _SLOWER * float(known.masses.mean()) * prior.time * slope
-        scatter = scatter + count * np.outer(drawl, drawl)
+        change = _SLOWER * float(known.masses.mean()) * prior.time * slope
+        scatter = scatter + count * np.outer(change, change)
     jitter = (_scaled(np.outer(each, each)) for each in (slope, prior.time * slope))
     shapes = (np.eye(parts), prior.elsewhere, prior.swings, sum(jitter) / 2, prior.rise)
     terms = np.stack([prior.noise, *(variance * each for each in shapes)])
@@ -209,7 +210,7 @@ class TunedLearned(Tunable):
 
     @cached_property
     def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
-        """Return the fit to the features after t2, and the fit to all features or None."""
+        """Return the fit to the features after t2, and the fit to all features, or None."""
         layout = self.known.layout
         prior = self._prior(layout)
         alone = fit(_evidence(self.group, Layout(0, 0, layout.window)), prior.last(layout.window))
@@ -238,7 +239,8 @@ class TunedLearned(Tunable):
 def swing_covariance(layout: Layout, duration: float) -> NDArray[np.float64]:
     """Return the covariance of damped swings that begin during the entry, (k, k).
 
-    The mean variance is 1. `duration` is that of a part in s. The phase of a swing is random.
+    The mean variance is 1, and the phase of a swing is random. `duration` is the duration in s of
+    the part of the signal that gives one feature.
     """
     place = np.arange(layout.count) - layout.lead + 0.5
     result = np.zeros((layout.count, layout.count))

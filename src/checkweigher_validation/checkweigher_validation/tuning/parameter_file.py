@@ -52,9 +52,9 @@ def parameter_file(
         f'# {made.isoformat(timespec="seconds")}',
         *(f'# from {_printable(line)}' for line in source),
         '#',
-        '# A = |mean error| + 3 sigma, averaged over the masses, after gain and offset, in g; held',
-        '# out: each pass weighed by what other passes taught. Much more than trained would mean',
-        '# that the parameters fit these passes and not the machine.',
+        '# A = |mean error| + 3 sigma in g, averaged over the masses, after gain and offset.',
+        '# A held out: each pass is weighed with the parameters that other passes give. If it is',
+        '# much larger than A trained, the parameters are overfitted.',
         *(
             f'# {line}'
             for name, each in tuned.items()
@@ -83,7 +83,7 @@ def parameter_file(
 
 
 def _coverage_lines(tuned: Tuned) -> list[str]:
-    """Return how often held-out errors lie within the stated intervals, by speed and mass."""
+    """Return the lines of a table: the coverage of the held-out errors by speed and mass."""
     conditions = []
     for speed in tuned.speeds:
         errors, masses = np.array(speed.held_out_errors), np.array(speed.masses)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.denoising.denoiser import Denoiser
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS
 from checkweigher_dsp.estimation.estimators.base import Axis, Estimator
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
@@ -19,13 +19,13 @@ from checkweigher_validation.tuning.search import Values, search
 
 
 class TuningError(ValueError):
-    """Error for an estimator that cannot be tuned on the given passes."""
+    """Raised if an estimator cannot be tuned on the given passes."""
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
     """Return the loads that the selected estimator finds, before gain and offset, (n,) in kg."""
     identifier = parameters.identifier
-    estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
+    estimator = METHODS[identifier.estimator](identifier.chosen)
     windows = [each.window for each in group.passes]
     if estimator.needs_denoised:
         windows = Denoiser(parameters.denoise).denoise_all(windows)
@@ -47,7 +47,7 @@ class Tunable:
         self.group = group
         self.base = base
         self.others = [other for other in groups if other is not group]
-        self.estimator = ESTIMATORS[name]
+        self.estimator = METHODS[name]
         self.windows = [each.window for each in group.passes]
 
     @classmethod

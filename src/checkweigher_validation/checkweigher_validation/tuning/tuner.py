@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup
@@ -39,7 +39,7 @@ _OWN: dict[str, type[Tunable]] = {
     'gauss_markov': TunedGaussMarkov,
     'learned': TunedLearned,
 }
-TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in ESTIMATORS}
+TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in METHODS}
 
 UNTRAINED = 'untrained'  # name of the default parameters in comparisons
 FEWEST_PASSES = 3  # smallest number of passes of one speed
@@ -51,7 +51,7 @@ _DIGITS = 7  # significant digits of numbers in a parameter file
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
-    """Result of the tuning of an estimator on the passes of one belt speed.
+    """Tuning result of an estimator on the passes of one belt speed.
 
     Held-out errors are computed by cross-validation: each half of the passes is weighed with the
     parameters that are tuned on the other half. Eighths are used instead of halves if nothing is
@@ -75,7 +75,7 @@ class TunedSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """Results of the tuning of an estimator at all speeds, and all parameters of the line."""
+    """Tuning results of an estimator at all speeds, and all parameters of the line."""
 
     estimator: str
     speeds: tuple[TunedSpeed, ...]
@@ -121,7 +121,7 @@ def tune(
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
     lines, failed = _run(prepare, n_jobs, 'preparing')
-    # Jobs of all estimators are mixed, so that the time left can be told from those that are done.
+    # The jobs of all estimators are mixed, so that the finished jobs predict the remaining time.
     tasks = [
         TUNABLES[name](name, group, line, groups)
         for group, (name, line) in product(groups, lines.items())
@@ -177,7 +177,7 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
                 f'needs at least {FEWEST_PASSES} passes at each speed'
             )
     if not groups:
-        raise TuningError('no whole pass of known mass')
+        raise TuningError('no pass of known mass without a fault')
 
 
 def _jobs(

@@ -163,7 +163,7 @@ def _judge_reading(
     if reading.reasons:
         return replace(blank, failures=(f'no reading: {", ".join(reading.reasons)}',))
     step = blank.attempt.step
-    if zero is None:  # this is the first zero, with which the later ones are compared
+    if zero is None:  # the first zero of the warm-up, with which the later zeros are compared
         return replace(
             blank, error=0.0, max_error=math.inf, uncertainty=COVERAGE * reading.std_error
         )
@@ -185,7 +185,7 @@ def _judge_reading(
 
 
 def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
-    """Return the result of the passes of an attempt.
+    """Return the result of an attempt that consists of passes.
 
     In a test of repeatability, the standard deviation is limited in category X, and the spread in
     category Y. In tests of warm-up and eccentricity, the error is limited. In all other tests, the
@@ -276,7 +276,7 @@ def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iter
         if 0 < result.count < result.required:
             yield (
                 f'Step {result.attempt.step.name} has {result.count} weighings, '
-                f'{result.required} are asked for.'
+                f'{result.required} are required.'
             )
 
 
@@ -286,7 +286,7 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
     yield from _load_departures(procedure.plan)
     yield from _reference_departures(procedure.plan)
     if not procedure.identity.get('audit_log_sha256'):
-        yield 'No audit log was read, which would show changes between the steps.'
+        yield 'No audit log was read, so changes between the steps may be unknown.'
     yield from procedure.conflicts
     yield from _foreign_cell(procedure)
     if procedure.changes is None:
@@ -296,23 +296,23 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
     for result in results:
         name, attempt = result.attempt.step.name, result.attempt
         if attempt.step.kind == StepKind.ZEROING and attempt.reading and attempt.begin < zeroed:
-            yield f'Step {name} followed no zeroing; it was compared with the zero of calibration.'
+            yield f'Step {name} had no zeroing before it; it was compared with the calibrated zero.'
         if result.attempts > 1 and result.number == 1:
             yield f'Step {name} was made {result.attempts} times; the last one counts.'
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
-    """Yield a sentence if the stream is of another device than the load cell of the plan.
+    """Yield a sentence if the samples are from another device than the load cell of the plan.
 
-    The serial number in a stream is that of the load cell or, if it is digital, of its amplifier.
+    The samples have the serial number of the load cell or, if it is digital, of its amplifier.
     """
     plan, own = procedure.plan, procedure.load_cell
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
     if own.serial_number not in filter(None, planned):
         named = f'{own.model} {own.serial_number}'.strip() or 'a device without a serial number'
         yield (
-            f'The stream is of {named}, the plan has load cell {planned[0] or "?"} and amplifier '
-            f'{planned[1] or "?"}.'
+            f'The samples are from {named}, but the plan has load cell {planned[0] or "?"} and '
+            f'amplifier {planned[1] or "?"}.'
         )
 
 
@@ -339,7 +339,7 @@ def _load_departures(plan: Plan) -> Iterator[str]:
     if plan.eccentricity:
         share = plan.references[plan.eccentricity.load].mass / plan.maximum
         if not _THIRD[0] <= share <= _THIRD[1]:
-            yield f'The load of eccentricity is {100 * share:.0f} % of Max, not about a third.'
+            yield f'The eccentricity load is {100 * share:.0f} % of Max, not about a third.'
 
 
 def _reference_departures(plan: Plan) -> Iterator[str]:
@@ -354,15 +354,15 @@ def _reference_departures(plan: Plan) -> Iterator[str]:
         expanded, allowed = COVERAGE * load.uncertainty, _REFERENCE_SHARE * limit
         if not expanded <= allowed:
             yield (
-                f'Reference {load.name} is known to {GRAMS * expanded:g} g (k = 2), which is above '
-                f'a third of the limit, {GRAMS * allowed:.3g} g.'
+                f'Reference {load.name} has an uncertainty of {GRAMS * expanded:g} g (k = 2), '
+                f'above a third of the limit, {GRAMS * allowed:.3g} g.'
             )
 
 
 def _warm_up_departures(plan: Plan, results: Sequence[Result]) -> Iterator[str]:
     if plan.warm_up and plan.warm_up.minutes != WARM_UP_MINUTES:
         given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
-        yield f'Warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
+        yield f'The warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
     own = [each for each in results if each.attempt.step.minutes is not None]
     for result in own:
         planned, after = result.attempt.step.minutes, minutes_after(result, own[0])

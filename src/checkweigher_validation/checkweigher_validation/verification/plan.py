@@ -42,15 +42,17 @@ def _grams(text: str, default: Any = MISSING, minimum: float = 1e-6) -> Any:
 class Mass(Settings):
     """A reference mass with its certificate."""
 
-    name: str = parameter(text='by which the plan calls it')
+    name: str = parameter(text='name in the plan')
     mass_g: float = parameter(text='mass', unit='g', minimum=1e-3, maximum=_LARGEST_G)
-    uncertainty_g: float = parameter(text='standard', unit='g', minimum=0, maximum=_LARGEST_G)
+    uncertainty_g: float = parameter(
+        text='standard uncertainty', unit='g', minimum=0, maximum=_LARGEST_G
+    )
     certificate: str = parameter(text='number of the certificate')
     serial: str = parameter(text='serial number')
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r'\w[\w.-]*', self.name):
-            raise SettingsError('a name may have letters, digits, _, - and .')
+            raise SettingsError('a name may contain only letters, digits, _, - and .')
 
     @property
     def mass(self) -> float:
@@ -73,22 +75,26 @@ class Passes(NamedTuple):
 
 @dataclass(frozen=True)
 class PassesOfLoad(Settings):
-    """Section of the file with the passes of one load at one belt speed."""
+    """Section with the passes of one load at one belt speed."""
 
     load: str = parameter(text='reference mass')
     speed_m_per_min: float = parameter(text='belt speed', minimum=0.1, maximum=_FASTEST)
-    passes: int = parameter(0, 'number; 0 by the load', minimum=1, maximum=_MOST_PASSES)
+    passes: int = parameter(
+        0, 'number of passes; 0: as the load requires', minimum=1, maximum=_MOST_PASSES
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class WarmUp(PassesOfLoad):
     """Section with the times of a warm-up test, at which zero and passes are recorded."""
 
-    minutes: tuple[float, ...] = parameter(text='times', minimum=0, maximum=24 * 60)
+    minutes: tuple[float, ...] = parameter(
+        text='times since the first step in min, ascending', minimum=0, maximum=24 * 60
+    )
 
     def __post_init__(self) -> None:
         if list(self.minutes) != sorted(set(self.minutes)):
-            raise SettingsError('must go up', 'minutes')
+            raise SettingsError('must be ascending', 'minutes')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +107,7 @@ class Eccentricity(PassesOfLoad):
         for position in self.positions:
             if not re.fullmatch(r'\w+', position):
                 raise SettingsError(
-                    f'{position!r}: a name may have letters, digits and _', 'positions'
+                    f'{position!r}: a name may contain only letters, digits and _', 'positions'
                 )
         _check_distinct(self.positions, 'positions')
 
@@ -110,7 +116,7 @@ class Eccentricity(PassesOfLoad):
 class ZeroReadings(Settings):
     """Section with the number of readings of the zero."""
 
-    readings: int = parameter(5, 'of the empty belt', minimum=1, maximum=100)
+    readings: int = parameter(5, 'number of readings of the empty belt', minimum=1, maximum=100)
 
 
 @dataclass(frozen=True)
@@ -124,12 +130,12 @@ class Static(Settings):
 class Rest(Settings):
     """Section with the settings of a reading at rest."""
 
-    duration_s: float = parameter(5.0, 'time of a reading', unit='s', minimum=0.2, maximum=60)
-    tolerance_g: float = _grams('by which it may move', 0.1)
+    duration_s: float = parameter(5.0, 'duration of a reading', unit='s', minimum=0.2, maximum=60)
+    tolerance_g: float = _grams('largest drift of a reading', 0.1)
 
     @property
     def tolerance(self) -> float:
-        """Largest change of the load during a reading in kg."""
+        """Largest drift of a reading in kg."""
         return self.tolerance_g / GRAMS
 
 
@@ -137,8 +143,8 @@ class Rest(Settings):
 class Plan(Settings):
     """Plan of a verification.
 
-    The fields have the units of the file, and the properties have SI units. The field of a test is
-    None or empty if the test is not made.
+    The fields have the units in their names, and the properties have SI units. The field of a test
+    is None or empty if the test is not made.
     """
 
     machine: Mapping[str, str] = parameter(text='nameplate')
@@ -146,24 +152,28 @@ class Plan(Settings):
     amplifier: Mapping[str, str] = parameter(text='nameplate')
     class_: str = parameter(text='accuracy class')
     factor: float = parameter(1.0, 'class factor x', minimum=0, maximum=2)
-    in_service: bool = parameter(False, 'whether limits in service hold')
+    in_service: bool = parameter(False, 'whether the limits in service apply')
     e_g: float = _grams('verification scale interval')
     min_g: float = _grams('Min', minimum=0)
     max_g: float = _grams('Max', minimum=0)
     prepackages_g: tuple[float, ...] = parameter(
         (), 'nominal quantities', minimum=GRAMS * SMALLEST, maximum=GRAMS * LARGEST
     )
-    operator: str = parameter(text='who does it')
-    place: str = parameter(text='where')
+    operator: str = parameter(text='name of the operator')
+    place: str = parameter(text='place of the verification')
     environment: str = parameter(text='temperature, humidity, pressure')
-    references: Mapping[str, Mass] = parameter(text='known masses')
-    speeds_m_per_min: tuple[float, ...] = parameter(text='speeds', minimum=0.1, maximum=_FASTEST)
-    loads: tuple[str, ...] = parameter(text='masses that pass at each speed')
-    passes: int = parameter(0, 'number; 0 by the load', minimum=1, maximum=_MOST_PASSES)
+    references: Mapping[str, Mass] = parameter(text='reference masses by name')
+    speeds_m_per_min: tuple[float, ...] = parameter(
+        text='belt speeds', minimum=0.1, maximum=_FASTEST
+    )
+    loads: tuple[str, ...] = parameter(text='reference masses that pass at each speed')
+    passes: int = parameter(
+        0, 'number of passes; 0: as the load requires', minimum=1, maximum=_MOST_PASSES
+    )
     warm_up: WarmUp | None = parameter(None, 'passes after switching on')
     zero: ZeroReadings | None = parameter(None, 'readings of the zero')
-    outside: tuple[PassesOfLoad, ...] = parameter((), 'passes beyond the range')
-    eccentricity: Eccentricity | None = parameter(None, 'passes beside the middle')
+    outside: tuple[PassesOfLoad, ...] = parameter((), 'passes outside the dynamic setting')
+    eccentricity: Eccentricity | None = parameter(None, 'passes beside the middle of the belt')
     repeatability: PassesOfLoad | None = parameter(None, 'passes of one load')
     static: Static | None = parameter(None, 'loads at rest')
     rest: Rest = parameter(Rest(), 'reading at rest')
@@ -228,7 +238,7 @@ class Plan(Settings):
 
     def _check_class(self) -> None:
         if not 0 < self.min_g < self.max_g:
-            raise SettingsError(f'{self.min_g:g} is not above 0 and below max_g', 'min_g')
+            raise SettingsError(f'{self.min_g:g}, must be above 0 and below max_g', 'min_g')
         try:
             own = self.accuracy_class
         except ValueError as error:
@@ -265,7 +275,7 @@ class Plan(Settings):
         """Return the reference masses with some names. Raises `SettingsError` if one is unknown."""
         for name in names:
             if name not in self.references:
-                text = f'{name!r} is none of the references {", ".join(self.references)}'
+                text = f'{name!r} is not one of the references {", ".join(self.references)}'
                 raise SettingsError(text, *path)
         _check_distinct(names, *path)
         return [self.references[name] for name in names]
@@ -282,4 +292,4 @@ def read_plan(text: str) -> Plan:
 def _check_distinct(names: Sequence[str], *path: object) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise SettingsError(f'{name} is there twice', *path)
+            raise SettingsError(f'{name} is listed twice', *path)

@@ -111,7 +111,7 @@ def read_procedure(path: Path) -> Procedure:
     made: list[VerificationStep] = found[ports.VERIFICATION.name]
     texts = {each.state: each.text for each in made}
     if not {StepState.PLAN, StepState.IDENTITY} <= set(texts):
-        raise BagError(f'{path}: holds no verification; "verify" with a plan records one')
+        raise BagError(f'{path}: contains no verification; the command verify records one')
     try:
         plan = read_plan(texts[StepState.PLAN])
         known = json.loads(texts[StepState.IDENTITY])

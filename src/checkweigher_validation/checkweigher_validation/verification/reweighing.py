@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparison of the verdicts in the bag of a verification with its estimates and its samples.
 
-A person who changes the results in a bag would also have to change the samples, so that they give
-these results.
+A person who changes the results in a bag would also have to change the samples, because otherwise
+the samples would give other results.
 """
 
 from bisect import bisect_left, bisect_right
@@ -39,8 +39,8 @@ def conflicts(
     """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
 
     `identity` is the identity in the bag, with the parameters of the nodes. `interval` is the
-    verification interval in kg. `begins` are the times in ns at which recordings begin that were
-    weighed one by one.
+    verification scale interval in kg. `begins` are the start times in ns of the recordings if they
+    were weighed separately.
     """
     masses = {(each.item_id, each.t1): each.mass for each in estimates}
     other = [
@@ -55,7 +55,7 @@ def conflicts(
         yield 'The samples were not weighed again: the bag has no parameters of the nodes.'
         return
     if hashlib.sha256(text.encode()).hexdigest() != identity.get('parameters_sha256'):
-        yield 'The parameters in the bag are not those of its digest.'
+        yield 'The parameters in the bag do not agree with their digest.'
         return
     try:
         parameters = _parameters(text)
@@ -67,7 +67,7 @@ def conflicts(
 
 
 def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
-    """Yield the parts of a recording between the times in `begins`, in ns."""
+    """Yield the parts of a recording that begin at the times `begins` in ns."""
     if not begins:
         yield recording
         return
@@ -81,9 +81,10 @@ def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
 
 
 def is_weighed(verdict: Verdict) -> bool:
-    """Return whether an item got a mass, so whether its decision is not FAULT.
+    """Return whether an item got a mass.
 
-    The reason NoProduct is an exception, because the item was weighed and only limits are missing.
+    An item with the decision FAULT got no mass, unless NoProduct is the only reason. In this case
+    it was weighed, and only the limits are missing.
     """
     no_limits = verdict.reasons == (Reason.NO_PRODUCT.value,)
     return math.isfinite(verdict.mass) and (verdict.decision != Decision.FAULT or no_limits)
@@ -99,7 +100,7 @@ def _parameters(text: str) -> LineParameters:
 def _compared(
     again: Sequence[ItemResult], verdicts: Sequence[Verdict], tolerance: float
 ) -> Iterator[str]:
-    """Yield the conflicts between the verdicts and the items that were weighed again."""
+    """Yield a sentence for each kind of conflict between verdicts and items weighed again."""
     known = _known(verdicts)
     times = [t1 for t1, _ in known]
     differ, without, found = [], [], set[int]()

@@ -33,9 +33,9 @@ _PASS = 'Run the belt at {speed:g} m/min and let {load} pass'
 _TO_DO = {
     StepKind.WARM_UP_ZERO: 'Leave the belt empty',
     StepKind.WARM_UP: _PASS,
-    StepKind.ZEROING: 'Leave the belt empty; it is zeroed',
+    StepKind.ZEROING: 'Leave the belt empty while the line is zeroed',
     StepKind.ZERO: 'Leave the belt empty',
-    StepKind.OUTSIDE: f'{_PASS}; each must be a FAULT',
+    StepKind.OUTSIDE: f'{_PASS}; each pass must be a FAULT',
     StepKind.PASSES: _PASS,
     StepKind.ECCENTRICITY: f'{_PASS}, lane {{position}}',
     StepKind.REPEATABILITY: _PASS,

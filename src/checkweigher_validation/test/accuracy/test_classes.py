@@ -118,7 +118,7 @@ def test_each_class_has_the_factors_of_the_directive(name, allowed, refused):
     for factor in allowed:
         assert str(AccuracyClass(name, factor)).startswith(f'{name}({factor:g}), ')
     for factor in refused:
-        with pytest.raises(ValueError, match=f'class factor x: {factor} is not '):
+        with pytest.raises(ValueError, match=f'class factor x.*: {factor} is not '):
             AccuracyClass(name, factor)
 
 
@@ -183,7 +183,7 @@ def test_too_few_weighings_none_at_all_and_a_load_above_the_class_do_not_pass():
     ],
 )
 def test_what_no_class_has_is_refused(refused):
-    with pytest.raises(ValueError, match=r'none of XI|not a positive|class factor|no verification'):
+    with pytest.raises(ValueError, match=r'not one of|not a positive|class factor|no verification'):
         refused()
 
 
@@ -229,25 +229,25 @@ def test_e_is_the_smallest_that_the_class_allows_for_max(name, maximum, interval
         # Rows of MID, Annex VIII, Chapter II, Table 3: g.
         ('XI', 0.001, 1, 50, ''),
         ('XI', 0.001, 1, 49, 'class XI has no verification scale interval'),
-        ('XI', 1, 1, 49_000, 'e: 1 g is 49000 times'),
+        ('XI', 1, 1, 49_000, 'e: 1 g gives 49000 intervals'),
         ('XII', 0.05, 1, 5, ''),
-        ('XII', 0.05, 1, 4.9, 'e: 0.05 g is 98 times'),
+        ('XII', 0.05, 1, 4.9, 'e: 0.05 g gives 98 intervals'),
         ('XII', 0.1, 1, 500, ''),
-        ('XII', 0.1, 1, 499, 'e: 0.1 g is 4990 times'),
+        ('XII', 0.1, 1, 499, 'e: 0.1 g gives 4990 intervals'),
         ('XII', 0.1, 1, 10_001, 'e: 0.1 g is below 0.2 g'),
         ('XIII', 2, 60, 200, ''),
-        ('XIII', 2, 60, 199, 'e: 2 g is 99.5 times'),
+        ('XIII', 2, 60, 199, 'e: 2 g gives 99.5 intervals'),
         ('XIII', 5, 60, 2500, ''),
-        ('XIII', 5, 60, 2499, 'e: 5 g is 499.8 times'),
+        ('XIII', 5, 60, 2499, 'e: 5 g gives 499.8 intervals'),
         ('XIII', 0.25, 60, 600, 'e: 0.25 g is not 1, 2 or 5'),
         ('XIIII', 5, 60, 500, ''),
         ('XIIII', 5, 60, 499, 'class XIIII has no verification scale interval'),
         ('XIIII', 2, 60, 600, 'e: 2 g is below 5 g'),
         # UK SI 2003/2761, Schedule 1.
         ('Y(a)', 0.1, 2, 600, ''),
-        ('Y(a)', 0.1, 1.9, 600, 'Min: 1.9 g is below 2 g, the least of class Y(a): 20 e'),
+        ('Y(a)', 0.1, 1.9, 600, 'Min: 1.9 g is below 2 g, the smallest of class Y(a): 20 e'),
         ('Y(b)', 5, 50, 500, ''),
-        ('Y(b)', 5, 49, 500, 'Min: 49 g is below 50 g, the least of class Y(b): 10 e'),
+        ('Y(b)', 5, 49, 500, 'Min: 49 g is below 50 g, the smallest of class Y(b): 10 e'),
         ('XIII', 0.1, 0.1, 600, ''),  # none is known
     ],
 )

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of passes whose masses, errors and uncertainties are made by hand."""
+"""Results of passes whose masses, errors and uncertainties are known by construction."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ CALIBRATED = LineParameters().with_values(
 
 
 def a_pass(mass, reading, speed=1.0, reasons=()):
-    """Make a pass of `mass` g in which the load cell reads `reading` g over its zero."""
+    """Return a pass of `mass` g in which the load cell reads `reading` g above its zero."""
     counts = np.full(60, 500, np.int32)
     counts[20:] += round(GRAM * reading)
     stamps = (20_000_000, 30_000_000, 60_000_000)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of machines against evaluations whose figures are known by construction."""
+"""Tables of machines from evaluations whose values are known by construction."""
 
 import csv
 import io
@@ -60,7 +60,7 @@ def test_the_table_has_the_mean_and_the_worst_by_speed_and_over_all(machines):
 
 def test_the_text_has_a_row_an_estimator_and_training_apart(machines):
     lines = family_text(machines, 'Machines 7 to 8').splitlines()
-    assert lines[0].startswith('Machines 7 to 8: A over the attainable A')
+    assert lines[0].startswith('Machines 7 to 8: A / attainable A')
     first = [line.split()[0] for line in lines[1:-1]]
     rows = ['attainable', 'mean', 'hann']
     assert first == ['tuned', *rows, 'untrained', *rows]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table 3 of the paper as it is shipped, against cells and means worked by hand."""
+"""Table 3 of the paper, compared with some of its cells and with means worked by hand."""
 
 import math
 

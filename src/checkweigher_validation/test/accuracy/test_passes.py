@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Known masses and the passes that they belong to, sorted by belt speed."""
+"""Known masses of passes, and groups of passes by belt speed."""
 
 from dataclasses import replace
 import math
@@ -24,7 +24,7 @@ from checkweigher_validation.accuracy.passes import (
 )
 
 MILLISECOND = 1_000_000  # ns
-SLACK = 10 * MILLISECOND  # by which a reference may miss t1
+SLACK = 10 * MILLISECOND  # largest difference between a reference and t1
 
 
 class TestReferences:

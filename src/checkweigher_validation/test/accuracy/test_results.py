@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of stretches of a recording, and the summary below a table of items."""
+"""Results of a recording in parts, and the summary below a table of items."""
 
 from dataclasses import astuple
 import itertools
@@ -31,7 +31,7 @@ def test_a_text_that_a_spreadsheet_would_calculate_is_written_as_text():
 
 
 def stretches(recording, seconds):
-    """Return a recording in stretches that are so many s long each, in turn."""
+    """Return the parts of a recording, with durations in s that are used in turn."""
     begin = recording.blocks[0].stamp
     end = max(event.stamp for event in recording) + 1
     bounds = [-math.inf, begin + 1]  # the first one has a block
@@ -48,7 +48,7 @@ def stretches(recording, seconds):
 
 
 def plain(results):
-    """Return results as they are compared, NaN equal to NaN."""
+    """Return results in a form in which NaN equals NaN."""
     return [repr(astuple(result)) for result in results]
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluations as text, CSV and JSON: the numbers in them are those that went in."""
+"""Text, CSV and JSON of evaluations, whose values are known by construction."""
 
 import csv
 import io

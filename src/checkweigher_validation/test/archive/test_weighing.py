@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The job of one bag: a record with a file, the same bytes wherever the bag is, or one line."""
+"""Job that weighs one bag: a file that does not depend on the place of the bag, or one line."""
 
 from dataclasses import replace
 import io

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches read from a record and from a CSV, and their figures against numbers worked by hand."""
+"""Batches from a record and from a CSV file, with statistics worked by hand."""
 
 from dataclasses import asdict
 import hashlib
@@ -28,7 +28,7 @@ TINS = settings_of(Product, {'nominal': 0.1, 'tare': TARE, 'tu1_quota': 0.025}, 
 
 
 class Line:
-    """Items of the batch L1 with the counts that the reject node gives them."""
+    """Source of the verdicts of batch L1, with the counts of the node `reject`."""
 
     def __init__(self) -> None:
         self._tally = BatchTally(TINS.name, 'L1')
@@ -56,7 +56,7 @@ def ended(number: int, subject: str, data: bytes) -> Entry:
 
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
-    """Write a batch of 120: 118 accepted, of 100 g and 102 g in turn but one of 95 g."""
+    """Write a batch of 120 items: 118 accepted ones of 102 g and 100 g in turn, but one of 95 g."""
     writer = RecordWriter(tmp_path)
     writer.begin('L1', '2026-01-01T10:00:00', audit_hash='hash 1')
     writer.write('product', asdict(TINS))
@@ -155,7 +155,7 @@ def test_a_record_is_held_to_what_the_log_has_of_its_batch(record: Path):
         ([old], 'agrees', None),
         ([ended(1, 'L1', data), ended(2, 'L1', data[1:])], 'differs', 'its first'),
         ([begun, ended(2, 'L1', data)], 'differs', 'its first 10 bytes are not as they were'),
-        ([empty], 'differs', 'it has an end of which the audit log does not know'),
+        ([empty], 'differs', 'it has an end that is not in the audit log'),
     ):
         held = batch.with_log(logs_of(*entries), data)
         assert as_json(held, [])['sha256_in_audit_log'] == expected
@@ -170,7 +170,7 @@ def test_counts_that_are_not_those_of_the_items_are_told(tmp_path: Path, record:
         (
             f'"mass":{0.1 + TARE},',
             '"mass":0.105,',
-            'line 4: item 2: the masses',
+            'line 4: item 2: its verdict has the surplus',
         ),
         (
             '"batch":"L1","batch_items":5',
@@ -184,7 +184,7 @@ def test_counts_that_are_not_those_of_the_items_are_told(tmp_path: Path, record:
         assert fault in read_record(path).faults[0]
     renamed = record.rename(tmp_path / 'L2.jsonl')
     (fault,) = read_record(renamed).faults
-    assert fault == "it is the record of batch 'L1', so it has the name of another one"
+    assert fault == "it is the record of batch 'L1', but has the name of another record"
 
 
 def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Path):
@@ -200,10 +200,10 @@ def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Pa
     for mass in ('', 'nan', 'inf'):
         without = tmp_path / 'without.csv'
         without.write_text(path.read_text() + f'3,,{mass},ACCEPT,\n')
-        with pytest.raises(BatchError, match=r'without\.csv:4: is no item: it is ACCEPT without'):
+        with pytest.raises(BatchError, match=r'without\.csv:4: is not an item: its decision is'):
             read_csv(without, TINS)
     path.write_text(path.read_text() + '3,1,x,ACCEPT,\n')
-    with pytest.raises(BatchError, match=r'masses\.csv:4: is no item'):
+    with pytest.raises(BatchError, match=r'masses\.csv:4: is not an item'):
         read_csv(path, TINS)
     path.write_text('a,b\n')
     with pytest.raises(BatchError, match='it lacks decision, item_id, mass_g, reasons, t3'):
@@ -213,7 +213,7 @@ def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Pa
 @pytest.mark.parametrize(
     ('old', 'new', 'why'),
     [
-        (r'"mass":[\d.]+', '"mass":NaN', 'it is ACCEPT without a mass'),
+        (r'"mass":[\d.]+', '"mass":NaN', 'its decision is ACCEPT, but it has no mass'),
         ('"ACCEPT"', '"MAYBE"', '.*MAYBE'),
     ],
 )

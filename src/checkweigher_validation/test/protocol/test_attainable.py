@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What is attainable against passes whose best linear estimate is known."""
+"""Attainable accuracy on passes whose best linear estimate is known."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ LEAD, RISE, REST = 150, 40, 60  # samples before t1, from t1 to t2 and from t2 t
 
 
 def make_passes(count, seed, noise, line=0.0):
-    """Build passes: a known shape times the mass, white noise, and a line of random phase, kg."""
+    """Return passes with a known shape, white noise, and a sine `line` of random phase, in kg."""
     random = np.random.default_rng(seed)
     shape = np.concatenate((np.zeros(LEAD), np.linspace(0, 1, RISE), np.ones(REST)))
     passes = []

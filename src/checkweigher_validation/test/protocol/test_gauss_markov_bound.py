@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The bound against hand-worked cases and against passes of the simulator itself."""
+"""Gauss-Markov bound, compared with cases worked by hand and with simulated passes."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -34,7 +34,7 @@ SILENT = PROFILES['quiet']
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Return a function that makes profile 'quiet' another machine; there is no other way in."""
+    """Return a function that replaces the machine of the profile 'quiet'."""
 
     def become(profile: Profile, **parameters) -> SimulationParameters:
         monkeypatch.setitem(PROFILES, 'quiet', profile)
@@ -44,7 +44,7 @@ def machine(monkeypatch):
 
 
 def passes_of(parameters, mass, before, count=150):
-    """Record passes far apart, and return their samples from `before` ahead of t1 up to t3."""
+    """Simulate passes far apart, and return their samples from `before` s before t1 to t3."""
     # Entries on whole seconds, and so on samples; 2 m apart, when nothing rings any more.
     spaced = replace(
         parameters, masses=(mass,), count=count, spacing=2.0 * parameters.speed, lead_in=2.0

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learning from products of unknown mass on machines of the family, beside tuned ones."""
+"""Learning from products of unknown mass on random machines, compared with tuning."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ MACHINES = (9021, 9022, 9023, 9024)
 
 
 def scatter(estimates, masses):
-    """Return the standard deviation within a mass of the items from the 31st on, in g."""
+    """Return the standard deviation in g, within each mass, of all items after the first 30."""
     errors = (np.array([each.mass for each in estimates]) - masses)[30:]
     own = [errors[masses[30:] == mass] for mass in np.unique(masses)]
     return 1e3 * float(np.sqrt(np.mean([np.var(each, ddof=1) for each in own])))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of machines: its passes, and estimators beside what is attainable."""
+"""Protocol of random machines: its passes, and estimators relative to the attainable accuracy."""
 
 from collections import Counter
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of the paper: its simulated passes, and that no estimator beats the bound in it."""
+"""Protocol of the paper: its simulated passes, on which no estimator is better than the bound."""
 
 from collections import Counter
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reports: a sound page without anything from elsewhere, and the numbers of the data in it."""
+"""Reports, which are valid pages that need no other file, and contain the values of the data."""
 
 import hashlib
 import html
@@ -28,7 +28,7 @@ SVG = '{http://www.w3.org/2000/svg}'
 
 
 class Page(HTMLParser):
-    """Elements of a page that is closed as it was opened, and its tables as text."""
+    """Parser that checks the nesting of the elements of a page, and collects its tables."""
 
     def __init__(self, text):
         super().__init__()
@@ -65,7 +65,7 @@ class Page(HTMLParser):
 
 
 def figures_of(text):
-    """Return the figures of a page as XML trees, by what they are said to show."""
+    """Return the figures of a page as XML trees by their descriptions."""
     trees = [ET.fromstring(found) for found in re.findall(r'<svg.*?</svg>', text, re.S)]
     return {tree.get('aria-label'): tree for tree in trees}
 
@@ -91,7 +91,7 @@ def machines():
 
 
 def table_with(page, header):
-    """Return the table that has a cell in one of its two first rows."""
+    """Return the table with the cell `header` in one of its first two rows."""
     (found,) = [table for table in page.tables if header in [*table[0], *table[1]]]
     return found
 
@@ -291,7 +291,10 @@ def test_a_pass_without_an_ideal_is_shown_without_it():
     assert text == render(evaluation)  # to the byte
 
     assert len(figures_of(text)) == 6
-    assert not any('what the platform would show' in label for label in figures_of(text))
+    assert not any(
+        'the response of the platform without noise: the load' in label
+        for label in figures_of(text)
+    )
 
 
 def test_the_amplitude_spectrum_at_zero_is_the_area():

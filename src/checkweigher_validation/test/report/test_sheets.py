@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reports on paper: no table is wider than a sheet of A4, which is narrower than Letter."""
+"""Printed reports, in which no table is wider than a sheet of A4, which is narrower than Letter."""
 
 from browsers import needs_browser, open_browser
 from made_evaluations import make_evaluation

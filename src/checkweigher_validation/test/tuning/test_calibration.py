@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Gain, offset, A and uncertainty against numbers worked by hand and errors that were drawn."""
+"""Gain, offset, A and uncertainty, compared with numbers worked by hand and random errors."""
 
 import math
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Which of several tuned estimators is chosen, and why, from held-out errors made by hand."""
+"""Choice of a tuned estimator and its reason, from held-out errors made by hand."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ PASSES = 100
 
 
 def tuned(name, *errors):
-    """Return an estimator with held-out errors of some passes at each speed, kg."""
+    """Return a tuned estimator with the held-out errors of passes at each speed, in kg."""
     speeds = tuple(
         TunedSpeed(
             speed, len(each), {}, Calibration(1.0, 0.0), Uncertainty(0.0, 0.0), 0.0, 0.0,
@@ -28,7 +28,7 @@ def tuned(name, *errors):
 
 @pytest.fixture
 def noise():
-    """Return what disturbs every estimator alike, and what disturbs one alone, 1 mg each."""
+    """Return errors of all estimators, and additional errors of one estimator, 1 mg each."""
     return 1e-6 * np.random.default_rng(8).standard_normal((4, PASSES))
 
 
@@ -42,7 +42,7 @@ def test_the_smallest_index_on_held_out_passes_is_chosen(noise):
 def test_a_simpler_one_is_chosen_where_it_loses_next_to_nothing(noise):
     assert choose(dict([tuned('learned', noise[0]), tuned('hann', 1.03 * noise[0])])) == (
         'hann',
-        'hann: simpler than learned, whose A is smaller by next to nothing, 3 % +- 0 %',
+        'hann: simpler than learned, whose A is smaller by a negligible amount, 3 % +- 0 %',
     )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The model that was learned of a machine, against the machine of the simulation."""
+"""Learned model of a simulated machine, compared with the machine."""
 
 from dataclasses import replace
 import math

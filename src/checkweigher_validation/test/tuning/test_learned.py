@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the learned estimator is taught, against Gauss and Markov and numbers of its own."""
+"""Weights of the learned estimator, compared with the Gauss-Markov weights and known values."""
 
 from dataclasses import replace
 
@@ -35,14 +35,14 @@ def evidence(count, covariance, curve, seed=3):
 
 @pytest.fixture
 def machine():
-    """Return the covariance of a machine, kg^2, and the curve of its load."""
+    """Return the covariance of a machine in kg^2, and the curve of its load."""
     factor = np.random.default_rng(5).standard_normal((PARTS, PARTS))
     return 1e-8 * (factor @ factor.T + 0.1 * np.eye(PARTS)), np.linspace(0.5, 1.0, PARTS)
 
 
 @pytest.fixture
 def nothing():
-    """Return a prior that knows of no noise."""
+    """Return a prior without noise."""
     return Prior(*[np.zeros((PARTS, PARTS))] * 4, np.arange(PARTS) + 0.5)
 
 

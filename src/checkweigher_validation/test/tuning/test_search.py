@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The search on functions whose minimum is known."""
+"""Search for the minima of functions whose minimum is known."""
 
 import math
 
@@ -16,7 +16,7 @@ UNIT_CUBE = tuple(Axis(name, 0.0, 1.0, 0.5) for name in 'abc')
 
 
 class Bowl:
-    """Squared distance from a place, in the coordinates of the search; counts its calls."""
+    """Squared distance from a point in the coordinates of the search, with a count of its calls."""
 
     def __init__(self, axes, **place):
         self.axes = axes

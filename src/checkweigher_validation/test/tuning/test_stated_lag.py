@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The lag of training passes, on simulated lines whose samples are late by a known time."""
+"""Lag of training passes on simulated lines whose samples are late by a known time."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ PLATFORM = SegmenterParameters().rise_lag  # of the simulated one: 2 xi / omega
 
 
 def passes_at(speed: float, late: float) -> list[KnownPass]:
-    """Return passes whose samples are late, s."""
+    """Return passes whose samples are `late` s late."""
     line = simulated(speed=speed, count=8, profile='quiet', zero_counts=5e4)
     moved = [replace(each, stamp=each.stamp + round(NANOSECONDS * late)) for each in line.blocks]
     events = Recording.from_events(line.load_cell, [*moved, *line.edges, *line.references])

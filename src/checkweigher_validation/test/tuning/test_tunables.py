@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the tuner computes for all passes at once, against the stages of the line."""
+"""Estimates of the tuner for all passes at once, compared with the stages of the line."""
 
 from dataclasses import replace
 
@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators import METHODS
 from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.estimation.estimators.fir_model import fit_fir
+from checkweigher_dsp.estimation.identifier import ComparedParameters
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup
@@ -20,7 +21,7 @@ from checkweigher_validation.tuning.tunables import estimates_of
 from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
 SAME = 1e-9  # relative
-BASE = LineParameters()
+BASE = LineParameters(identifier=ComparedParameters())
 LINES = {
     'paper, slow': {'profile': 'paper', 'speed': 0.5},
     'soft, fast': {'profile': 'soft', 'speed': 1.5, 'sample_rate': 1612.9},
@@ -37,7 +38,7 @@ def tunable_of(name, group, base=BASE):
 
 
 def line_of(name, group, lists, base=BASE):
-    """Return parameters of the line from what a tunable would write."""
+    """Return the parameters of the line that a tunable would write."""
     owners = {f'{key.rpartition(".")[0]}.speeds': (group.speed,) for key in lists}
     values = {**lists, **owners, 'identifier.iswd_eksi.doubt': False}
     return base.with_estimator(name).with_values(values)
@@ -113,14 +114,14 @@ def test_a_platform_that_the_identifier_refuses_has_no_mass(group):
         assert not all(weighed)
 
 
-@pytest.mark.parametrize('name', [name for name, each in ESTIMATORS.items() if each.axes])
+@pytest.mark.parametrize('name', [name for name, each in METHODS.items() if each.axes])
 @pytest.mark.parametrize('end', ['low', 'high', 'start'])
 def test_all_that_is_searched_can_be_written_and_gives_masses_or_none(group, name, end):
     tunable = tunable_of(name, group)
     values = {axis.name: float(getattr(axis, end)) for axis in tunable.searched()}
     lists, estimates = tunable.lists(values), tunable.estimates(values)
     assert all(key.startswith(('denoise.', f'identifier.{name}.')) for key in lists)
-    if not ESTIMATORS[name].folds:
+    if not METHODS[name].folds:
         found = estimates_of(group, line_of(name, group, lists))
         assert found == pytest.approx(estimates, rel=SAME, nan_ok=True)
     if end == 'start':

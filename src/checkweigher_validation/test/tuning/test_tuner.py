@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning: what it refuses, what it learns, in one process and in several."""
+"""Tuning: refused passes and learned parameters, in one process and in several."""
 
 from dataclasses import replace
 import math
@@ -33,14 +33,14 @@ def fast():
 
 
 def changed(group, **values):
-    """Return a group whose windows have other values."""
+    """Return a group whose windows have changed values."""
     passes = tuple(replace(p, window=replace(p.window, **values)) for p in group.passes)
     return replace(group, passes=passes)
 
 
 class TestRefusals:
     def test_no_passes(self):
-        with pytest.raises(TuningError, match='no whole pass of known mass'):
+        with pytest.raises(TuningError, match='no pass of known mass without'):
             tune([], ['mean'], BASE, n_jobs=1)
 
     def test_fewer_passes_than_tell_of_their_scatter(self, slow, fast):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of a procedure against numbers worked by hand and by numpy."""
+"""Evaluation of a procedure, compared with numbers worked by hand and by numpy."""
 
 from dataclasses import replace
 import math
@@ -85,7 +85,7 @@ def test_category_y_has_a_limit_of_its_own_at_rest():
     # So a mass is held to a third of that: 0.05 g, where motion asks for 0.066 g.
     badly = procedure_of(plan=IN_Y.replace('uncertainty_g: 0.005', 'uncertainty_g: 0.03'))
     assert [each for each in outcome_of(badly).departures if 'Reference' in each] == [
-        'Reference large is known to 0.06 g (k = 2), which is above a third of the limit, 0.05 g.'
+        'Reference large has an uncertainty of 0.06 g (k = 2), above a third of the limit, 0.05 g.'
     ]
 
 
@@ -99,10 +99,9 @@ def test_the_references_of_all_tests_are_held_to_their_limits(test: str):
     lines[own] = lines[own].replace('middle', 'badly').replace('small', 'badly')
     plan = '\n'.join(lines)
     assert 'badly' in lines[own]
-    told = (
-        'Reference badly is known to 0.04 g (k = 2), which is above a third of the limit, 0.0333 g.'
-    )
-    assert told in outcome_of(procedure_of(plan=plan)).departures
+    departures = outcome_of(procedure_of(plan=plan)).departures
+    told = 'Reference badly has an uncertainty of 0.04 g (k = 2), above a third of the limit'
+    assert f'{told}, 0.0333 g.' in departures
     without = plan.replace(lines[own], lines[own].replace('badly', 'middle'))
     assert told not in outcome_of(procedure_of(plan=without)).departures
 
@@ -213,11 +212,11 @@ def test_departures_from_what_is_recommended_are_told():
     assert 'zero_1' in found.missing
     for text in (
         'Step zero_1 was not made.',
-        'Warm-up is read at 0, 1 min, not at 0, 5, 15 and 30 min.',
+        'The warm-up is read at 0, 1 min, not at 0, 5, 15 and 30 min.',
         'Step warm_up_zero_1 was made 3.3 min after the first.',
-        'Step passes_60_small has 3 weighings, 60 are asked for.',
+        'Step passes_60_small has 3 weighings, 60 are required.',
         'No load in motion is close to Max, 600 g.',
-        'Reference large is known to 0.06 g (k = 2), which is above a third of the limit, 0.05 g.',
+        'Reference large has an uncertainty of 0.06 g (k = 2), above a third of the limit, 0.05 g.',
     ):
         assert text in found.departures, text
     without = procedure_of(plan=PLAN[: PLAN.index('static:')])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a verification: its form, its values and its page."""
+"""Report of a verification: its schema, its values and its page."""
 
 from importlib.resources import files
 import json
@@ -26,7 +26,7 @@ _KNOWN |= {'additionalProperties', 'pattern', 'minimum'}
 
 
 def check(schema: dict[str, Any], value: Any, where: str = 'report') -> None:
-    """Hold a value to a JSON schema with the keywords that ours has."""
+    """Check that a value satisfies a JSON schema with the keywords of our schema."""
     assert set(schema) <= _KNOWN, where
     types = schema['type'] if isinstance(schema['type'], list) else [schema['type']]
     fits = any(isinstance(value, _TYPES[name]) for name in types)
@@ -50,7 +50,7 @@ def check(schema: dict[str, Any], value: Any, where: str = 'report') -> None:
 
 @pytest.fixture
 def report() -> dict[str, Any]:
-    """Report of a run with each kind of result in it."""
+    """Return the report of a verification with each kind of result."""
     return report_of(
         procedure_of(
             attempt_of('warm_up_zero_0', reading=0.001),

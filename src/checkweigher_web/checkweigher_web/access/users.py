@@ -218,6 +218,55 @@ def add_first_user(path: Path, name: str, password: str) -> User:
     return user
 
 
+def check_user(path: Path, name: str, *, exists: bool = True) -> str:
+    """Return the normalised name of a user who must be, or must not be, in a file of users.
+
+    Raises `UsersError` if the name is not valid or that is not so, and `SettingsError` if the file
+    is not valid.
+    """
+    name = check_name(name)
+    _of_change(path, name, exists=exists)
+    return name
+
+
+def _of_change(path: Path, name: str, *, exists: bool) -> dict[str, User]:
+    users = read_users(path) if exists or path.exists() else {}
+    if (name in users) != exists:
+        raise UsersError(f'user {name} is {"not there" if exists else "there already"}')
+    return users
+
+
+def add_user(path: Path, name: str, role: Role, password: str) -> None:
+    """Add a user to a file, or raise an error as `check_user`, `hash_password` and `write_users`.
+
+    The file is made if it does not exist.
+    """
+    name = check_user(path, name, exists=False)
+    user = User(name, role, hash_password(name, password))
+    with changing_users(path):
+        write_users(path, _of_change(path, name, exists=False) | {name: user})
+
+
+def change_user(path: Path, name: str, *, role: Role | None = None, password: str = '') -> None:
+    """Give a user of a file another role or password, or raise an error as `add_user`."""
+    name = check_user(path, name)
+    hashed = hash_password(name, password) if role is None else ''
+    with changing_users(path):
+        users = _of_change(path, name, exists=True)
+        user = users[name]
+        users[name] = replace(user, role=role or user.role, hash=hashed or user.hash)
+        write_users(path, users)
+
+
+def remove_user(path: Path, name: str) -> None:
+    """Remove a user from a file, or raise an error as `add_user`."""
+    name = check_user(path, name)
+    with changing_users(path):
+        users = _of_change(path, name, exists=True)
+        del users[name]
+        write_users(path, users)
+
+
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
     """Return the users of a file. The result is cached for the same `state` of the file."""

@@ -4,6 +4,8 @@
 
 import re
 
+from checkweigher_web.work.actions import in_grams
+
 # Part of a message, as a regular expression, and what the person can do.
 _TEXTS = {
     r'no load was read': 'Read the empty belt and a known mass first.',
@@ -43,7 +45,6 @@ _TEXTS = {
         'The belt was not empty and at rest: stop the feed, and clear it.'
     ),
 }
-_KILOGRAMS = re.compile(r'([-+]?\d+(?:\.\d+)?(?:e-?\d+)?) kg\b')
 
 
 def in_words(text: str) -> str:
@@ -52,4 +53,4 @@ def in_words(text: str) -> str:
     A message that is not known is shown as it is.
     """
     known = (words for pattern, words in _TEXTS.items() if re.search(pattern, text))
-    return next(known, _KILOGRAMS.sub(lambda found: f'{1e3 * float(found[1]):g} g', text))
+    return next(known, in_grams(text))

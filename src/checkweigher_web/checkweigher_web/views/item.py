@@ -136,6 +136,7 @@ def about(item: ShownItem) -> str:
         f'± {GRAMS * verdict.std_dev:.2f} g' if math.isfinite(verdict.std_dev) else '',
         f'{60 * known.belt_speed:.1f} m/min' if known and math.isfinite(known.belt_speed) else '',
         known.estimator if known else '',
+        'no limits' if math.isinf(verdict.lower_limit) and math.isinf(verdict.upper_limit) else '',
         f'reference {GRAMS * item.reference:.2f} g' if math.isfinite(item.reference) else '',
     )
     return ', '.join(filter(None, parts))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of the views."""
 
+from checkweigher_web.technician.practice import PracticeView
 from checkweigher_web.views.alarms import AlarmsView
 from checkweigher_web.views.control_charts import MeansView, SpreadsView
 from checkweigher_web.views.diagnostics import DiagnosticsView
@@ -18,6 +19,7 @@ from checkweigher_web.views.view import View
 # Views in the order of the page, by the CSS class of their panels.
 VIEWS: dict[str, type[View]] = {
     'item': ItemView,
+    'practice': PracticeView,
     'hour': HourView,
     'signal': SignalView,
     'list': ItemListView,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 import math
 import time
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from nicegui import json
 
@@ -20,6 +20,9 @@ from checkweigher_web.elements import Figure
 from checkweigher_web.lane import ShownItem, Span
 from checkweigher_web.mass_series import MassSeries
 
+if TYPE_CHECKING:
+    from checkweigher_web.technician.practice import Practice
+
 FAST, SLOW = 0.1, 1.0  # periods of the updates in s
 
 
@@ -29,6 +32,7 @@ class Look:
 
     `board` is None for a recorded shift. `keep` is None if the viewer may not keep items. `work`
     has the functions that open the dialogs of the actions that the viewer may do, by their labels.
+    `practice` is the access to a simulated machine, or None if the viewer may not change it.
     `chosen` is the key of the item that the viewer has chosen, or '' for the latest item.
     `span` is the part of the time axis that the viewer has selected, or None for all of it.
     """
@@ -37,6 +41,7 @@ class Look:
     board: StatusBoard | None = None
     keep: Callable[[ShownItem], Awaitable[None]] | None = None
     work: dict[str, Callable[[], Awaitable[None]]] = field(default_factory=dict)
+    practice: 'Practice | None' = None
     chosen: str = ''
     only_faults: bool = False
     span: Span | None = None

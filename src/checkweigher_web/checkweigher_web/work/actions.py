@@ -3,7 +3,7 @@
 """Actions of operators and technicians on a lane. Each returns its outcome as a text."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 import math
 from pathlib import Path
 import re
@@ -20,6 +20,7 @@ from checkweigher_core.ros.services import SETTER
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.recipes import Product, read_recipes
+from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _MANAGED = 'reject', 'driver'  # in the order in which they start
@@ -47,11 +48,14 @@ async def products(services: LaneServices) -> dict[str, Product]:
     Raises `ActionRefusedError` if the lane has no recipe file or the file is not on this machine.
     """
     try:
-        return read_recipes(
-            await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
-        )
+        return read_recipes(await recipe_file(services))
     except ParameterError as error:
         raise ActionRefusedError(str(error)) from None
+
+
+async def recipe_file(services: LaneServices) -> Path:
+    """Return the path of the recipe file of a lane, or raise `ActionRefusedError` without one."""
+    return await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
 
 
 async def select_product(services: LaneServices, name: str) -> str:
@@ -69,9 +73,9 @@ async def new_batch(services: LaneServices, name: str) -> str:
 async def zero(services: LaneServices) -> str:
     """Set the zero to the next empty belt."""
     try:
-        return _in_grams(await services.message(ports.ZERO)) or 'the zero is set'
+        return in_grams(await services.message(ports.ZERO)) or 'the zero is set'
     except ActionRefusedError as error:
-        raise ActionRefusedError(_in_grams(str(error))) from None
+        raise ActionRefusedError(in_grams(str(error))) from None
 
 
 async def reset_stop(services: LaneServices) -> str:
@@ -127,43 +131,22 @@ async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     return f'the limits are {wanted}'
 
 
-@dataclass(frozen=True)
-class Operation:
-    """Settings of a simulated machine in m/s and kg. The value 0 stands for the configured one."""
-
-    feed: bool
-    speed: float
-    mass: float
-    load: float
-
-    def __str__(self) -> str:
-        parts = (
-            'feed on' if self.feed else 'feed off',
-            f'{60 * self.speed:g} m/min' if self.speed else '',
-            f'products of {_grams(self.mass)}' if self.mass else '',
-            f'{_grams(self.load)} on the belt' if self.load else '',
-        )
-        return ', '.join(filter(None, parts))
+_OPERATION = f'{OperationParameters.node}.'
 
 
-_OPERATION = 'simulator.now.'
-
-
-async def operation(services: LaneServices) -> Operation:
+async def operation(services: LaneServices) -> OperationParameters:
     """Return the settings of a simulated machine, or raise `ActionRefusedError` if it is real."""
-    names = [_OPERATION + entry.name for entry in fields(Operation)]
-    feed, *others = [*await _parameters(services, 'driver', *names), None][: len(names)]
-    if feed is None:
+    names = list(OperationParameters.entries())
+    values = await _parameters(services, 'driver', *(_OPERATION + name for name in names))
+    if len(values) != len(names) or None in values:
         raise ActionRefusedError('the machine of this lane is not simulated')
-    return Operation(bool(feed), *(float(str(each)) for each in others))
+    return OperationParameters.from_mapping(dict(zip(names, values, strict=True)))
 
 
-async def operate(services: LaneServices, wanted: Operation) -> str:
-    """Set the speed, the feed and the masses of a simulated machine."""
-    await _set(
-        services, 'driver', {_OPERATION + name: value for name, value in asdict(wanted).items()}
-    )
-    return f'it does so within two seconds: {wanted}'
+async def operate(services: LaneServices, wanted: Mapping[str, object]) -> str:
+    """Change settings of a simulated machine."""
+    await _set(services, 'driver', {_OPERATION + name: each for name, each in wanted.items()})
+    return 'the machine does so within two seconds'
 
 
 async def line_parameters(services: LaneServices) -> LineParameters:
@@ -186,7 +169,8 @@ def _grams(limit: float) -> str:
     return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
 
 
-def _in_grams(text: str) -> str:
+def in_grams(text: str) -> str:
+    """Return a text with the masses that it gives in kg as grams."""
     # Adding zero turns -0.0 into 0.0.
     return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)
 

@@ -11,6 +11,9 @@ from nicegui.element import Element
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
+from checkweigher_web.technician.practice import is_simulated
+from checkweigher_web.technician.recipes import recipes
+from checkweigher_web.technician.users import users
 from checkweigher_web.views.item import ENDED, standstill
 from checkweigher_web.views.view import Look
 from checkweigher_web.work import actions
@@ -69,11 +72,7 @@ def work_menu(desk: Desk, look: Look) -> None:
 
 
 def _show_simulated(entry: Element, lane: Lane) -> None:
-    entry.set_visibility(_is_simulated(lane))
-
-
-def _is_simulated(lane: Lane) -> bool:
-    return lane.load_cell is not None and lane.load_cell.model == 'simulated'
+    entry.set_visibility(is_simulated(lane))
 
 
 async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
@@ -100,7 +99,7 @@ async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
         ui.navigate.to('/login')
         return
     try:
-        await begin(desk, await desk.services())
+        await begin(desk, await desk.begin())
     except ActionRefusedError as error:
         Dialog(label).tell(Outcome(False, str(error)))
 
@@ -178,5 +177,7 @@ _ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Batch reports', Role.OPERATOR, batch_reports),
     ('Audit log', Role.OPERATOR, audit_log),
     ('Commissioning', Role.TECHNICIAN, _commission),
+    ('Recipes', Role.TECHNICIAN, recipes),
+    ('Users', Role.TECHNICIAN, users),
     (_SIMULATED, Role.TECHNICIAN, operate),
 )

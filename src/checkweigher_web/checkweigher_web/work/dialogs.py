@@ -26,7 +26,7 @@ Action = Callable[[], Awaitable[str]]
 class Desk:
     """Access of the user of a browser to a lane.
 
-    `auditor` reads the audit log of the lane.
+    `services` returns the services of the lane, and `auditor` reads its audit log.
     """
 
     def __init__(
@@ -37,8 +37,9 @@ class Desk:
         auditor: Auditor,
     ) -> None:
         self.lane = lane
-        self._services = services
+        self.services = services
         self.auditor = auditor
+        self.users = access.users
         self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
         self._client = ui.context.client
@@ -48,9 +49,15 @@ class Desk:
         """Present role of the user, which is VIEWER after the end of the session."""
         return self._access.role_of(self._client) or Role.VIEWER
 
-    async def services(self) -> LaneServices:
+    @property
+    def person(self) -> str:
+        """Name of the user, or '' after the end of the session."""
+        session = self._access.session_of(self._client)
+        return '' if session is None else session.user.name
+
+    async def begin(self) -> LaneServices:
         """Return the services of the lane, and note whether its product asks for a reason."""
-        services = await self._services()
+        services = await self.services()
         try:
             known = await actions.products(services)
             product = known.get(self.lane.statistics.product) if self.lane.statistics else None
@@ -68,7 +75,7 @@ class Desk:
         if self.needs_reason and not reason:
             return Outcome(False, 'the recipe on the line asks for a reason')
         person = Person(session.user.name, session.address)
-        outcome = await (await self._services()).act(person, what, reason, action)
+        outcome = await (await self.services()).act(person, what, reason, action)
         if outcome.done:
             self.lane.take(Deed(time.time_ns(), person.name, what))
         return outcome

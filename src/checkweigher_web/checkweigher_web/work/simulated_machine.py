@@ -9,7 +9,6 @@ from nicegui import ui
 from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.work import actions
-from checkweigher_web.work.actions import Operation
 from checkweigher_web.work.dialogs import Action, Desk, ask, field, number_in
 from checkweigher_web.work.services import LaneServices
 
@@ -29,13 +28,14 @@ async def operate(desk: Desk, services: LaneServices) -> None:
     def plan(
         feed: ui.checkbox, speed: ui.input, mass: ui.input, load: ui.input
     ) -> tuple[str, Action]:
-        wanted = Operation(
-            bool(feed.value),
-            number_in(speed, empty=0) / 60,
-            number_in(mass, empty=0) / GRAMS,
-            number_in(load, empty=0) / GRAMS,
-        )
-        return f'simulated machine: {wanted}', partial(actions.operate, services, wanted)
+        wanted = {
+            'feed': bool(feed.value),
+            'speed': number_in(speed, empty=0.0) / 60,
+            'mass': number_in(mass, empty=0.0) / GRAMS,
+            'load': number_in(load, empty=0.0) / GRAMS,
+        }
+        what = ', '.join(f'{name} {value:g}' for name, value in wanted.items())
+        return f'simulated machine: {what}', partial(actions.operate, services, wanted)
 
     ask(
         desk,

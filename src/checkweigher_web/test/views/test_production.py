@@ -60,8 +60,10 @@ def test_masses_say_whether_they_have_the_packaging_in_them():
     statistics.add(verdict)
     found = dict(production(statistics.summary(), None))
     assert (found['net mean, g'], found['giveaway, g']) == ('151.000', '1.000')
-    assert about(ShownItem(verdict)) == 'item 1, gross'
-    assert about(ShownItem(replace(verdict, mass=math.nan))) == 'item 1'
+    assert about(ShownItem(verdict)) == 'item 1, gross, no limits'
+    limited = replace(verdict, lower_limit=0.15)
+    assert about(ShownItem(limited)) == 'item 1, gross'
+    assert about(ShownItem(replace(limited, mass=math.nan))) == 'item 1'
 
 
 def test_a_recipe_without_the_rules_shows_what_came():

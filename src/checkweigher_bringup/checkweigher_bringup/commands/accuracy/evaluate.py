@@ -11,54 +11,72 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import PARAMS, TUNING
 
-_OF_BAGS = 'bags with reference_mass: folders, .mcap files, URLs, or folders with bags in them'
-_CLASSES = 'of OIML R 51: XI, XII, XIII (default), XIIII, Y(I), Y(II), Y(a) or Y(b)'
+_OF_BAGS = 'bags with reference_mass: folders, .mcap files, URLs, or folders that contain bags'
+_CLASSES = 'class of OIML R 51: XI, XII, XIII (default), XIIII, Y(I), Y(II), Y(a) or Y(b)'
 OPTIONS = (
-    'what is weighed',
+    'passes',
     ('bags BAG', str, _OF_BAGS, {'nargs': '*'}),
     (
         '--protocol',
         ('paper', 'machines'),
-        'instead of bags simulate, tune on one part of the passes and test on another. paper: '
-        '5 speeds x 5 masses on the machine of a profile; machines: 3 speeds on machines drawn '
-        'from a family, beside what is attainable on each',
+        'simulate passes instead of reading bags, tune on one part of them, and test on the other '
+        'part; paper: 5 speeds and 5 masses on the machine of a profile; machines: 3 speeds on '
+        'randomly drawn machines, with the attainable accuracy of each machine',
     ),
-    ('--profile NAME', str, 'of protocol paper: paper (default), roller, soft, floor or quiet'),
+    (
+        '--profile NAME',
+        str,
+        'machine of the protocol paper: paper (default), roller, soft, floor or quiet',
+    ),
     (
         '--passes N',
         int,
-        'paper: of each mass at each speed; machines: at each speed to tune on, 120 others '
-        'test; default 120',
+        'paper: number of passes of each mass at each speed, half of them for tuning; machines: '
+        'number of passes at each speed for tuning, in addition to 120 for the test; default 120',
         120,
     ),
-    ('--seed S', int, 'of the protocol; of the first of the machines', 1),
-    ('--count N', int, 'machines, those with the seeds from S on; default 3', 3),
+    ('--seed S', int, 'seed of the protocol paper, or of the first machine; default 1', 1),
+    ('--count N', int, 'number of machines, with the seeds S, S + 1, ...; default 3', 3),
     (
         '--further N',
         int,
-        'passes of each machine at each speed that teach what is attainable; fewer are faster '
-        'and show less of it; default 1500',
+        'machines: number of passes of each machine at each speed for the attainable accuracy; '
+        'with fewer passes, it takes less time and is less accurate; default 1500',
         1500,
     ),
-    ('--without CAUSE', [str], 'causes that machines lack: transfer, bounce, rollers, ...', []),
-    ('--mass G', [float], 'masses that machines are tuned on, g; default the five that test'),
-    'how it is weighed',
-    ('--train BAG', [str], 'tune on these bags first; BAG then are the test'),
+    (
+        '--without CAUSE',
+        [str],
+        'causes of disturbance that are removed from the machines: transfer, bounce, rollers, ...',
+        [],
+    ),
+    (
+        '--mass G',
+        [float],
+        'machines: masses for tuning in g; default: the five masses of the test',
+    ),
+    'tuning and weighing',
+    ('--train BAG', [str], 'bags for tuning; the bags BAG are then for the test'),
     PARAMS,
     *TUNING,
-    'how it is judged',
+    'limits',
     ('--class CLASS', str, _CLASSES, {'dest': 'accuracy_class', 'default': 'XIII'}),
-    ('--factor X', float, 'class factor x: 1, 2 or 5 x 10^k', 1.0),
-    ('--interval G', float, 'verification scale interval e, g; default 0.1, or by --max'),
-    ('--max G', float, 'Max of the scale, g: e is the smallest that the class allows for it'),
-    ('--in-service', bool, 'limits in service, not of initial verification'),
-    ('--nominal G', float, 'nominal quantity, g: also show limits of EU directive 76/211/EEC'),
-    'what is written',
-    ('--html FILE', Path, 'report with tables and figures, one file'),
-    ('--csv FILE', Path, 'one row for each estimator, speed, mass and part'),
-    ('--json FILE', Path, 'the same with every error'),
-    ('--tuned FILE', Path, 'parameter file with what was tuned'),
-    ('--overwrite', bool, 'replace files that exist'),
+    ('--factor X', float, 'class factor x: 1, 2 or 5 x 10^k; default 1', 1.0),
+    ('--interval G', float, 'verification scale interval e in g; default 0.1 without --max'),
+    ('--max G', float, 'Max of the scale in g; e is then the smallest that the class allows'),
+    ('--in-service', bool, 'use the limits in service instead of those at initial verification'),
+    (
+        '--nominal G',
+        float,
+        'nominal quantity of prepackages in g, whose limits of directive 76/211/EEC are shown in '
+        'the HTML report',
+    ),
+    'output',
+    ('--html FILE', Path, 'write a report with tables and figures to FILE'),
+    ('--csv FILE', Path, 'write one row for each estimator, speed, mass and part to FILE'),
+    ('--json FILE', Path, 'write the results and the error of each pass to FILE'),
+    ('--tuned FILE', Path, 'write a parameter file with the tuned parameters to FILE'),
+    ('--overwrite', bool, 'replace existing files'),
 )
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 from checkweigher_bringup.commands import OVERWRITE, REQUIRED, TUNING, bags
 
 OPTIONS = (
-    bags('bags with reference_mass, of any speeds'),
+    bags('bags with reference_mass, at any belt speeds'),
     ('--output FILE', Path, 'parameter file to write', REQUIRED),
     OVERWRITE,
     *TUNING,
-    ('--params FILE', Path, 'parameters of everything that is not tuned'),
+    ('--params FILE', Path, 'ROS parameter file (YAML) with the parameters that are not tuned'),
 )
 
 
@@ -37,5 +37,5 @@ def run(arguments: argparse.Namespace) -> int:
     bags = settings.places_of(arguments, find_bags(arguments.bags))
     with settings.on_scheduler_of(arguments) as n_jobs:
         broken = train(bags, output, estimators, base, budget=budget, lane=lane, n_jobs=n_jobs)
-    print(f'{output}: written; weigh, replay and the nodes take it as their parameters')
+    print(f'{output}: written; use it as the parameter file of weigh, replay and the nodes')
     return int(broken > 0)

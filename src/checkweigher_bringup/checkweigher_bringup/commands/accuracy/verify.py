@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verify the machine by the book, and write the report.
+"""Verify a machine by the steps of a plan, and write the report.
 
 checkweigher verify plan.yaml --output /tmp/verification
 checkweigher verify --from 2026-05-28/bag 2026-06-28/bag --output again
@@ -14,8 +14,8 @@ from checkweigher_bringup.commands import NAMESPACE, PARAMS
 from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.printable import one_line
 
-_PLAN = 'plan of the verification (YAML); on a running line the steps are asked for in turn'
-_STEPS = 'recorded steps, each bag named as its step, instead of a running line'
+_PLAN = 'plan of the verification (YAML); an operator makes its steps on a running line'
+_STEPS = 'bags of recorded steps instead of a running line; each bag has the name of its step'
 OPTIONS = (
     ('plan PLAN', Path, _PLAN, {'nargs': '?'}),
     (
@@ -23,19 +23,20 @@ OPTIONS = (
         (
             '--from BAG',
             [str],
-            'make the same report again, from the bag of a whole procedure; of several bags, or a '
-            'folder with bags in it, each in a folder of its own',
+            'write the report again from the bag of a complete procedure; with several bags or a '
+            'folder that contains bags, write each report to a folder of its own',
             {'dest': 'procedure'},
         ),
-        ('--steps', bool, 'show the steps of the plan'),
-        ('--example', bool, 'show a plan with comments'),
+        ('--steps', bool, 'print the steps of the plan'),
+        ('--example', bool, 'print an example of a plan with comments'),
     ),
     ('--output DIR', Path, 'new folder for the reports, the bag and the parameters'),
     PARAMS,
     (
         '--log,--audit LOG',
         Path,
-        'audit log of the line, which is named in the report; with --from, it has to know the bag',
+        'audit log of the line, which the report names; with --from, it must have an entry on the '
+        'bag',
         {'dest': 'audit'},
     ),
     NAMESPACE,
@@ -50,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(EXAMPLE, end='')
         return 0
     if (arguments.plan is None) == (arguments.procedure is None):
-        raise UserError('give a PLAN, or with --from BAG none; verify --example shows a plan')
+        raise UserError('give either PLAN or --from BAG; verify --example prints a plan')
     if arguments.steps:
         return _show_steps(arguments.plan)
     if arguments.output is None:
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             return _reports_of(result_names(bags), arguments)
         (arguments.procedure,) = bags
     verdict = verification.verify(arguments)
-    print(f'{arguments.output}: {verdict}; {arguments.output / "report.html"} has every reading')
+    print(f'{arguments.output}: {verdict}; {arguments.output / "report.html"} has all readings')
     return 0 if verdict == 'passed' else 1
 
 
@@ -86,8 +87,8 @@ def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
             one = argparse.Namespace(**vars(arguments) | {'procedure': bag, 'output': folder})
             verdict = verification.verify(one)
         except BagError as error:
-            warn(f'{error}; passed over')
-            verdict = 'passed over'
+            warn(f'{error}; skipped')
+            verdict = 'skipped'
         failed += verdict != 'passed'
         print(f'{number} of {len(bags)}: {one_line(bag)}: {verdict}', flush=True)
     return int(failed > 0)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Save the folder of a machine, whose line may run, as an archive with check sums.
+"""Save the folder of a machine as an archive with checksums; the line may run.
 
 checkweigher backup my_machine --output my_machine.tar
 """
@@ -8,14 +8,16 @@ checkweigher backup my_machine --output my_machine.tar
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import REQUIRED
+
 OPTIONS = (
-    ('folder DIR', Path, 'folder of the machine, as of run --folder'),
-    ('--output FILE', Path, 'archive (tar) to write', {'required': True}),
+    ('folder DIR', Path, 'folder of the machine, as in run --folder'),
+    ('--output FILE', Path, 'archive (tar) to write', REQUIRED),
 )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the archive; 1 if an audit log in it is broken."""
+    """Write the archive. Return 1 if the chain of the audit log is broken, otherwise 0."""
     from checkweigher_bringup.backup import print_log, write_backup
     from checkweigher_core.whole_file import check_folder_of
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrate the load cell with known masses at rest.
+"""Calibrate the load cell with known masses at rest, or train on passes of a known mass.
 
 checkweigher calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml
 """
@@ -13,30 +13,35 @@ from checkweigher_bringup.errors import UserError
 
 OPTIONS = (
     (
-        ('--masses G', [float], 'known masses, in the order of use'),
-        ('--zero', bool, 'read the empty belt only, and keep the sensitivity'),
+        ('--masses G', [float], 'known masses in g, in the order in which they are put on'),
+        ('--zero', bool, 'read only the empty belt, and keep the sensitivity'),
         ('--dynamic', bool, 'record passes of --reference at each of --speeds, and train on them'),
     ),
-    ('--output FILE', Path, 'parameter file to write; one that exists is kept as a version'),
+    ('--output FILE', Path, 'parameter file to write; an existing file is kept as a version'),
     (
         '--source NAME',
         str,
-        'source whose calibration it is: simulator, aed or ascii; not with --dynamic',
+        'source to calibrate: simulator, aed or ascii; not with --dynamic',
     ),
-    ('--open', bool, 'open the source; without, the samples are those of a running line'),
-    ('--params FILE', Path, 'parameters of the source, which go into the new file as well'),
+    ('--open', bool, 'read the samples from the source itself instead of a running line'),
+    (
+        '--params FILE',
+        Path,
+        'ROS parameter file (YAML) of the source, which is copied to the new file; with --dynamic, '
+        'the parameters that are not trained',
+    ),
     NAMESPACE,
-    ('--mass-uncertainty G', float, 'standard uncertainty of each mass', 0.0),
-    ('--duration S', float, 'for which each mass is read', 5.0),
-    ('--tolerance G', float, 'by which a load at rest may still move', 0.1),
-    ('--max-residual G', float, 'write nothing if a mass is further off the line'),
+    ('--mass-uncertainty G', float, 'standard uncertainty of each mass in g; default 0', 0.0),
+    ('--duration S', float, 'duration of each reading in s; default 5', 5.0),
+    ('--tolerance G', float, 'largest drift of a reading in g; default 0.1', 0.1),
+    ('--max-residual G', float, 'largest residual in g for which the file is written'),
     'dynamic setting',
-    ('--reference G', float, 'mass of all that passes'),
-    ('--passes N', int, 'at each speed; default 60', 60),
-    ('--speeds M_PER_MIN', [float], 'belt speeds, in turn'),
-    ('--bags DIR', Path, 'folder for the bags; default OUTPUT_passes'),
-    ('--estimator NAME', str, 'what is trained; default the best of all'),
-    ('--budget N', int, 'as that of tune', 240),
+    ('--reference G', float, 'mass in g of each product that passes'),
+    ('--passes N', int, 'number of passes at each speed; default 60', 60),
+    ('--speeds M_PER_MIN', [float], 'belt speeds in m/min, in the order of the recordings'),
+    ('--bags DIR', Path, 'folder for the recorded bags; default OUTPUT_passes'),
+    ('--estimator NAME', str, 'estimator to train; default: the best one on held-out passes'),
+    ('--budget N', int, 'largest number of evaluations, as in tune; default 240', 240),
 )
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from checkweigher_bringup.commands import REQUIRED
 
 OPTIONS = (
-    ('names NAME', [str], 'host name or address by which browsers open the page'),
-    ('--certificate FILE', Path, 'to write', REQUIRED),
-    ('--key FILE', Path, 'to write, for the owner alone', REQUIRED),
+    ('names NAME', [str], 'host name or IP address in the address of the page'),
+    ('--certificate FILE', Path, 'certificate file to write', REQUIRED),
+    ('--key FILE', Path, 'key file to write, which only its owner can read', REQUIRED),
 )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Show masses and verdicts of a running graph as they come.
+"""Show the masses and verdicts of a running line as they arrive.
 
 checkweigher echo --namespace lane1
 """
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         node = EchoNode()
         spinner.add(node)
-        warn(shown := f'waiting for verdicts on {node.place()}; Ctrl-C ends')
+        warn(shown := f'waiting for verdicts on {node.place()}; press Ctrl-C to end')
         with suppress(KeyboardInterrupt):
             while table.count < count and time.monotonic() < end:
                 try:

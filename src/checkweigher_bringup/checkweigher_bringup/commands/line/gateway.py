@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Run a gateway into the plant for the lanes that run.
+"""Run a gateway between the running lanes and the plant.
 
 checkweigher gateway metrics --settings gateways.yaml
 """
@@ -11,9 +11,9 @@ from pathlib import Path
 from checkweigher_gateways import KINDS
 
 OPTIONS = (
-    ('kind', KINDS, f'one of {", ".join(KINDS)}'),
-    ('--settings FILE', Path, 'settings of the gateways (YAML)'),
-    ('--namespace NAME', str, 'only this lane'),
+    ('kind', KINDS, f'kind of gateway: {", ".join(KINDS)}'),
+    ('--settings FILE', Path, 'settings file of the gateways (YAML)'),
+    ('--namespace NAME', str, 'namespace of the only lane to serve; default: all lanes'),
 )
 
 

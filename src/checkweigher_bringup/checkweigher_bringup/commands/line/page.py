@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Show the running lanes in a browser, and act on them with a login.
+"""Serve a web page that shows the running lanes, which users can operate after a login.
 
 checkweigher page --port 8080
 """
@@ -9,25 +9,29 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from checkweigher_bringup.commands import ESTIMATOR, PARAMS
+from checkweigher_bringup.commands import ESTIMATOR, PARAMS, TLS, USERS
 from checkweigher_web import ADDRESS, PORT
 
 if TYPE_CHECKING:
     from checkweigher_web.access.site import Site
 
 OPTIONS = (
-    ('--port N', int, f'default {PORT}', PORT),
-    ('--namespace NAME', str, 'only this lane'),
-    ('--users FILE', Path, 'users who may act; default the file of checkweigher user'),
-    ('--host ADDRESS', str, f'served address; any but {ADDRESS} needs TLS and users', ADDRESS),
-    ('--certificate FILE', Path, 'certificate for TLS, PEM'),
-    ('--key FILE', Path, 'its key, PEM'),
-    ('--idle MIN', float, 'a session ends after this time without a click; default 30', 30),
-    ('--origin URL', str, 'https://NAME by which a local reverse proxy serves the page', ''),
+    ('--port N', int, f'port of the page; default {PORT}', PORT),
+    ('--namespace NAME', str, 'namespace of the only lane to show; default: all lanes'),
+    USERS,
+    (
+        '--host ADDRESS',
+        str,
+        f'address of the page, by default {ADDRESS}; any other one needs TLS and users',
+        ADDRESS,
+    ),
+    *TLS,
+    ('--idle MIN', float, 'time in min after which an unused session ends; default 30', 30),
+    ('--origin URL', str, 'https://NAME under which a local reverse proxy serves the page', ''),
     ('--keep DIR', Path, 'folder in which operators and technicians may keep items as bags'),
     ('--trust PUBLIC', Path, 'Ed25519 public key (PEM) to verify the seals of the audit log'),
-    'a recording in place of the lanes that run',
-    ('--bag BAG', Path, 'show a recorded shift'),
+    'a recording instead of the running lanes',
+    ('--bag BAG', Path, 'bag to show'),
     PARAMS,
     ESTIMATOR,
     ('--report FILE', Path, 'HTML report of evaluate that the page links to'),
@@ -45,10 +49,10 @@ def run(given: argparse.Namespace) -> int:
         given.host, given.port, given.certificate, given.key, given.users, given.origin, given.idle
     )
     if given.bag is not None:
-        refuse(given, 'of a running line only; for its log there is checkweigher audit', 'trust')
-        refuse(given, 'of a running line only; for a bag there is checkweigher keep', 'keep')
+        refuse(given, 'not with --bag; use checkweigher audit to verify a log', 'trust')
+        refuse(given, 'not with --bag; use checkweigher keep to keep an item of a bag', 'keep')
         return _serve_bag(given, site, namespace)
-    refuse(given, 'goes with --bag only', 'params', 'estimator', 'report')
+    refuse(given, 'only with --bag', 'params', 'estimator', 'report')
     if given.keep is not None:
         check_folder_of(given.keep / 'item')
     from checkweigher_production.audit_seal import public_key

@@ -8,11 +8,13 @@ checkweigher policy --namespace lane1 lane2 --output policy.xml
 import argparse
 from pathlib import Path
 
-_LANES = 'the lanes; default one without a namespace'
+from checkweigher_bringup.commands import OVERWRITE
+
+_LANES = 'namespaces of the lanes; default: one lane without a namespace'
 OPTIONS = (
     ('--namespace NAME', str, _LANES, {'nargs': '*', 'default': ['']}),
-    ('--output FILE', Path, 'file; default standard output'),
-    ('--overwrite', bool, 'replace a file that exists'),
+    ('--output FILE', Path, 'file to write; default: the standard output'),
+    OVERWRITE,
 )
 
 

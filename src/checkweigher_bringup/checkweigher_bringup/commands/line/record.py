@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Record a running graph into a bag.
+"""Record a running line into a bag.
 
 checkweigher record --output /tmp/shift1 --duration 60
 """
@@ -11,14 +11,14 @@ import math
 from checkweigher_bringup.commands import NAMESPACE, NEW_BAG
 from checkweigher_bringup.errors import UserError
 
-_INPUTS = 'leave out windows, estimates and verdicts, which a replay makes again'
+_INPUTS = 'do not record windows, estimates and verdicts, which a replay computes again'
 OPTIONS = (
     NEW_BAG,
     NAMESPACE,
-    ('--duration S', float, 'end after S seconds; default: at Ctrl-C'),
+    ('--duration S', float, 'end after S seconds; default: record until Ctrl-C'),
     ('--inputs-only', bool, _INPUTS),
-    ('--reference G', float, 'known mass of every product that passes, for tune and evaluate'),
-    ('--passes N', int, 'end after N weighed passes of the reference'),
+    ('--reference G', float, 'known mass in g of each product, for tune and evaluate'),
+    ('--passes N', int, 'end after N passes of the known mass with a complete window'),
 )
 
 

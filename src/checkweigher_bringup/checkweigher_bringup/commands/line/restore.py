@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Restore the folder of a machine from a backup, and say so in its audit log.
+"""Restore the folder of a machine from a backup, and write an entry to its audit log.
 
 checkweigher restore my_machine.tar --folder my_machine
 """
@@ -8,15 +8,17 @@ checkweigher restore my_machine.tar --folder my_machine
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import REQUIRED
+
 OPTIONS = (
-    ('archive FILE', Path, 'archive of checkweigher backup'),
-    ('--folder DIR', Path, 'new folder of the machine', {'required': True}),
-    ('--who NAME', str, 'person, for the audit log; default the user of the computer'),
+    ('archive FILE', Path, 'archive that checkweigher backup has written'),
+    ('--folder DIR', Path, 'new folder of the machine', REQUIRED),
+    ('--who NAME', str, 'your name for the audit log; default: the user of the computer'),
 )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Restore the folder; 1 if its audit log is broken."""
+    """Restore the folder. Return 1 if the chain of its audit log is broken, otherwise 0."""
     from getpass import getuser
     import hashlib
     import time
@@ -28,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_production.audit_trail import CLAIMED
 
     count = restore_backup(arguments.archive, arguments.folder)
-    print(f'{arguments.folder}: {count} files, each with its SHA-256')
+    print(f'{arguments.folder}: {count} files, each with the SHA-256 in the backup')
     path = arguments.folder / 'audit.log'
     if not path.exists():
         return 0
@@ -41,5 +43,5 @@ def run(arguments: argparse.Namespace) -> int:
         who = CLAIMED + (arguments.who or getuser())
         now = utc(time.time_ns())
         entry = log.append(now, 'restore', BACKUP, 'folder', None, value, who)
-    print(f'entry {entry.sequence} says that it was restored; its hash is {entry.hash}')
+    print(f'entry {entry.sequence} of the audit log, on this restore, has the hash {entry.hash}')
     return 0

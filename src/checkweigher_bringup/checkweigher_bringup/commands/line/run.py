@@ -8,33 +8,40 @@ checkweigher run --params my_line.yaml --processes
 import argparse
 from pathlib import Path
 
-from checkweigher_bringup.commands import NAMESPACE, PARAMS
+from checkweigher_bringup.commands import NAMESPACE, PARAMS, TLS
 from checkweigher_web import ADDRESS, PORT
 
 OPTIONS = (
     PARAMS,
     NAMESPACE,
-    ('--processes', bool, 'run each node in a process of its own, started again if it fails'),
-    ('--source NAME', str, 'source of samples and edges; default as in FILE, else simulator'),
-    ('--bag BAG', Path, 'bag to play; means --source bag'),
-    ('--line FILE', Path, 'description of a line over several hosts (YAML), with --host'),
-    ('--host NAME', str, 'the host of FILE whose share is run'),
+    ('--processes', bool, 'run each node in a process of its own'),
+    (
+        '--source NAME',
+        str,
+        'source of samples and edges; default: that of the parameter file, or simulator',
+    ),
+    ('--bag BAG', Path, 'bag to play, which selects the source bag'),
+    ('--line FILE', Path, 'description of a line on several hosts (YAML); needs --host'),
+    ('--host NAME', str, 'name of this host in the description of the line'),
     (
         '--folder DIR',
         Path,
-        'folder of this machine: calibration, trained parameters, recipes, audit log; made if '
-        'there is none. The dynamic setting runs beside the line, and a simulated line has no '
-        'end',
+        'folder of this machine with calibration, trained parameters, recipes and audit log, '
+        'which is created if necessary; dynamic setting, verification and batch reports then also '
+        'run, and a simulated line has no end',
     ),
-    ('--page', bool, 'serve the page of the line as well, see page --help'),
+    ('--page', bool, 'also serve the page of the line, see page --help'),
     ('--page-port N', int, f'port of the page; default {PORT}'),
-    ('--page-host ADDRESS', str, f'served address; any but {ADDRESS} needs TLS'),
-    ('--certificate FILE', Path, 'certificate of the page for TLS, PEM'),
-    ('--key FILE', Path, 'its key, PEM'),
+    (
+        '--page-host ADDRESS',
+        str,
+        f'address of the page, by default {ADDRESS}; any other one needs TLS',
+    ),
+    *TLS,
     (
         '--gateways FILE',
         Path,
-        'run the gateways of the sections of FILE as well, see gateway --help',
+        'settings file of the gateways (YAML); also run a gateway for each of its sections',
     ),
 )
 
@@ -95,9 +102,9 @@ def _run_host(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.supervision.running_line import run_host
 
     if arguments.line is None or arguments.host is None:
-        raise UserError('--line and --host belong together: the file, and a host of it')
+        raise UserError('--line and --host must be given together: a file, and a host in it')
     for name in sorted(vars(arguments).keys() - {'command', 'run', 'line', 'host'}):
         if getattr(arguments, name):
             option = name.replace('_', '-')
-            raise UserError(f'--{option}: the line description says that; see docs/hosts.md')
+            raise UserError(f'--{option}: cannot be used with --line; see docs/hosts.md')
     return run_host(read_line(arguments.line), arguments.host)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Show what is wrong with a running line, worst first, and what to check.
+"""Show the diagnostics of a running line, the worst first, and what to check.
 
 checkweigher status --count 1
 """
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from checkweigher_core.ros.status_board import Row, StatusBoard
 
 _PERIOD = 1.0  # s
-_PATIENCE = 5.0  # maximum time in s to wait for the diagnostics of each stage of a line
+_PATIENCE = 5.0  # maximum time in s to wait for the diagnostics of all stages of a line
 _FIRST_LOOK = 1.5  # further time in s to wait for the diagnostics of the other nodes
 _NARROWEST = 40  # minimum width of the texts, in columns
 _COLUMNS = '{:5}  {:{wide}}  {:{aspects}}  '
 
 OPTIONS = (
-    ('--namespace NAME', str, 'only this lane', ''),
-    ('--all', bool, 'one row for each lane of the graph, the worst first'),
-    ('--count N', int, 'end after N tables, one a second'),
+    ('--namespace NAME', str, 'namespace of the only lane to show; default: all lanes', ''),
+    ('--all', bool, 'show one row for each lane, the worst first'),
+    ('--count N', int, 'end after N tables; one table is shown each second'),
     DURATION,
-    ('--values', bool, 'show the figures of what is well, too'),
+    ('--values', bool, 'show the values of all rows, also of those with the level OK'),
 )
 
 
@@ -85,14 +85,14 @@ def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> 
 
     lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
     if not heard:
-        lines.append('nothing on /diagnostics: is the line running, and in this ROS_DOMAIN_ID?')
+        lines.append('no message on /diagnostics: is the line running in this ROS_DOMAIN_ID?')
     width, height = get_terminal_size()
     if arguments.all:
         lines += lane_table(rows, width)
     else:
         lines += table(rows, width, values=arguments.values)
     if sys.stdout.isatty() and arguments.count != 1:
-        # Each table replaces the last one. A longer table would scroll its worst rows away.
+        # A table that is longer than the terminal would scroll its first and worst rows away.
         if (left := len(lines) - (height - 2)) > 0:
             lines[height - 2 :] = [f'{counted(left, "more line")}: --count 1 prints all']
         print('\033[H\033[J' + '\n'.join(lines), flush=True)
@@ -101,14 +101,14 @@ def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> 
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
-    """Yield the lines of a table of lanes, `width` columns wide unless that is too narrow."""
+    """Yield the lines of a table with one row for each lane, as in `table`."""
     from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
     wide = max([len(each.lane) for each in lanes] + [10])
     columns = f'{{:5}}  {{:{wide}}}  {{:>7}}  {{:>7}}  {{:>7}}  '
     first = columns.format('level', 'lane', 'accept', 'reject', 'fault')
-    yield first + 'the worst of it'
+    yield first + 'worst message'
     for each in lanes:
         start = columns.format(each.level.name, each.lane, *each.counts)
         yield from _beside(start, _wrapped(each.worst, max(width - len(start), _NARROWEST)))
@@ -126,7 +126,7 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
     wide = max([len(row.node) for row in rows] + [10])
     aspects = max([len(row.aspect) for row in rows] + [6])
     first = _COLUMNS.format('level', 'node', 'aspect', wide=wide, aspects=aspects)
-    yield first + 'what is, and what to check'
+    yield first + 'state, and what to check'
     room = max(width - len(first), _NARROWEST)
     for row in rows:
         lines = _wrapped(row.message, room)
@@ -138,13 +138,13 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
 
 
 def _wrapped(message: str, room: int) -> list[str]:
-    """Return the lines of a message, with `room` columns. Its hint begins a line of its own."""
+    """Return the lines of a message, `room` columns wide. The hint begins on a new line."""
     text, _, hint = message.partition('; ')
     lines = textwrap.wrap(text, room) or ['']
     return lines + textwrap.wrap('-> ' + hint, room, subsequent_indent='   ') if hint else lines
 
 
 def _beside(start: str, lines: list[str]) -> Iterator[str]:
-    """Yield lines of text, the first one after `start`, and the others indented to match."""
+    """Yield lines of text, the first one after `start`, and the others with the same indent."""
     yield (start + lines[0]).rstrip()
     yield from (' ' * len(start) + line for line in lines[1:])

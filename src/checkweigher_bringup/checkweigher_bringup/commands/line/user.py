@@ -6,30 +6,26 @@ checkweigher user add anna --role operator
 """
 
 import argparse
-from dataclasses import replace
 from getpass import getpass
-from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
 
+from checkweigher_bringup.commands import USERS
 from checkweigher_bringup.errors import UserError
-
-if TYPE_CHECKING:
-    from checkweigher_web.access.users import User
 
 _ROLES = 'viewer', 'operator', 'technician'
 _DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
-_PASSWORD = 'the password is typed twice, or is a line of the standard input'
+_PASSWORD = 'add and password ask for the password twice, or read one line from a pipe or file'
 OPTIONS = (
     ('action', ('add', 'list', 'password', 'remove'), _PASSWORD),
-    ('name NAME', str, 'of the user; not with list', {'nargs': '?'}),
+    ('name NAME', str, 'name of the user; not with list', {'nargs': '?'}),
     (
         '--role',
         _ROLES,
-        'viewer: sees; operator: products, batches, zero, start and stop; technician: '
-        'calibration, tuning and limits as well',
+        'role of the new user: a viewer views the page; an operator also selects products, begins '
+        'batches, sets the zero, starts and stops the line; a technician also sets limits, '
+        'calibrates, tunes and verifies',
     ),
-    ('--users FILE', Path, 'default checkweigher/users in $XDG_CONFIG_HOME or ~/.config'),
+    USERS,
 )
 
 
@@ -40,38 +36,22 @@ def run(arguments: argparse.Namespace) -> int:
     path = arguments.users or accounts.default_users()
     action, name = arguments.action, arguments.name
     if (name is None) != (action == 'list'):
-        raise UserError(f'{action}: needs a NAME, except for list')
+        raise UserError(f'{action}: list must have no NAME, and the other actions need one')
     if (arguments.role is None) != (action != 'add'):
-        raise UserError(f'{action}: must have a --role if it is add, and none otherwise')
+        raise UserError(f'{action}: add needs a --role, and the other actions must have none')
     if action == 'list':
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
-    name = accounts.check_name(name)
-    _users(path, action, name)  # raises an error before the user types a password
-    password = '' if action == 'remove' else accounts.hash_password(name, _password(name))
-    with accounts.changing_users(path):
-        users = _users(path, action, name)
-        if action == 'remove':
-            del users[name]
-        elif action == 'add':
-            users[name] = accounts.User(name, accounts.Role[arguments.role.upper()], password)
-        else:
-            users[name] = replace(users[name], hash=password)
-        accounts.write_users(path, users)
+    name = accounts.check_user(path, name, exists=action != 'add')  # before a password is typed
+    if action == 'remove':
+        accounts.remove_user(path, name)
+    elif action == 'add':
+        accounts.add_user(path, name, accounts.Role[arguments.role.upper()], _password(name))
+    else:
+        accounts.change_user(path, name, password=_password(name))
     print(f'{path}: {name} {_DONE[action]}')
     return 0
-
-
-def _users(path: Path, action: str, name: str) -> 'dict[str, User]':
-    """Return the users in a file, or raise `UserError` if the action cannot be done for `name`."""
-    from checkweigher_web.access.users import read_users
-
-    users = read_users(path) if path.exists() or action != 'add' else {}
-    if (name in users) != (action != 'add'):
-        known = 'is there already' if name in users else 'is not there'
-        raise UserError(f'{path}: user {name} {known}; checkweigher user list shows all')
-    return users
 
 
 def _password(name: str) -> str:
@@ -79,6 +59,6 @@ def _password(name: str) -> str:
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip('\r\n')
     password = getpass(f'Password of {name}: ')
-    if getpass('The same again: ') != password:
+    if getpass('Repeat the password: ') != password:
         raise UserError(f'the two passwords of {name} differ; nothing was changed')
     return password

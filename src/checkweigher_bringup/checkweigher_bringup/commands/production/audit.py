@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verify the chain of an audit log and show what was changed.
+"""Verify the hash chain of an audit log, and show its entries.
 
 checkweigher audit /var/log/checkweigher/lane1.log
 checkweigher audit --all /var/lib/checkweigher/lane1
@@ -23,21 +23,22 @@ if TYPE_CHECKING:
     from checkweigher_production.audit_seal import Seal
 
 _WIDEST = 40  # largest number of characters of a value on a terminal
-_PATIENCE = 2.0  # time in s after which faults are looked for once more
+_PATIENCE = 2.0  # time in s after which a folder with faults is checked again
 
 OPTIONS = (
-    ('log LOG', Path, 'audit log; LOG.head is beside it', {'nargs': '?'}),
+    ('log LOG', Path, 'audit log, with LOG.head in the same folder', {'nargs': '?'}),
     (
         '--all FOLDER',
         Path,
-        'folder of a machine: check its logs, and all records, reports and verifications by them',
+        'check the audit logs in the folder of a machine, and compare its records, reports and '
+        'verifications with them',
     ),
-    ('--users FILE', Path, 'with --all: users of the page, whose keys the signatures must have'),
-    ('--hash HASH', str, 'an entry with this hash, noted elsewhere, has to be there'),
+    ('--users FILE', Path, 'with --all: file of the users whose keys the signatures must have'),
+    ('--hash HASH', str, 'hash of an entry that was noted elsewhere and must be in the log'),
     ('--json', bool, 'print JSON instead of a table'),
-    ('--seal KEY', Path, 'seal the log: sign its last hash by this Ed25519 private key (PEM)'),
+    ('--seal KEY', Path, 'seal the log: sign its last hash with this Ed25519 private key (PEM)'),
     ('--trust PUBLIC', Path, 'Ed25519 public key (PEM) to verify the seals of the log'),
-    ('--seals FILE', Path, 'file of the seals (default: LOG.seals)'),
+    ('--seals FILE', Path, 'file of the seals; default LOG.seals'),
 )
 
 
@@ -66,7 +67,7 @@ def _check_log(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(_as_json(found, seals), indent=2))
     else:
-        # A file or another program gets each value in full.
+        # Only a terminal needs shortened values.
         widest = _WIDEST if sys.stdout.isatty() else None
         lines = [*_table(found.entries, widest), *steps_back(found.entries), conclusion(found)]
         print('\n'.join(lines))
@@ -79,7 +80,7 @@ def _check_log(arguments: argparse.Namespace) -> int:
 
 
 def _check_folder(arguments: argparse.Namespace) -> int:
-    """Print what the folder of a machine has and lacks. Return 1 if there is a fault."""
+    """Print the faults in the folder of a machine. Return 1 if there is a fault, otherwise 0."""
     from checkweigher_bringup.audit_folder import faults_in, summary
     from checkweigher_bringup.batch_report import keys_of
     from checkweigher_production.audit_chain import LOG_FILE, read_chain
@@ -108,13 +109,13 @@ def _check_folder(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the hash of an option, or '' without it. Raise `UserError` if the hash is wrong."""
+    """Return the given hash of an entry, or ''. Raises `UserError` if it is not a valid hash."""
     if given is None:
         return ''
     noted = given.strip().lower()
     # An unset shell variable gives an empty text, which must not disable the check.
     if not re.fullmatch('[0-9a-f]{64}', noted):
-        raise UserError(f'--hash {given!r}: is no hash of an entry (64 hexadecimal digits)')
+        raise UserError(f'--hash {given!r}: is not the hash of an entry (64 hexadecimal digits)')
     return noted
 
 
@@ -124,8 +125,8 @@ def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path
 
     if arguments.seal.resolve().parent == arguments.log.resolve().parent:
         raise AuditError(
-            f'{arguments.seal}: lies in the folder of the log: who can write the one could read '
-            'the other; move it where only the one who seals can read it'
+            f'{arguments.seal}: the key is in the folder of the log, where a forger of the log '
+            'could read it; move it to a place that only you can read'
         )
     return add_seal(seals_file, arguments.log, found.entries, private_key(arguments.seal))
 

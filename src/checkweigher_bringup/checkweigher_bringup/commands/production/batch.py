@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Report on a batch: the packers' rules, the reference test, histogram, control chart.
+"""Report on a batch, with the packers' rules, reference test, histogram and control chart.
 
 checkweigher batch bags/paper_60 --nominal 134.5 --html batch.html
 """
@@ -9,43 +9,43 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from checkweigher_bringup.commands import LANE, PARAMS, RECIPES
+from checkweigher_bringup.commands import ESTIMATOR, LANE, PARAMS, RECIPES
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
     from checkweigher_production.recipes import Product
     from checkweigher_validation.batch.batch import Batch
 
-_SOURCE = 'record of the line (.jsonl, of product.batch_folder), CSV of weigh, or a bag'
+_SOURCE = 'record of a batch (.jsonl), CSV file of weigh or replay, or bag'
 _PLANS = (
-    'plan of the reference test: double of 76/211/EEC (30, 50 or 80, and as many again) or '
-    'single of OIML R 87 (50, 80 or 125); default double'
+    'sampling plan of the reference test: double sampling of 76/211/EEC (30, 50 or 80 items, and '
+    'perhaps as many again), or single sampling of OIML R 87 (50, 80 or 125 items); default double'
 )
 OPTIONS = (
     ('source BATCH', Path, _SOURCE),
     (
         '--log,--audit LOG',
         Path,
-        'audit log that vouches for the record; default audit.log of the folder of the machine',
+        'audit log to compare the record with; default: audit.log in the folder of the machine',
         {'dest': 'log'},
     ),
-    ('--users FILE', Path, 'users of the page, whose keys the signatures must have'),
-    ('--item N', int, 'show the verdict on item N of a record, as it was printed or sent, instead'),
-    ('--seed S', int, 'draws the samples of the reference test; default 1', 1),
+    ('--users FILE', Path, 'file of the users whose keys the signatures must have'),
+    ('--item N', int, 'only show the verdicts on item N in the record'),
+    ('--seed S', int, 'seed of the samples of the reference test; default 1', 1),
     ('--sampling', ('double', 'single'), _PLANS, 'double'),
-    'the product, which a record has itself',
-    ('--nominal G', float, 'nominal weight of the contents, g'),
-    ('--tare G', float, 'of the packaging, g', 0.0),
+    'product of a CSV file or bag',
+    ('--nominal G', float, 'nominal weight of the contents in g'),
+    ('--tare G', float, 'mass of the packaging in g; default 0', 0.0),
     RECIPES,
-    ('--product NAME', str, 'product of it: a bag is weighed by this recipe'),
-    'how a bag is weighed',
+    ('--product NAME', str, 'product in the recipe file; a bag is weighed with its recipe'),
+    'weighing of a bag',
     PARAMS,
-    ('--estimator NAME', str, 'estimator of the mass'),
+    ESTIMATOR,
     LANE,
-    'what is written',
-    ('--html FILE', Path, 'report with tables and figures, one file'),
-    ('--json FILE', Path, 'the same for a program, masses in kg'),
-    ('--overwrite', bool, 'replace files that exist'),
+    'output',
+    ('--html FILE', Path, 'write the report with tables and figures to FILE'),
+    ('--json FILE', Path, 'write the report as JSON, with masses in kg, to FILE'),
+    ('--overwrite', bool, 'replace existing files'),
 )
 
 
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if html and json_file and html.resolve() == json_file.resolve() and not is_stream(html):
         raise UserError(f'--html and --json: both are {json_file}; give each its own file')
     if arguments.seed < 0:
-        raise UserError(f'--seed {arguments.seed}: must not be below 0')
+        raise UserError(f'--seed {arguments.seed}: must not be negative')
     batch = _read(arguments)
     plan = SamplingPlan(arguments.sampling)
     parts = [figures_of(part, arguments.seed, plan) for part in batch.parts]
@@ -90,14 +90,14 @@ def _read(arguments: argparse.Namespace) -> 'Batch':
     from checkweigher_validation.batch.signatures import foreign_keys
 
     if arguments.source.suffix == '.jsonl':
-        why = 'the record of a batch has its product and its masses'
+        why = 'not with a record of a batch, which contains its product and masses'
         refuse(arguments, why, 'nominal', 'recipes', 'product', 'params', 'estimator', 'lane')
         batch = read_recorded(arguments.source, arguments.log)
         if arguments.users is None:
             return batch
         faults = foreign_keys(batch.signatures, keys_of(arguments.users))
         return replace(batch, faults=(*batch.faults, *faults))
-    refuse(arguments, 'only for the record of a batch', 'log', 'users', 'item')
+    refuse(arguments, 'only with a record of a batch', 'log', 'users', 'item')
     product = _product(arguments)
     if arguments.source.suffix == '.csv':
         return read_csv(arguments.source, product)
@@ -125,7 +125,7 @@ def _product(arguments: argparse.Namespace) -> 'Product':
     from checkweigher_production.recipes import Product
 
     if (product := recipe_of(arguments)) is not None:
-        refuse(arguments, 'the recipe has the nominal weight; give one of both', 'nominal')
+        refuse(arguments, 'not with --recipes, because the recipe has a nominal weight', 'nominal')
         return product
     if arguments.nominal is None:
         raise UserError('which product? Give --nominal, or --recipes and --product')

@@ -1,19 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Make the performance test that the recipe asks for.
+"""Make the performance test that the recipe requires.
 
 checkweigher performance --who anna
 """
 
 import argparse
 
-from checkweigher_bringup.commands import REQUIRED
+from checkweigher_bringup.commands import NAMESPACE, REQUIRED
 
 OPTIONS = (
-    ('--who NAME', str, 'who makes it; goes into the audit log', REQUIRED),
-    ('--reason TEXT', str, 'why it is made now', ''),
-    ('--namespace NAME', str, 'of the lane', ''),
-    ('--timeout S', float, 'break it off if it has not ended by then (default: 600)', 600.0),
+    ('--who NAME', str, 'your name for the audit log', REQUIRED),
+    ('--reason TEXT', str, 'reason for the test, for the audit log', ''),
+    NAMESPACE,
+    ('--timeout S', float, 'time in s after which the test is cancelled; default 600', 600.0),
 )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import time
 from typing import TYPE_CHECKING, Any
 
-from checkweigher_bringup.commands import NAMESPACE, REQUIRED
+from checkweigher_bringup.commands import NAMESPACE, REQUIRED, USERS
 from checkweigher_bringup.errors import LineError, UserError
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 OPTIONS = (
     ('record RECORD', Path, 'record of a batch that has ended'),
     ('--meaning', ('review', 'approval', 'release'), 'what the signature means', REQUIRED),
-    ('--who NAME', str, 'user of the page, whose password is asked for', REQUIRED),
-    ('--users FILE', Path, 'default checkweigher/users in $XDG_CONFIG_HOME or ~/.config'),
-    ('--log LOG', Path, 'audit log; default audit.log of the folder of the machine'),
+    ('--who NAME', str, 'user of the page who signs, and must type the password', REQUIRED),
+    USERS,
+    ('--log LOG', Path, 'audit log; default: audit.log in the folder of the machine'),
     NAMESPACE,
 )
 
@@ -75,14 +75,14 @@ def _login(path: Path, name: str, meaning: str) -> tuple['User', str]:
     user = read_users(path).get(name)
     least = Role.TECHNICIAN if meaning == RELEASE else Role.OPERATOR
     if user is None or user.role < least:
-        raise UserError(f'{path}: no user {name} with the role {least.name.lower()}')
+        raise UserError(f'{path}: no user {name} with at least the role {least.name.lower()}')
     if sys.stdin.isatty():
         return user, getpass(f'Password of {name}, for the {meaning}: ')
     return user, sys.stdin.readline().rstrip('\r\n')
 
 
 def _write(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
-    """Write an entry to a log, by the line if the line has it open."""
+    """Write an entry to a log, through the running line if the line has opened the log."""
     from checkweigher_core.records import utc
     from checkweigher_production.audit_log import AuditLog, LogInUseError
     from checkweigher_production.audit_trail import CLAIMED

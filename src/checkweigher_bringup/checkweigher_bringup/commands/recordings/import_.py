@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Turn a CSV log of a scale into a bag.
+"""Convert a CSV log of a scale to a bag.
 
 checkweigher import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output bag
 """
@@ -14,26 +14,26 @@ from checkweigher_bringup.commands import NEW_BAG
 # The names of the options are those of `ImportParameters`, which has their defaults. The names are
 # repeated here, so that --help does not import `ImportParameters`.
 OPTIONS = (
-    ('log CSV', Path, 'one sample a row'),
+    ('log CSV', Path, 'CSV file with one sample per row'),
     NEW_BAG,
     'columns',
-    ('--signal COLUMN', str, 'signal: name in the header row, or number from 0'),
-    ('--time COLUMN', str, 'time in s; without it the rows count by --sample-rate'),
-    ('--sample-rate HZ', float, 'samples a second'),
-    ('--delimiter D', str, 'between columns: , (default) ; tab or space'),
+    ('--signal COLUMN', str, 'column of the signal: its name in the header, or number from 0'),
+    ('--time COLUMN', str, 'column of the time in s; by default, --sample-rate gives the times'),
+    ('--sample-rate HZ', float, 'sample rate in Hz'),
+    ('--delimiter D', str, 'delimiter of the columns: , (default) ; tab or space'),
     ('--decimal MARK', str, 'decimal mark: . (default) or ,'),
     'photo-eyes, from two columns or from a file',
-    ('--infeed COLUMN', str, 'infeed eye'),
-    ('--outfeed COLUMN', str, 'outfeed eye'),
-    ('--threshold X', float, 'an eye is blocked above this value (default 0.5)'),
-    ('--infeed-key KEY', str, 'infeed eye in the edges file (default ftc1)'),
-    ('--outfeed-key KEY', str, 'outfeed eye in the edges file (default ftc2)'),
-    ('--blocked-below', bool, 'an eye is blocked below the threshold', None),
+    ('--infeed COLUMN', str, 'column of the infeed eye'),
+    ('--outfeed COLUMN', str, 'column of the outfeed eye'),
+    ('--threshold X', float, 'value above which an eye is blocked (default 0.5)'),
+    ('--infeed-key KEY', str, 'key of the infeed eye in the edges file (default ftc1)'),
+    ('--outfeed-key KEY', str, 'key of the outfeed eye in the edges file (default ftc2)'),
+    ('--blocked-below', bool, 'an eye is blocked below the threshold instead of above it', None),
     (
         '--edges FILE',
         Path,
-        'JSON with a list of [row, level] for each eye: 1 is blocked from that row on, the first '
-        'entry is the state at the start; "mass_g" may give the true mass',
+        'JSON file with a list of [row, level] for each eye, where level 1 means blocked from this '
+        'row on; the first pair is the state at the start; "mass_g" may give the true mass',
     ),
     'load cell and calibration: mass = slope * signal + offset, or in counts',
     ('--slope G', float, 'g per unit of the signal'),
@@ -43,12 +43,12 @@ OPTIONS = (
     ('--scale X', float, 'counts per unit of the signal (default 1)'),
     ('--min-counts N', int, 'lower limit of the converter'),
     ('--max-counts N', int, 'upper limit of the converter'),
-    ('--capacity KG', float, 'of the load cell (default 10)'),
-    ('--weigh-length M', float, 'from the infeed eye to the outfeed eye (default 0.2)'),
-    ('--model TEXT', str, 'of the load cell'),
-    ('--serial-number TEXT', str, 'of the load cell'),
-    ('--samples-per-block N', int, 'samples in one message (default 10)'),
-    ('--start-time S', int, 'stamp of the first sample, since 1970'),
+    ('--capacity KG', float, 'capacity of the load cell in kg (default 10)'),
+    ('--weigh-length M', float, 'distance between the photo-eyes in m (default 0.2)'),
+    ('--model TEXT', str, 'model of the load cell'),
+    ('--serial-number TEXT', str, 'serial number of the load cell'),
+    ('--samples-per-block N', int, 'number of samples in a message (default 10)'),
+    ('--start-time S', int, 'stamp of the first sample in s since 1970'),
 )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Cut an item out of a bag, as a small bag for a report.
+"""Write one item of a bag into a small bag, which can be sent with a bug report.
 
 checkweigher keep shift1 --item 17 --output item17
 """
@@ -12,7 +12,7 @@ from checkweigher_bringup.commands import ESTIMATOR, LANE, NEW_BAG, PARAMS, REQU
 
 OPTIONS = (
     ('bag BAG', Path, 'folder of a bag, or an .mcap file'),
-    ('--item N', int, 'its number, as weigh shows it', REQUIRED),
+    ('--item N', int, 'number of the item, as weigh shows it', REQUIRED),
     NEW_BAG,
     PARAMS,
     ESTIMATOR,

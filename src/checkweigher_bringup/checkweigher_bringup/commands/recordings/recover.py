@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Make a whole bag of a recording that broke off.
+"""Write a complete bag from a recording that broke off.
 
 checkweigher recover shift1 --output shift1_whole
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import NEW_BAG
 
-OPTIONS = (('bag BAG', Path, 'folder without metadata.yaml, or cut .mcap file'), NEW_BAG)
+OPTIONS = (('bag BAG', Path, 'folder without metadata.yaml, or truncated .mcap file'), NEW_BAG)
 
 
 def run(arguments: argparse.Namespace) -> int:

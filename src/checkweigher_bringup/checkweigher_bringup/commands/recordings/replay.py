@@ -10,13 +10,13 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import WEIGHING
 
-_PACE = 'seconds of signal in a second; 0 as fast as nothing is lost (default 1)'
-_OTHERS = 'begin when N others take the samples, such as record, started before or after'
+_PACE = 'speed relative to real time; 0: as fast as possible without loss of data; default 1'
+_OTHERS = 'number of other subscribers of the samples, such as record, to wait for; default 0'
 OPTIONS = (
     ('bag BAG', Path, 'folder of a bag, or an .mcap file'),
     *WEIGHING,
     ('--rate R', float, _PACE, 1.0),
-    ('--namespace NAME', str, 'ROS namespace to run the graph in', ''),
+    ('--namespace NAME', str, 'ROS namespace in which the graph runs', ''),
     ('--processes', bool, 'run each node in a process of its own'),
     ('--listeners N', int, _OTHERS, 0),
 )

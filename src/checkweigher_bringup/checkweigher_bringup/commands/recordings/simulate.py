@@ -24,29 +24,29 @@ _CONVERTED = {
     'filler-spread': ('filler_spread', 'g', 1000.0),
 }
 _PROFILES = (
-    'machine and what shakes it: paper (default), roller, soft, floor, quiet, or machine:SEED, '
-    'one of a family, with its own sample rate, sensitivity and lengths'
+    'machine and its disturbances: paper (default), roller, soft, floor, quiet, or machine:SEED, a '
+    'randomly drawn machine with its own sample rate, sensitivity and lengths'
 )
 OPTIONS = (
-    ('--speed M_PER_MIN', float, 'belt speed, m/min', REQUIRED),
-    ('--mass G', [float], 'mass of the products, g; several take turns', REQUIRED),
-    ('--count N', int, 'number of products', 25),
+    ('--speed M_PER_MIN', float, 'belt speed in m/min', REQUIRED),
+    ('--mass G', [float], 'mass of the products in g; several masses take turns', REQUIRED),
+    ('--count N', int, 'number of products; default 25', 25),
     ('--profile NAME', str, _PROFILES, 'paper'),
-    ('--seed S', int, 'of all that is random', 1),
-    ('--start-time S', int, 'stamp of the first sample, s since 1970'),
+    ('--seed S', int, 'seed of the random numbers; default 1', 1),
+    ('--start-time S', int, 'stamp of the first sample in s since 1970'),
     NEW_BAG,
-    ('--spacing M', float, 'between leading edges of successive products'),
-    ('--product-length M', float, 'length of the products'),
-    ('--weigh-length M', float, 'between the two eyes'),
-    ('--zero-drift G_PER_H', float, 'drift of the empty belt'),
-    ('--lead-in S', float, 'empty belt before the first product'),
-    ('--run-out S', float, 'empty belt after the last product'),
-    'the filler before the scale',
-    ('--filler-drift G', float, 'drift in 1000 products, g'),
-    ('--filler-spread G', float, 'standard deviation from product to product, g'),
-    ('--filler-delay N', int, 'products between filler and scale'),
+    ('--spacing M', float, 'distance between the leading edges of successive products in m'),
+    ('--product-length M', float, 'length of the products in m'),
+    ('--weigh-length M', float, 'distance between the photo-eyes in m'),
+    ('--zero-drift G_PER_H', float, 'drift of the zero in g/h'),
+    ('--lead-in S', float, 'duration of the empty belt before the first product in s'),
+    ('--run-out S', float, 'duration of the empty belt after the last product in s'),
+    'filler before the scale',
+    ('--filler-drift G', float, 'drift in g over 1000 products'),
+    ('--filler-spread G', float, 'standard deviation from product to product in g'),
+    ('--filler-delay N', int, 'number of products between filler and scale'),
     RECIPES,
-    ('--product NAME', str, 'product of it: its filler follows the feedback of this recipe'),
+    ('--product NAME', str, 'product in the recipe file, whose feedback corrects the filler'),
 )
 
 
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_profile(arguments.profile)
     given = {n: value for n, value in vars(arguments).items() if n in names and value is not None}
     if arguments.count == 0:
-        raise UserError('--count 0 is an endless line, which fits in no bag')
+        raise UserError('--count 0: would be an endless line; give the number of products')
     given['masses'] = tuple(_to_si('mass', mass) for mass in arguments.mass)
     for option, (name, *_) in _CONVERTED.items():
         if option != 'mass' and name in given:
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     events: Iterable[Event] = simulation
     if product is not None:
         if product.filler is None:
-            raise UserError(f'--product {product.name}: its recipe has no filler, so no feedback')
+            raise UserError(f'--product {product.name}: its recipe has no feedback to a filler')
         events = with_feedback(simulation, product)
     write_bag(arguments.output, simulation.load_cell, with_progress(events, 'simulating'))
     print(

@@ -3,7 +3,7 @@
 """Weigh bags offline, with the same stages as the graph.
 
 checkweigher weigh bags/paper_60 --csv masses.csv
-checkweigher weigh shift*/ --output results  # a Parquet file per bag, and a summary
+checkweigher weigh shift*/ --output results  # a Parquet file for each bag, and a summary
 checkweigher weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8786
 """
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from checkweigher_validation.archive.weighing import Weighed
 
 _FOLDER = (
-    'write a Parquet file per bag, and summary.csv, to DIR; what is there of the same bags, '
-    'parameters and program is kept'
+    'write a Parquet file for each bag, and summary.csv, to DIR; files in DIR of the same bag, '
+    'parameters and program are kept'
 )
 OPTIONS = (
     bags('bags'),
@@ -50,10 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_recording.archive.finding import find_bags
 
     if arguments.jobs is not None or arguments.scheduler != 'local':
-        raise UserError('--jobs, --scheduler: of --output DIR; one bag is one job')
+        raise UserError('--jobs, --scheduler: only with --output DIR, because one bag is one job')
     bag, *others = find_bags(arguments.bags)
     if others:
-        raise UserError('several bags: add --output DIR, for a file with the results of each')
+        raise UserError('several bags: add --output DIR, in which each bag gets a file of results')
     return _weigh_one(bag, arguments, parameters)
 
 
@@ -82,7 +82,7 @@ def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
     from checkweigher_validation.archive.results_folder import ResultsFolder
     from checkweigher_validation.archive.weighing import WeighJob, weigh_bags
 
-    refuse(arguments, 'of one bag; --output DIR has the results of all', 'csv')
+    refuse(arguments, 'not with --output, where each bag gets a file of results', 'csv')
     names = result_names(find_bags(arguments.bags))
     jobs = {
         name: WeighJob(bag, parameters, arguments.lane, program())
@@ -102,8 +102,8 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
         warn(f'{weighed.bag}: {note}')
     if weighed.problem:
         where = f'on worker {weighed.host}: ' if weighed.host and scheduler != 'local' else ''
-        warn(f'{where}{weighed.problem}; passed over')
-    items = f'{weighed.summary.items} items' if weighed.summary else 'passed over'
+        warn(f'{where}{weighed.problem}; skipped')
+    items = f'{weighed.summary.items} items' if weighed.summary else 'skipped'
     print(f'{progress}: {one_line(weighed.bag)}: {items}', flush=True)
 
 

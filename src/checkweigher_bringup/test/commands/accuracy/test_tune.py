@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`tune` and `evaluate` as a user runs them."""
+"""Commands `tune` and `evaluate`."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,7 +32,7 @@ def bag_of(folder: Path, name: str, **parameters: object) -> Path:
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory: pytest.TempPathFactory) -> Bags:
-    """Bags to train on and others to test on, at two speeds."""
+    """Return bags for training and bags for the test, at two speeds."""
     folder = tmp_path_factory.mktemp('bags')
     return {
         part: [bag_of(folder, f'{part}_{speed}', speed=speed, seed=seed) for speed in SPEEDS]
@@ -42,7 +42,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Bags:
 
 @pytest.fixture(scope='module')
 def tuned(bags: Bags, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tune both estimators; the file selects iswd_eksi."""
+    """Tune two estimators, and return the parameter file, which selects iswd_eksi."""
     path = tmp_path_factory.mktemp('tuned') / 'machine.yaml'
     done = run_command(
         'tune', *bags['train'], '--estimator', 'iswd_eksi', 'tvlpf', '--output', path, *FAST
@@ -58,7 +58,7 @@ def tuned(bags: Bags, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def errors(rows: list[dict[str, str]]) -> np.ndarray:
-    """Return mass less reference in g."""
+    """Return the errors of the masses in g."""
     assert all(row['mass_g'] for row in rows)
     return np.array([float(row['mass_g']) - float(row['reference_g']) for row in rows])
 
@@ -134,7 +134,7 @@ Refused = Callable[..., str]
 
 @pytest.fixture(name='refused')
 def _refused(tmp_path: Path) -> Refused:
-    """Run a command that must be refused and leave nothing; the output of tune is machine.yaml."""
+    """Return a function that runs a command which must be refused and must write no file."""
 
     def run(command: str, *arguments: object) -> str:
         output = ('--output', tmp_path / 'machine.yaml') if command == 'tune' else ()
@@ -149,7 +149,8 @@ def _refused(tmp_path: Path) -> Refused:
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        (('--estimator', 'all', 'best'), '--estimator best: no such estimator; there are aeksi'),
+        (('--estimator', 'all', 'best'), '--estimator best: is not an estimator; there are aeksi'),
+        (('--estimator', 'tvlp_mf'), '--estimator tvlp_mf: is not an estimator; there are aeksi'),
         (('--budget', '0'), '--budget 0: must be above 0'),
         (('--jobs', '-1'), '--jobs -1: must be above 0'),
         (('--lane', 'other'), 'other'),
@@ -170,14 +171,14 @@ def test_an_output_that_exists(bags: Bags, tmp_path: Path, refused: Refused):
 
 def test_a_bag_without_known_masses(tmp_path: Path, refused: Refused):
     bag = write_line(tmp_path / 'bag', replace(simulated(count=4), references=()))
-    assert 'no pass of known mass; the bag needs reference_mass' in refused('tune', bag)
+    assert 'no pass of known mass; it needs messages on reference_mass' in refused('tune', bag)
 
 
 @pytest.mark.parametrize(
     ('parameters', 'message'),
     [
         ({'speed': 0.5, 'count': 2}, '2 passes of known mass at 30.0 m/min'),
-        ({'sample_rate': 1000.0, 'count': 3}, 'sampled at 1000 Hz, the bags before it at 960 Hz'),
+        ({'sample_rate': 1000.0, 'count': 3}, 'is 1000 Hz, but 960 Hz in the first bag'),
     ],
 )
 def test_bags_that_do_not_go_together(
@@ -199,8 +200,8 @@ class TestEvaluation:
     def test_bags_after_training_on_others(self, bags: Bags, checkweigher: Run, tmp_path: Path):
         files = {kind: tmp_path / f'result.{kind}' for kind in ('html', 'csv', 'json', 'tuned')}
         done = checkweigher(
-            'evaluate', *bags['test'], '--train', *bags['train'], '--estimator', 'hann', 'tvlpf',
-            *FAST, '--class', 'XIIII', '--factor', '2',
+            'evaluate', *bags['test'], '--train', *bags['train'],
+            '--estimator', 'lms_notch', 'hann', 'tvlpf', *FAST, '--class', 'XIIII', '--factor', '2',
             *(part for kind, path in files.items() for part in (f'--{kind}', path)),
         )  # fmt: skip
         assert done.stderr == ''
@@ -212,7 +213,7 @@ class TestEvaluation:
             (part, estimator, mass, '6')
             for part in ('test', 'train')
             for _ in SPEEDS
-            for estimator in ('hann', 'tvlpf')
+            for estimator in ('lms_notch', 'hann', 'tvlpf')
             for mass in ('74.5', '164.5', '254.5')
         ]
         assert sorted(keys) == sorted(expected)
@@ -221,6 +222,7 @@ class TestEvaluation:
         content = json.loads(files['json'].read_text())
         assert len(content['conditions']) == len(rows)
         assert {kind for kind, _ in content['provenance']} >= {'train', 'test', 'numpy'}
+        # No line has the notch filter, so it is not in the file.
         parameters = LineParameters.from_file(files['tuned'])
         assert parameters.identifier.estimator == 'hann'
         assert parameters.identifier.tvlpf.calibrated
@@ -262,28 +264,28 @@ class TestEvaluation:
     @pytest.mark.parametrize(
         ('options', 'message'),
         [
-            ((), 'name bags, or --protocol paper'),
-            (('BAG', '--protocol', 'paper'), 'name bags, or --protocol paper'),
+            ((), 'give either bags, or --protocol paper'),
+            (('BAG', '--protocol', 'paper'), 'give either bags, or --protocol paper'),
             (('--protocol', 'paper', '--passes', '3'), '--passes 3: must be even'),
             (('--protocol', 'paper', '--seed', '-1'), '--seed -1: must not be negative'),
-            (('--protocol', 'paper', '--profile', 'moon'), '--profile moon: is none of paper'),
+            (('--protocol', 'paper', '--profile', 'moon'), '--profile moon: is not one of paper'),
             (('--protocol', 'paper', '--train', 'BAG'), '--train'),
             (('--protocol', 'machines', '--train', 'BAG'), '--train: is not for the protocol'),
             (('--protocol', 'machines', '--count', '0'), '--count 0: must be above 0'),
             (('--protocol', 'machines', '--mass', '0'), '--mass: must be above 0'),
-            (('--protocol', 'machines', '--without', 'luck'), '--without luck: is none of rocking'),
+            (('--protocol', 'machines', '--without', 'luck'), '--without luck: is not one of'),
             (
                 ('--protocol', 'machines', '--passes', '2'),
                 '--passes 2: tuning needs at least 3 passes',
             ),
-            (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIIII"),
+            (('BAG', '--class', 'XV'), "class 'XV' is not one of XI, XII, XIII, XIIII"),
             (('BAG', '--factor', '0.3'), 'class factor x: 0.3 is not 1, 2 or 5 x 10^k up to 2'),
-            (('BAG', '--max', '1', '--interval', '1'), 'name one of them'),
-            (('BAG', '--class', 'XIIII'), 'class factor x: 1 is not above 1, for XIIII'),
+            (('BAG', '--max', '1', '--interval', '1'), 'give only one'),
+            (('BAG', '--class', 'XIIII'), 'class factor x of XIIII: 1 is not above 1'),
             (('BAG', '--class', 'XIIII', '--max', '1'), 'no verification scale interval for Max'),
             (('BAG', '--nominal', '20000'), '--nominal'),
             (('BAG', '--tuned', 'OUT'), '--tuned: nothing would be tuned'),
-            (('BAG', '--csv', 'OUT', '--json', 'OUT'), 'two of the outputs'),
+            (('BAG', '--csv', 'OUT', '--json', 'OUT'), 'is the path of two outputs'),
             (('BAG', '--html', '/no/such/folder/report.html'), 'there is no folder'),
         ],
     )
@@ -297,6 +299,6 @@ class TestEvaluation:
         self, bags: Bags, tmp_path: Path, refused: Refused
     ):
         other = bag_of(tmp_path, 'other', sample_rate=1000.0, count=3)
-        assert 'sampled at another rate' in refused(
+        assert 'the sample rate of these bags differs' in refused(
             'evaluate', bags['test'][0], '--train', other, '--estimator', 'mean'
         )

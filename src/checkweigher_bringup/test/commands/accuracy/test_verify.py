@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verifications of simulated machines from recorded steps: one that passes and one that fails."""
+"""Verifications of simulated machines from recorded steps, one of which passes and one fails."""
 
 from dataclasses import replace
 import hashlib
@@ -35,7 +35,7 @@ PARAMETERS = '/**/reject:\n  ros__parameters:\n    max_speed: 2.0\n'
 
 @pytest.fixture
 def plan(tmp_path: Path) -> Path:
-    """Plan of a verification with few passes."""
+    """Return the plan of a verification with few passes."""
     (tmp_path / 'line.yaml').write_text(PARAMETERS)
     path = tmp_path / 'plan.yaml'
     path.write_text(FEW)
@@ -43,14 +43,14 @@ def plan(tmp_path: Path) -> Path:
 
 
 def verify(plan: Path, bags: list[Path], output: Path, *more: object) -> tuple[int, dict[str, Any]]:
-    """Verify from bags, and return exit status and report."""
+    """Verify from bags, and return the exit status and the report."""
     parameters = plan.with_name('line.yaml')
     status = run('verify', plan, '--bags', *bags, '--params', parameters, '--output', output, *more)
     return status, json.loads((output / 'report.json').read_text())
 
 
 def run(*words: object) -> int:
-    """Run the command in this process; an error of it is not caught."""
+    """Run the command in this process without catching its errors."""
     return verify_command.run(build_parser().parse_args([str(word) for word in words]))
 
 
@@ -64,10 +64,10 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
     status, report = verify(plan, bags, tmp_path / 'out', '--audit', log)
     # Each step has passed, but with few weighings, and no zeroing was recorded.
     assert (status, report['verdict']) == (1, 'incomplete')
-    assert 'Step passes_60_small has 12 weighings, 60 are asked for.' in report['departures']
-    assert any('followed no zeroing' in each for each in report['departures'])
+    assert 'Step passes_60_small has 12 weighings, 60 are required.' in report['departures']
+    assert any('had no zeroing before it' in each for each in report['departures'])
     assert (
-        'The stream is of simulated S-1, the plan has load cell LC-1 and amplifier AD-1.'
+        'The samples are from simulated S-1, but the plan has load cell LC-1 and amplifier AD-1.'
         in (report['departures'])
     )
     assert not any('mass' in each for each in report['departures'])
@@ -200,10 +200,10 @@ def test_bags_that_are_of_no_one_procedure_are_refused(plan: Path, tmp_path: Pat
 def test_what_cannot_be_verified_is_one_line(plan: Path, tmp_path: Path):
     (recorded,) = record_steps(tmp_path / 'steps', PLAN, ('zero_1',))
     for words, message in (
-        (('verify', '--output', 'x'), 'a PLAN, or with --from BAG none'),
+        (('verify', '--output', 'x'), 'either PLAN or --from BAG'),
         (('verify', plan), '--output: must be given'),
-        (('verify', '--from', recorded, '--output', tmp_path / 'x'), 'holds no verification'),
-        (('verify', '--from', tmp_path, '--output', tmp_path / 'x'), 'holds no verification'),
+        (('verify', '--from', recorded, '--output', tmp_path / 'x'), 'contains no verification'),
+        (('verify', '--from', tmp_path, '--output', tmp_path / 'x'), 'contains no verification'),
         (('verify', tmp_path / 'none.yaml', '--output', tmp_path / 'x'), 'No such file'),
         (('verify', plan, '--output', tmp_path), 'exists already'),
         (('verify', plan, '--params', plan, '--output', tmp_path / 'x'), 'only with --bags'),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A machine's folder is restored as it was, from an archive that standard tools check."""
+"""Backup of a machine's folder in an archive that standard tools check, and its restore."""
 
 from collections.abc import Callable
 import json
@@ -72,7 +72,7 @@ def test_a_restored_folder_gives_the_same_masses_and_its_log_says_so(machine: Pa
     restored = tmp_path / 'elsewhere/lane1'
     done = run_here('restore', archive, '--folder', restored, '--who', 'ann')
     assert (done.returncode, done.stderr) == (0, '')
-    assert 'entry 3 says that it was restored' in done.stdout
+    assert 'entry 3 of the audit log, on this restore' in done.stdout
     assert masses(restored, tmp_path / 'after.csv') == weighed
     log = read_log(restored / 'audit.log')
     assert log.whole
@@ -157,8 +157,8 @@ def test_a_damaged_backup_is_refused_and_leaves_nothing(
 def test_nothing_is_overwritten(machine: Path, tmp_path: Path):
     archive = saved(machine)
     before = content(tmp_path)
-    assert 'has files already' in refused('restore', archive, '--folder', machine)
-    assert 'keep the backup in another place' in refused(
+    assert 'is not empty' in refused('restore', archive, '--folder', machine)
+    assert 'write the backup to another place' in refused(
         'backup', machine, '--output', machine / 'kept/backup.tar'
     )
     assert 'is not a folder' in refused('backup', tmp_path / 'no', '--output', tmp_path / 'x.tar')

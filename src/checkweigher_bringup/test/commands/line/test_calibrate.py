@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Static calibration in the terminal, on a line that runs and on a source that is opened."""
+"""Static calibration at the terminal, on a running line and on an opened source."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,7 +36,7 @@ POINTS = [CalibrationPoint(0.0, 1000.0, 3.0), CalibrationPoint(2.0, 5000.0, 4.0)
 
 
 class Scale:
-    """A scale that publishes what rests on it, at true time."""
+    """Scale that publishes its load in real time."""
 
     def __init__(self) -> None:
         self.mass = 0.0

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recording and listening to a running graph, each in a process of its own."""
+"""Commands `record` and `echo` on a running graph, each in its own process."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -38,7 +38,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Have a command running for as long as the block lasts."""
+    """Run a command for the duration of the block."""
     process = start_command(*arguments)
     try:
         yield process
@@ -74,10 +74,10 @@ def test_a_recording_of_a_replay_is_whole(bag: Path, rows: Rows, tmp_path: Path,
 
 
 def check_killed(line: Recording, folder: Path, moments: Sequence[int]) -> list[int]:
-    """Send a line, kill a recorder with SIGKILL at each moment, and weigh what it has left.
+    """Send a line, kill a recorder at each of the moments, and weigh the bag that it has left.
 
-    A moment is a number of events of the line: a recorder is killed when it has written so many,
-    while further ones come. Return for each the items that could be weighed afterwards.
+    A moment is a number of events: a recorder is killed when it has written this number, while
+    further events arrive. Returns the items that could be weighed, for each moment.
     """
     write_line(folder / 'line', line)
     events = list(line)
@@ -112,7 +112,7 @@ def check_killed(line: Recording, folder: Path, moments: Sequence[int]) -> list[
 
 
 class Feeder(Node):
-    """The driver of a line whose events come when the test wants them."""
+    """Driver of a line whose events the test sends."""
 
     def __init__(self, load_cell: LoadCell) -> None:
         super().__init__('feeder')
@@ -146,7 +146,7 @@ def written(folder: Path) -> int:
 
 
 def weigh(bag: Path, folder: Path) -> tuple[Path, str]:
-    """Weigh a bag and return the CSV and what was said on stderr."""
+    """Weigh a bag, and return the CSV and the text on stderr."""
     path = folder / f'{bag.name}.csv'
     done = run_command('weigh', bag, '--csv', path)
     assert done.returncode == 0, done.stderr
@@ -154,7 +154,7 @@ def weigh(bag: Path, folder: Path) -> tuple[Path, str]:
 
 
 def check_beginning(rows: list[dict[str, str]], whole: list[dict[str, str]], count: int) -> None:
-    """Check that rows are the first `count` of the whole line, and then what was on the belt."""
+    """Check that the first `count` rows are those of the whole line, and then the last items."""
     assert all('StreamEnded' in row['reasons'] for row in rows[count:])
     assert all(not row['mass_g'] and row['decision'] == 'FAULT' for row in rows[count:])
     assert len(rows) - count <= 2

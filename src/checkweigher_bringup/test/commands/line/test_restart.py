@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`run --folder`: product, batch, counts and limits go on when the line is killed at any moment."""
+"""Line of `run --folder`, which keeps product, batch, counts and limits when it is killed."""
 
 from contextlib import suppress
 import os
@@ -31,7 +31,7 @@ products:
 
 
 class Operator:
-    """An operator who selects products and begins batches, and knows what should go on."""
+    """Operator who selects products and begins batches, and knows the expected state."""
 
     def __init__(self, line: SupervisedLine) -> None:
         self._line = line
@@ -54,7 +54,7 @@ class Operator:
         self._ask(NewBatch, 'new_batch', lambda new: new.batch == name, batch=name)
 
     def _ask(self, kind: Any, service: str, wanted: Any, **request: str) -> None:
-        """Call a service until it has its effect: a line that was killed takes no call."""
+        """Call a service until it has its effect, because a killed line accepts no call."""
         client = self._line.listener.create_client(kind, service)
         wait_for(client.service_is_ready)
         for _ in range(20):
@@ -85,7 +85,7 @@ class Operator:
         assert limits_of(self.known) == limits_of(before)
 
     def kills_in_alarms(self) -> int:
-        """Return how often the line ended without being stopped, and acknowledge all alarms."""
+        """Acknowledge all alarms, and return how often the line ended without a stop."""
         alarms = heard(self._line.listener, ports.ALARMS, latched=True)
         (_, first) = alarms.get(timeout=PATIENCE)
         call(self._line.listener, Trigger, ports.ACKNOWLEDGE_ALARMS)
@@ -94,7 +94,7 @@ class Operator:
         return sum(each.count for each in first.alarms if each.reason == 'product')
 
     def check_verdicts(self) -> None:
-        """Check that what was accepted is within the limits, and that the counts went on."""
+        """Check that accepted items are within the limits, and that the counts continue."""
         with suppress(queue.Empty):
             while True:
                 self._check(self._line.verdicts.get_nowait()[1])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`run` with real processes: what is killed or hangs comes back, and no item goes unjudged."""
+"""Command `run`, which restarts processes that are killed or hang, so that no verdict is lost."""
 
 from collections.abc import Iterator
 import os

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The users of the page, on the command line."""
+"""Command `user` for the users of the page."""
 
 from concurrent.futures import ThreadPoolExecutor
 from io import StringIO

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command batch as a user runs it: on a bag, on its CSV, and on what it cannot use."""
+"""Command `batch` on a bag, a CSV file, a record, and files that it cannot use."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_a_record_is_trusted_as_far_as_the_log_of_the_machine_vouches_for_it(tmp
     elsewhere = tmp_path / 'elsewhere' / 'L1.jsonl'
     elsewhere.parent.mkdir()
     elsewhere.write_bytes(record.read_bytes())
-    assert 'there is no audit log to compare it with' in report(elsewhere, 1)
+    assert 'there is no audit log to compare the record with' in report(elsewhere, 1)
     assert report(elsewhere, 0, '--log', log) == said
     pages = []
     for path in (record, elsewhere):
@@ -85,12 +85,12 @@ def test_what_is_no_batch_is_one_line_and_status_2(tmp_path: Path):
     same = tmp_path / '..' / tmp_path.name / 'b'
     for arguments, complaint in (
         ((bag,), 'which product? Give --nominal, or --recipes and --product'),
-        ((bag, '--recipes', RECIPES), '--recipes and --product belong together'),
+        ((bag, '--recipes', RECIPES), '--recipes and --product must be given together'),
         ((record,), 'L1.jsonl:1: is no line of the record of a batch'),
         (
             (bag, '--nominal', 130, '--html', record.parent / 'b', '--json', same),
             '--html and --json: both are',
         ),
-        ((record, '--nominal', 100), '--nominal: the record of a batch has its product'),
+        ((record, '--nominal', 100), '--nominal: not with a record of a batch'),
     ):
         assert complaint in refused('batch', *arguments)

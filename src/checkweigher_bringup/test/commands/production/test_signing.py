@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Signatures on a batch, and the check of a whole folder, as a user makes and forges them."""
+"""Command `sign`, and the check of a folder with `audit --all` after forgeries."""
 
 from dataclasses import replace
 import hashlib
@@ -32,8 +32,8 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     users = {name: User(name, role, hashes[name]) for name, role in roles.items()}
     write_users(folder / 'users', users)
     for who, meaning, password, status, said in (
-        ('anna', 'release', '', 1, '2 persons must have signed, not 1'),
-        ('ben', 'release', '', 2, 'no user ben with the role technician'),
+        ('anna', 'release', '', 1, '2 persons must have signed, but only 1 did'),
+        ('ben', 'release', '', 2, 'no user ben with at least the role tech'),
         ('ben', 'review', 'wrong', 1, 'ben: the password is wrong; nothing was signed'),
         ('ben', 'review', '', 0, 'review of batch L1 signed by ben'),
         ('anna', 'release', '', 0, 'release of batch L1 signed by anna'),
@@ -45,7 +45,7 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_verification(machine: Path) -> None:
-    """Write a bag, and the entry that the line makes for the report of its verification."""
+    """Write a bag, and the audit log entry of the line on the report of its verification."""
     own = machine / 'verifications/v1'
     (own / 'bag').mkdir(parents=True)
     for name in ('bag/line_0.mcap', 'bag/metadata.yaml', 'report.json'):
@@ -148,7 +148,7 @@ FORGERIES = {
     ),
     'unlisted': (
         lambda f: shutil.copyfile(f / 'machine/batches/L1.jsonl', f / 'machine/batches/L2.jsonl'),
-        "L2.jsonl: it is the record of batch 'L1', so it has the name of another one",
+        "L2.jsonl: it is the record of batch 'L1', but has the name of another record",
     ),
     'bag': (
         lambda f: edit('verifications/v1/bag/line_0.mcap', b'l', b'L', f),

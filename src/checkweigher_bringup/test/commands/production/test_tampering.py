@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""`audit` seals a log, and tells each way of tampering with it: docs/records.md."""
+"""Command `audit`, which seals a log and finds each kind of tampering (docs/records.md)."""
 
 from collections.abc import Callable
 import json
@@ -42,7 +42,7 @@ def replaced(old: bytes, new: bytes) -> Forge:
 
 
 def reordered(*order: int) -> Forge:
-    """Return what leaves the lines of these numbers, in this order."""
+    """Return a function that keeps only the lines with these numbers, in this order."""
     return lambda log: log.write_bytes(b''.join(lines(log)[number] for number in order))
 
 
@@ -121,11 +121,11 @@ def test_each_way_is_told(
 
 @pytest.mark.parametrize('noted', ['', ' ', '1234', 'g' * 64])
 def test_a_noted_hash_that_is_none_is_refused(sealed: Path, noted: str):
-    assert 'is no hash of an entry' in refused('audit', sealed / 'audit.log', '--hash', noted)
+    assert 'is not the hash of an entry' in refused('audit', sealed / 'audit.log', '--hash', noted)
 
 
 def test_a_second_writer_is_refused_and_costs_no_entry(tmp_path: Path):
-    """The second writer is refused; the first one goes on as if it had not been there."""
+    """Check that a second writer is refused, and that the first one continues unaffected."""
     log = tmp_path / 'audit.log'
     write(log, 0.14)
     program = (
@@ -177,7 +177,7 @@ def test_a_log_is_sealed_and_checked_by_its_seals(tmp_path: Path):
     beside.write_bytes(key.read_bytes())
     done = run_here('audit', log, '--seal', beside, '--seals', seals)
     assert done.returncode == 2
-    assert 'lies in the folder of the log' in done.stderr
+    assert 'the key is in the folder of the log' in done.stderr
 
 
 def test_no_text_of_a_log_reaches_the_terminal_as_it_is(tmp_path: Path):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `keep` as a user runs it."""
+"""Command `keep`."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from running import BAGS, read_rows
 
 
 def row_of(bag: Path, item: int, table: Path) -> dict[str, str]:
-    """Return what `weigh` says of an item."""
+    """Return the row of an item in the output of `weigh`."""
     assert run_here('weigh', bag, '--csv', table).returncode == 0
     return next(row for row in read_rows(table) if row['item_id'] == str(item))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph over real DDS against the offline path: the same rows to the last bit."""
+"""Replay by the graph over real DDS, with the same rows as offline to the last bit."""
 
 from pathlib import Path
 import subprocess
@@ -20,7 +20,7 @@ from checkweigher_recording.bags.reading import read_bag
 
 @pytest.fixture(scope='module')
 def faulty_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a bag in which every second item cannot be weighed, each for another reason."""
+    """Return a bag in which every second item cannot be weighed, for different reasons."""
     line = simulated(speed=1.0, count=12)
     edges = [edges_of(line, item) for item in range(12)]
     lost = (edges[1]['t2'], edges[3]['t3'], edges[9]['t1'], edges[10]['t4'], edges[11]['t3'])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One bag as ever; any number of bags: a file each, a summary, resumed, broken ones passed over."""
+"""Command `weigh` for one bag and for many bags, which is resumed and skips broken bags."""
 
 from collections.abc import Callable
 from functools import partial
@@ -76,19 +76,19 @@ def test_what_is_there_is_kept_as_long_as_bag_and_parameters_are_the_same(
     times = {name: (tmp_path / 'results' / name).stat().st_mtime_ns for name in before}
 
     kept = weigh_here(*words)
-    assert kept.stdout.splitlines()[-1].endswith('50 items, 2 bags as before')
+    assert kept.stdout.splitlines()[-1].endswith('50 items, 2 bags unchanged')
     for name, written in times.items():
         assert (tmp_path / 'results' / name).stat().st_mtime_ns == written
 
     other = weigh_here(*words, '--estimator', 'mean')
-    assert 'as before' not in other.stdout
+    assert 'unchanged' not in other.stdout
     assert not set(digests(tmp_path / 'results').values()) & set(before.values())
 
     weigh_here(*words)
     shutil.rmtree(archive / 'may/paper_60')
     shutil.copytree(BAGS / 'paper_30', archive / 'may/paper_60')
     changed = weigh_here(*words)
-    assert changed.stdout.splitlines()[-1].endswith('50 items, 1 bag as before')
+    assert changed.stdout.splitlines()[-1].endswith('50 items, 1 bag unchanged')
     after = digests(tmp_path / 'results')
     assert after['archive/june/paper_90.parquet'] == before['archive/june/paper_90.parquet']
     assert after['archive/may/paper_60.parquet'] != before['archive/may/paper_60.parquet']
@@ -102,9 +102,9 @@ def test_a_broken_bag_is_told_in_a_line_and_passed_over(archive: Path, tmp_path:
 
     (line,) = done.stderr.splitlines()
     assert line.startswith(f'{broken}: cut off')
-    assert line.endswith('; passed over')
+    assert line.endswith('; skipped')
     assert done.returncode == 1
-    assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag passed over')
+    assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag skipped')
     assert list(digests(tmp_path / 'results')) == ['archive/june/paper_90.parquet']
     good, bad = read_rows(tmp_path / 'results/summary.csv')
     assert (good['problem'], good['items']) == ('', '25')
@@ -120,9 +120,9 @@ def test_a_place_without_bags_is_a_row_of_the_summary(archive: Path, tmp_path: P
 
     assert done.returncode == 1
     empty, unreachable = sorted(done.stderr.splitlines())
-    assert empty == f'{tmp_path}/empty: no bag in this folder; passed over'
+    assert empty == f'{tmp_path}/empty: no bag in this folder; skipped'
     assert unreachable.startswith(f'{url}: cannot be read: Cannot connect')
-    assert done.stdout.splitlines()[-1].endswith('50 items, 2 bags passed over')
+    assert done.stdout.splitlines()[-1].endswith('50 items, 2 bags skipped')
     rows = read_rows(tmp_path / 'results/summary.csv')
     assert [bool(row['problem']) for row in rows] == [True, False, False, True]
 
@@ -139,7 +139,7 @@ def test_results_of_a_bag_that_is_broken_now_go_and_those_of_one_out_of_reach_st
 
     done = weigh_here(*words)
 
-    assert done.stdout.splitlines()[-1].endswith('0 items, 2 bags passed over')
+    assert done.stdout.splitlines()[-1].endswith('0 items, 2 bags skipped')
     assert list(digests(tmp_path / 'results')) == ['paper_90.parquet']
 
 
@@ -158,7 +158,7 @@ def many_bags(folder: Path, count: int) -> Path:
 
 
 def begun(bags: str, output: Path) -> subprocess.Popen[str]:
-    """Begin to weigh bags on two processes; return when the first one is done."""
+    """Begin to weigh bags in two processes, and return when the first bag is done."""
     process = start_command('weigh', bags, '--output', output, '--jobs', 2)
     assert process.stdout is not None
     assert process.stdout.readline().startswith('1 of ')
@@ -170,7 +170,7 @@ Copies = Callable[[], list[Path]]
 
 @pytest.fixture
 def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Copies:
-    """Return a function that lists the copies of bags that commands keep for a while."""
+    """Return a function that lists the temporary copies of bags."""
     temporary = tmp_path / 'temporary'
     temporary.mkdir()
     monkeypatch.setenv('TMPDIR', str(temporary))
@@ -192,7 +192,7 @@ def test_what_was_broken_off_is_resumed(tmp_path: Path, copies: Copies):
     done = weigh_here(f'file://{bags}', '--output', results)
 
     assert done.stdout.splitlines()[-1].endswith(
-        f'{12 * 120} items, {len(there)} bag{"s" * (len(there) > 1)} as before'
+        f'{12 * 120} items, {len(there)} bag{"s" * (len(there) > 1)} unchanged'
     )
     assert len(set(digests(results).values())) == 1
 
@@ -224,10 +224,10 @@ def test_a_bag_that_kills_its_process_is_a_row_of_the_summary(
 
     assert done.stderr.splitlines() == [
         f'{bags}/deadly: not weighed: the job killed its worker, and again when it was tried '
-        'alone, perhaps for lack of memory; passed over'
+        'alone, perhaps for lack of memory; skipped'
     ]
     assert done.returncode == 1
-    assert done.stdout.splitlines()[-1].endswith(f'{3 * 120} items, 1 bag passed over')
+    assert done.stdout.splitlines()[-1].endswith(f'{3 * 120} items, 1 bag skipped')
     assert len(digests(results)) == 3
     assert [row['bag'] for row in read_rows(results / 'summary.csv') if row['problem']] == [
         f'{bags}/deadly'
@@ -263,7 +263,7 @@ def test_bags_of_a_web_server_have_the_same_bits(archive: Path, tmp_path: Path):
     [
         (['bag', 'none'], 'several bags: add --output DIR'),
         (['empty'], 'empty: no bag in this folder'),
-        (['bag', '--jobs', '2'], '--jobs, --scheduler: of --output DIR'),
+        (['bag', '--jobs', '2'], '--jobs, --scheduler: only with --output DIR'),
         (['bag', '--csv', 'x.csv', '--output', 'results'], '--csv: of one bag'),
         (['bag', '--output', 'file'], 'file: cannot be written: File exists'),
         (['bag', '--output', 'none/results'], 'none/results: cannot be written: No such file'),

@@ -14,6 +14,8 @@ from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkov
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksi
 from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import Learned
+from checkweigher_dsp.estimation.estimators.lms_notch import LmsNotch
+from checkweigher_dsp.estimation.estimators.tvlp_mf import TvlpMf
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
 # The estimators are sorted from simple to complex. The command `tune` selects a simpler estimator
@@ -30,3 +32,6 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     'gauss_markov': GaussMarkov,
     'learned': Learned,
 }
+# Methods of the literature that only the command `evaluate` has, for comparison with the others.
+REFERENCES: dict[str, type[Estimator]] = {'tvlp_mf': TvlpMf, 'lms_notch': LmsNotch}
+METHODS = ESTIMATORS | REFERENCES

@@ -63,7 +63,7 @@ class Tvlpf(Average):
 
     parameters = TvlpfParameters()
     look = PlotStyle('TVLPF', '^', '#c98500', '#e8ac2f')
-    axes = (
+    axes: ClassVar[tuple[Axis, ...]] = (
         Axis('sections', 2, 4, 2, whole=True),
         Axis('initial_cutoff', 2.0, 400.0, 50.0, logarithmic=True),
         Axis('final_cutoff', 0.1, 30.0, 3.0, logarithmic=True),
@@ -72,16 +72,20 @@ class Tvlpf(Average):
 
     def average(self, samples: Array, window: WeighWindow) -> float:
         """Return the output of the filter at t3."""
-        known, speed, count = self.parameters, window.belt_speed, len(samples)
-        weights = lowpass_weights(
-            count,
+        count = len(samples)
+        weights = lowpass_weights(count, *self.settings(window, count))
+        return float(np.add.reduce(samples * weights))
+
+    def settings(self, window: WeighWindow, count: int) -> tuple[int, float, float, float, float]:
+        """Return the parameters of the filter after `count` for a window of `count` samples."""
+        known, speed = self.parameters, window.belt_speed
+        return (
             max(1, round(known.at('sections', speed))),
             known.at('initial_cutoff', speed),
             known.at('final_cutoff', speed),
             0.5 ** (1 / (known.at('half_life', speed) * count)),
             window.sample_rate,
         )
-        return float(np.add.reduce(samples * weights))
 
 
 @lru_cache(maxsize=256)

@@ -1,0 +1,104 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What an operator may do to a simulated machine, to its belt and to its photo-eyes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+from checkweigher_core.parameters import Parameters, parameter
+from checkweigher_core.records import Eye
+from checkweigher_recording.simulation.belt_travel import Pass
+
+CAPACITY = 7.2  # capacity of the load cell in kg
+_HEAVIEST = 2 * CAPACITY
+_FLICKERS = 6  # switches of a dirty eye at each edge
+_FLICKER = 0.002  # time between two of them in s
+
+
+def _place(eye: str) -> float:
+    text = f'displacement of the {eye} eye along the belt'
+    found: float = parameter(0.0, text, unit='m', minimum=-0.1, maximum=0.1)
+    return found
+
+
+def _is_dirty(eye: str) -> bool:
+    text = f'whether the {eye} eye is dirty, so that it switches {1 + _FLICKERS} times at each edge'
+    found: bool = parameter(False, text)
+    return found
+
+
+def _is_dead(eye: str) -> bool:
+    found: bool = parameter(False, f'whether the {eye} eye does not switch')
+    return found
+
+
+@dataclass(frozen=True)
+class OperationParameters(Parameters):
+    """Parameters of a simulated machine that an operator may change while it runs."""
+
+    node: ClassVar[str] = 'simulator.now'
+
+    feed: bool = parameter(True, 'whether products enter the belt')
+    speed: float = parameter(
+        0.0, 'belt speed; 0 selects simulator.speed', unit='m/s', minimum=0.0, maximum=5.0
+    )
+    mass: float = parameter(
+        0.0, 'product mass; 0 selects simulator.masses', unit='kg', minimum=0.0, maximum=_HEAVIEST
+    )
+    gap: float = parameter(
+        0.0,
+        'free belt between two products; 0 selects simulator.spacing',
+        unit='m',
+        minimum=0.0,
+        maximum=10.0,
+    )
+    load: float = parameter(
+        0.0, 'mass that rests on the belt', unit='kg', minimum=0.0, maximum=_HEAVIEST
+    )
+    zero: float = parameter(0.0, 'shift of the zero', unit='kg', minimum=-1.0, maximum=1.0)
+    put: int = parameter(
+        0,
+        'number of products put on the infeed by hand; each increase puts more, also without feed',
+        minimum=0,
+        maximum=1_000_000,
+    )
+    put_mass: float = parameter(
+        0.0,
+        'mass of a product put by hand; 0 selects that of the other products',
+        unit='kg',
+        minimum=0.0,
+        maximum=_HEAVIEST,
+    )
+    infeed_place: float = _place('infeed')
+    infeed_dirty: bool = _is_dirty('infeed')
+    infeed_dead: bool = _is_dead('infeed')
+    outfeed_place: float = _place('outfeed')
+    outfeed_dirty: bool = _is_dirty('outfeed')
+    outfeed_dead: bool = _is_dead('outfeed')
+    kill: bool = parameter(
+        False, 'true kills the process of the driver, as the operating system would'
+    )
+
+    @property
+    def lead(self) -> float:
+        """Distance in m by which an eye sees a product before it reaches the end of the belt."""
+        return max(0.0, -self.infeed_place, -self.outfeed_place)
+
+    def switches(self, entry: Pass) -> Iterator[tuple[float, Eye, bool]]:
+        """Yield time in s, eye and new state of each switch of the eyes for a product."""
+        speed = entry.length / (entry.t2 - entry.t1)
+        for eye, times, place, dirty, dead in (
+            (
+                Eye.INFEED, (entry.t1, entry.t2),
+                self.infeed_place, self.infeed_dirty, self.infeed_dead,
+            ),
+            (
+                Eye.OUTFEED, (entry.t3, entry.t4),
+                self.outfeed_place, self.outfeed_dirty, self.outfeed_dead,
+            ),
+        ):  # fmt: skip
+            for time, blocked in zip(times, (True, False), strict=True):
+                for number in range(0 if dead else 1 + _FLICKERS * dirty):
+                    late = place / speed if place else 0.0
+                    yield time + late + number * _FLICKER, eye, blocked ^ (number % 2 == 1)

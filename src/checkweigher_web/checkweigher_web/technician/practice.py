@@ -1,0 +1,265 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""View of a simulated machine to practise on: the line from above, with faults to make."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from nicegui import background_tasks, ui
+
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import GRAMS
+from checkweigher_recording.simulation.operation import OperationParameters
+from checkweigher_web.access.users import Role
+from checkweigher_web.lane import Lane
+from checkweigher_web.shift import Shift
+from checkweigher_web.views.view import View
+from checkweigher_web.work import actions
+from checkweigher_web.work.dialogs import Desk, field, number_in
+from checkweigher_web.work.services import ActionRefusedError, Outcome
+
+_MM, _PER_MINUTE = 1000.0, 60.0
+_REASON = 'practice'  # reason in the audit log
+_TEXT = (
+    'Make a fault, and find it on this page. A change takes up to two seconds. It holds until it '
+    'is taken back, or until the driver is started again. An empty field is as configured.'
+)
+_FARTHEST = 60  # largest displacement of an eye in mm
+# Numbers: parameter, label, unit, and factor from the parameter to the unit.
+_NUMBERS = (
+    ('speed', 'Belt speed', 'm/min', _PER_MINUTE),
+    ('mass', 'Mass of each product', 'g', GRAMS),
+    ('gap', 'Gap between products', 'mm', _MM),
+    ('load', 'Mass that lies on the belt', 'g', GRAMS),
+    ('zero', 'The zero has drifted by', 'g', GRAMS),
+)
+_EYES = 'infeed', 'outfeed'
+
+
+class Practice:
+    """Access of a technician to the settings of a simulated machine."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+
+    async def now(self) -> OperationParameters | None:
+        """Return the settings of the machine, or None if it is not simulated or does not answer."""
+        try:
+            return await actions.operation(await self._desk.services())
+        except ActionRefusedError:
+            return None
+
+    async def set(self, **values: object) -> Outcome:
+        """Change settings of the machine."""
+        what = ', '.join(f'{name} {value}' for name, value in values.items())
+        act = partial(actions.operate, await self._desk.services(), values)
+        return await self._desk.perform(Role.TECHNICIAN, f'simulated machine: {what}', act, _REASON)
+
+
+class PracticeView(View):
+    """The simulated machine from above, for technicians. A real machine does not have it."""
+
+    title = 'Practice: the simulated machine from above'
+    columns = 2, 12
+    recorded = False
+
+    def _build(self) -> None:
+        self._now = OperationParameters()
+        self._waiting = False  # whether the controls show a change that is not set yet
+        with ui.element('div').classes('machine') as self._machine:
+            ui.label(_TEXT).classes('about')
+            self._picture = ui.html('', sanitize=False)
+            with ui.element('div').classes('form'):
+                self._numbers = {each[0]: self._number(*each) for each in _NUMBERS}
+            with ui.element('div').classes('form'):
+                self._eyes = {name: _EyeControls(name, self._change) for name in _EYES}
+            with ui.element('div').classes('in-a-row'):
+                self._feed = ui.switch('Products come', on_change=self._set_feed)
+                self._put_mass = field('Mass of one product', unit='g')
+                for text, click in (
+                    ('Put it on the belt', self._put),
+                    ('Kill the driver', self._kill),
+                    ('All as configured', self._restore),
+                ):
+                    ui.button(text, on_click=click).props('outline')
+            self._result = ui.label('').props('role=status')
+        self._machine.set_visibility(False)
+
+    def _number(self, name: str, label: str, unit: str, factor: float) -> ui.input:
+        given = field(label, unit=unit).props('debounce=800')
+        given.on_value_change(partial(self._set_number, name, factor))
+        return given
+
+    def _state(self) -> object:
+        return self.lane.load_cell  # A driver that starts again has its settings as configured.
+
+    def _show(self) -> None:
+        if self.look.practice is not None and is_simulated(self.lane):
+            background_tasks.create(self._read())
+
+    async def _read(self) -> None:
+        assert self.look.practice is not None
+        now = await self.look.practice.now()
+        if self._machine.is_deleted:
+            return
+        self._machine.set_visibility(now is not None)
+        if now is not None:
+            self._show_settings(now)
+
+    def _show_settings(self, now: OperationParameters) -> None:
+        self._now = now
+        for name, _, _, factor in _NUMBERS:
+            value = getattr(now, name)
+            self._numbers[name].set_value(f'{round(factor * value, 6):g}' if value else '')
+        for eye in self._eyes.values():
+            eye.show(now)
+        self._feed.set_value(now.feed)
+        self._picture.set_content(picture(now))
+
+    async def _set_number(self, name: str, factor: float) -> None:
+        try:
+            value = number_in(self._numbers[name], empty=0.0) / factor
+        except ActionRefusedError as error:
+            self._tell(Outcome(False, str(error)))
+            return
+        await self._change(**{name: round(value, 9)})
+
+    async def _set_feed(self) -> None:
+        await self._change(feed=bool(self._feed.value))
+
+    async def _put(self) -> None:
+        try:
+            mass = number_in(self._put_mass, empty=0.0) / GRAMS
+        except ActionRefusedError as error:
+            self._tell(Outcome(False, str(error)))
+            return
+        await self._change(put=self._now.put + 1, put_mass=mass)
+
+    async def _kill(self) -> None:
+        await self._change(kill=True)
+
+    async def _restore(self) -> None:
+        await self._change(**OperationParameters(put=self._now.put).as_mapping())
+
+    async def _change(self, **values: Any) -> None:
+        """Set those values that differ from the present ones."""
+        new = {name: value for name, value in values.items() if value != getattr(self._now, name)}
+        if not new or self.look.practice is None:
+            return
+        try:
+            wanted = replace(self._now, **new)
+        except ParameterError as error:
+            outcome = Outcome(False, str(error))
+        else:
+            outcome = await self.look.practice.set(**new)
+        if outcome.done:
+            self._show_settings(replace(wanted, kill=False))
+        self._tell(outcome)
+
+    def _tell(self, outcome: Outcome) -> None:
+        self._result.set_text(f'{"✓" if outcome.done else "✗ not done:"} {outcome.text}')
+
+
+class _EyeControls:
+    """Controls of one photo-eye: its place, its lens and its cable."""
+
+    def __init__(self, name: str, change: Callable[..., Any]) -> None:
+        self._name, self._change = name, change
+        with ui.element('div').classes('eye'):
+            ui.label(f'{name.capitalize()} eye')
+            self._place = ui.slider(min=-_FARTHEST, max=_FARTHEST, step=5, value=0)
+            self._place.props(f'label aria-label="Place of the {name} eye in mm"')
+            self._place.on('change', self._set_place)
+            with ui.element('div').classes('in-a-row'):
+                self._dirty = ui.switch('dirty', on_change=self._set_lens)
+                self._dead = ui.switch('cable off', on_change=self._set_lens)
+
+    async def _set_place(self) -> None:
+        await self._change(**{f'{self._name}_place': self._place.value / _MM})
+
+    async def _set_lens(self) -> None:
+        dirty, dead = bool(self._dirty.value), bool(self._dead.value)
+        await self._change(**{f'{self._name}_dirty': dirty, f'{self._name}_dead': dead})
+
+    def show(self, now: OperationParameters) -> None:
+        """Show the settings of the eye."""
+        self._place.set_value(round(_MM * getattr(now, f'{self._name}_place')))
+        self._dirty.set_value(getattr(now, f'{self._name}_dirty'))
+        self._dead.set_value(getattr(now, f'{self._name}_dead'))
+
+
+def is_simulated(lane: Lane | Shift) -> bool:
+    """Return whether the samples of a lane are simulated."""
+    return lane.load_cell is not None and lane.load_cell.model == 'simulated'
+
+
+# The picture: infeed belt, weigh belt and outfeed belt from left to right. Lengths in px.
+_WIDTH, _HEIGHT, _BEGIN, _END, _TOP, _BOTTOM = 720, 190, 260, 460, 60, 130
+_SCALE = 1000.0  # px per m of an eye's displacement, which is drawn larger than it is
+
+
+@dataclass(frozen=True)
+class _Box:
+    """Rectangle of the picture."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    kind: str
+
+    def __str__(self) -> str:
+        return (
+            f'<rect class="{self.kind}" x="{self.x:g}" y="{self.y:g}" width="{self.width:g}" '
+            f'height="{self.height:g}"/>'
+        )
+
+
+def picture(now: OperationParameters) -> str:
+    """Return the line from above as SVG, with products, load and eyes as they are set."""
+    length, belt = 46, _BOTTOM - _TOP
+    parts = [
+        str(_Box(begin, _TOP, end - begin - 6, belt, kind))
+        for begin, end, kind in (
+            (0, _BEGIN, 'belt'),
+            (_BEGIN, _END, 'belt weighs'),
+            (_END, _WIDTH, 'belt'),
+        )
+    ]
+    gap = min(_SCALE * now.gap, 300) if now.gap else 90
+    places = [x for k in range(3) if (x := _BEGIN - 40 - length - k * (length + gap)) >= 0]
+    parts += [str(_Box(x, _TOP + 15, length, belt - 30, 'product')) for x in places if now.feed]
+    middle = (_BEGIN + _END) / 2
+    if now.load:
+        parts.append(f'<circle class="load" cx="{middle}" cy="{_TOP + 35}" r="12"/>')
+        parts.append(_text(middle, _BOTTOM + 50, f'{GRAMS * now.load:g} g on the belt'))
+    if now.zero:
+        parts.append(_text(middle, _BOTTOM + 30, f'zero off by {GRAMS * now.zero:g} g'))
+    if not now.feed:
+        parts.append(_text(_BEGIN / 2, (_TOP + _BOTTOM) / 2, 'no products come'))
+    parts += [_eye(now, 'infeed', _BEGIN), _eye(now, 'outfeed', _END)]
+    return (
+        f'<svg class="line" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
+        f'aria-label="the line from above">{"".join(parts)}</svg>'
+    )
+
+
+def _eye(now: OperationParameters, name: str, place: float) -> str:
+    dirty, dead = getattr(now, f'{name}_dirty'), getattr(now, f'{name}_dead')
+    moved = getattr(now, f'{name}_place')
+    x = place + _SCALE * moved
+    state = 'cable off' if dead else 'dirty' if dirty else ''
+    moved_by = f'{_MM * moved:+g} mm' if moved else ''
+    told = ', '.join(filter(None, (f'{name} eye', state, moved_by)))
+    kind = 'dead' if dead else 'dirty' if dirty else 'clean'
+    return (
+        f'<line class="beam {kind}" x1="{x:g}" y1="{_TOP - 18}" x2="{x:g}" y2="{_BOTTOM + 12}"/>'
+        f'<circle class="lens {kind}" cx="{x:g}" cy="{_TOP - 24}" r="8"/>'
+        + _text(place, _TOP - 40, told)
+    )
+
+
+def _text(x: float, y: float, text: str) -> str:
+    return f'<text x="{x:g}" y="{y:g}">{text}</text>'

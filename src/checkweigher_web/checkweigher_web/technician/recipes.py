@@ -1,0 +1,268 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Dialog with the recipes of a lane, which a technician edits, adds, removes and exchanges."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import json, ui
+
+from checkweigher_core.parameters import ParameterError, SettingsError, flatten
+from checkweigher_core.records import GRAMS
+from checkweigher_core.settings_files import read_settings
+from checkweigher_core.whole_file import OutputError
+from checkweigher_core.yaml_files import opened, yaml_text
+from checkweigher_production.recipes import (
+    RecipeFile,
+    change_recipe,
+    given_recipes,
+    replace_recipes,
+)
+from checkweigher_web.access.users import Role
+from checkweigher_web.elements import ItemList
+from checkweigher_web.work import actions
+from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number_in, reason_field
+from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
+
+Keys = dict[str, Any]  # keys of a recipe as the recipe file gives them
+
+_HEADS = 'product', 'nominal', 'limits', 'guard', 'length', 'speed'
+_TEXT = (
+    'Choose a recipe to change it, or fill in the fields for a new one. A change holds from the '
+    'next selection of the product. Comments in the file are lost with the first change.'
+)
+_REMOVE = 'The recipe leaves the file. A product that is on the line stays there.'
+_IMPORT = 'All recipes are replaced by those of the chosen file: {}.'
+_LARGEST = 256 * 1024  # maximum number of characters of a recipe file from a browser
+_READ = f'(event) => event.target.files[0]?.slice(0, {_LARGEST}).text().then(t => emit(t))'
+_MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """Field of the form: its key in a recipe, its place in a list, label and unit.
+
+    A number in the form is `factor` times that of the recipe.
+    """
+
+    key: str
+    label: str
+    unit: str
+    factor: float
+    place: int | None = None
+    words: tuple[str, ...] = ()  # values that are no numbers
+
+    def text(self, keys: Mapping[str, Any]) -> str:
+        """Return the text of the field for a recipe."""
+        value = _inner(keys, self.key)
+        if self.place is not None and isinstance(value, list):
+            value = value[self.place]
+        return value if isinstance(value, str) else '' if value is None else self.number(value)
+
+    def number(self, value: float) -> str:
+        """Return the text for a number of the recipe."""
+        return f'{round(self.factor * value, 6):g}'
+
+    def value(self, given: ui.input) -> float | str | None:
+        """Return the value for the recipe, or None for an empty field."""
+        text = str(given.value or '').strip()
+        if text.upper() in self.words:
+            return text.upper()
+        return round(number_in(given) / self.factor, 9) if text else None
+
+
+_ENTRIES = (
+    _Entry('nominal', 'Nominal mass of the contents', 'g', GRAMS),
+    _Entry('tare', 'Mass of the packaging', 'g', GRAMS),
+    _Entry('lower_limit', 'Lower limit, or TU1 or TU2', 'g', GRAMS, words=('TU1', 'TU2')),
+    _Entry('upper_limit', 'Upper limit', 'g', GRAMS),
+    _Entry('guard.risk', 'Guard band: risk', '%', _PERCENT),
+    _Entry('length', 'Shortest length', 'mm', _MM, 0),
+    _Entry('length', 'Longest length', 'mm', _MM, 1),
+    _Entry('speed', 'Slowest belt', 'm/min', _PER_MINUTE, 0),
+    _Entry('speed', 'Fastest belt', 'm/min', _PER_MINUTE, 1),
+)
+_OWN = {entry.key.partition('.')[0] for entry in _ENTRIES}
+
+
+async def recipes(desk: Desk, services: LaneServices) -> None:
+    """Show the recipes of a lane."""
+    RecipesDialog(desk, await actions.recipe_file(services)).show()
+
+
+class RecipesDialog(Dialog):
+    """Dialog with a table of recipes, and a form of the chosen one."""
+
+    def __init__(self, desk: Desk, path: Path) -> None:
+        super().__init__('Recipes', wide=True)
+        self._desk, self._path = desk, path
+        self._recipes: dict[str, Keys] = {}
+        self._imported = ''
+        with self.body:
+            ui.label(_TEXT)
+            with ui.element('div').classes('choices').props('tabindex=0 aria-label="recipes"'):
+                self._list = ItemList(_HEADS, self._choose, 'change recipe')
+            with ui.element('div').classes('form'):
+                self._name = field('Product')
+                self._fields = {each: field(each.label, unit=each.unit) for each in _ENTRIES}
+            self._more = ui.textarea('Further keys, as in the file').classes('plan')
+            self._more.props('outlined dense')
+            with ui.element('label').classes('in-a-row'):
+                ui.label('Recipes from a file')
+                ui.element('input').props('type=file aria-label="Recipes from a file"').on(
+                    'change', self._take_file, js_handler=_READ
+                )
+            self._reason = reason_field(desk)
+        self.button('Import', self._import)
+        self.button('Export', self._export)
+        self.button('Remove', self._remove)
+        self.button('Save', self._save)
+
+    def show(self) -> None:
+        """Read the recipe file, and show its recipes."""
+        try:
+            self._recipes = given_recipes(self._path)
+        except SettingsError as error:
+            self.tell(Outcome(False, str(error)))
+        self._list.show_text(json.dumps([row(*each) for each in self._recipes.items()]))
+
+    def _choose(self, name: str) -> None:
+        keys = self._recipes.get(name, {})
+        self._list.choose(name)
+        self._name.set_value(name)
+        for entry, shown in self._fields.items():
+            shown.set_value(entry.text(keys))
+        more = {key: value for key, value in keys.items() if key not in _OWN}
+        self._more.set_value(yaml_text(more) if more else '')
+
+    async def _save(self) -> None:
+        name, keys = str(self._name.value or '').strip(), self._keys()
+        if not name:
+            raise ActionRefusedError('Product: give a name')
+        what = f'recipe {name}: {changes(self._recipes.get(name), keys)}'
+        save = _done(partial(change_recipe, self._path, name, keys), f'recipe {name} is saved')
+        outcome = await self._desk.perform(
+            Role.TECHNICIAN, what, save, str(self._reason.value or '')
+        )
+        self.tell(outcome)
+        self.show()
+        self._list.choose(name)
+
+    def _keys(self) -> Keys:
+        """Return the keys of the recipe in the form, or raise `ActionRefusedError`."""
+        keys: Keys = {}
+        for entry, given in self._fields.items():
+            _put(keys, entry, entry.value(given))
+        for key in ('length', 'speed'):
+            if None in keys.get(key, ()):
+                raise ActionRefusedError(f'{key}: give both ends of the range, or none')
+        try:
+            with opened(str(self._more.value or '{}')) as more:
+                if not isinstance(more, dict) or _OWN & more.keys():
+                    raise SettingsError('write "key: value" lines of keys without a field')
+                return keys | more
+        except SettingsError as error:
+            raise ActionRefusedError(f'Further keys: {error}') from None
+
+    async def _remove(self) -> None:
+        name = str(self._name.value or '').strip()
+        if name not in self._recipes:
+            raise ActionRefusedError('choose a recipe first')
+        remove = partial(change_recipe, self._path, name, None)
+        self._confirm('Remove recipe', _REMOVE, f'recipe {name}: removed', remove)
+
+    def _confirm(self, title: str, text: str, what: str, change: partial[None]) -> None:
+        async def act() -> str:
+            said = await _done(change, what)()
+            self.show()
+            return said
+
+        verb = title.partition(' ')[0]
+        ask(self._desk, title, text, verb, lambda: (what, act), role=Role.TECHNICIAN)
+
+    def _take_file(self, event: Any) -> None:
+        self._imported = str(event.args)
+
+    async def _import(self) -> None:
+        if not self._imported:
+            raise ActionRefusedError('choose a file first')
+        if len(self._imported) >= _LARGEST:
+            raise ActionRefusedError('the file is too large for recipes')
+        try:
+            found = read_settings(self._imported, RecipeFile).products
+        except SettingsError as error:
+            raise ActionRefusedError(str(error)) from None
+        names = ', '.join(found)
+        change = partial(replace_recipes, self._path, self._imported)
+        self._confirm('Import recipes', _IMPORT.format(names), f'recipes imported: {names}', change)
+
+    async def _export(self) -> None:
+        try:
+            ui.download(self._path.read_bytes(), self._path.name)
+        except OSError as error:
+            raise ActionRefusedError(f'{self._path}: {error.strerror}') from None
+
+
+def _done(change: partial[None], said: str) -> Action:
+    """Return the action that changes the recipe file, with a text on its outcome."""
+
+    async def act() -> str:
+        try:
+            change()
+        except (ParameterError, OutputError) as error:
+            raise ActionRefusedError(actions.in_grams(str(error))) from None
+        return said
+
+    return act
+
+
+def _inner(keys: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a key such as ``guard.risk``, or None."""
+    outer, _, inner = key.partition('.')
+    value = keys.get(outer)
+    return value.get(inner) if inner and isinstance(value, dict) else value
+
+
+def _put(keys: Keys, entry: _Entry, value: float | str | None) -> None:
+    outer, _, inner = entry.key.partition('.')
+    if entry.place is not None:
+        keys.setdefault(outer, []).append(value)
+        if entry.place and keys[outer] == [None, None]:
+            del keys[outer]
+    elif value is not None:
+        keys[outer] = {inner: value} if inner else value
+
+
+def row(name: str, keys: Keys) -> list[str]:
+    """Return a row of the table, with the key of the row and its class before the cells."""
+    text = {entry: entry.text(keys) for entry in _ENTRIES}
+    nominal, _, lower, upper, guard, *ranges = _ENTRIES
+    limits = f'{text[lower] or "–"} … {text[upper] or "–"}' if text[lower] or text[upper] else ''
+    spans = [f'{text[a]} … {text[b]} {a.unit}' if text[a] else '–' for a, b in _pairs(ranges)]
+    return [
+        name,
+        name,
+        '',
+        f'{text[nominal]} g',
+        f'{limits} g' if limits else '–',
+        f'{text[guard]} %' if text[guard] else '–',
+        *spans,
+    ]
+
+
+def _pairs(ranges: list[_Entry]) -> list[tuple[_Entry, _Entry]]:
+    return list(zip(ranges[::2], ranges[1::2], strict=True))
+
+
+def changes(old: Keys | None, new: Keys) -> str:
+    """Return the changes of a recipe as one line, for the audit log."""
+    before, after = flatten(old or {}), flatten(new)
+    changed = (
+        f'{key} {before.get(key, "–")} → {after.get(key, "–")}'
+        for key in {**before, **after}
+        if before.get(key) != after.get(key)
+    )
+    return ', '.join(changed) or 'no change'

@@ -1,0 +1,134 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Dialog with the users of the page, whom a technician adds, changes and removes."""
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+
+from nicegui import json, ui
+
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.whole_file import OutputError
+from checkweigher_web.access import users as accounts
+from checkweigher_web.access.users import ROLES, Role
+from checkweigher_web.elements import ItemList
+from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, reason_field
+from checkweigher_web.work.services import ActionRefusedError, LaneServices
+
+_HEADS = 'name', 'role'
+_TEXT = (
+    'A viewer sees, an operator also works at the line, a technician also sets it up. A change '
+    'ends the sessions of that user.'
+)
+_REMOVE = 'The user may not log in any more.'
+_OWN = 'this is your own account: another technician has to do this'
+
+
+async def users(desk: Desk, services: LaneServices) -> None:
+    """Show the users of the page."""
+    UsersDialog(desk).show()
+
+
+class UsersDialog(Dialog):
+    """Dialog with a list of users, and a form to add or change one."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__('Users')
+        self._desk, self._path = desk, desk.users.path
+        with self.body:
+            ui.label(_TEXT)
+            with ui.element('div').classes('choices').props('tabindex=0 aria-label="users"'):
+                self._list = ItemList(_HEADS, self._choose, 'change user')
+            self._name = field('Name')
+            self._role = ui.select(list(ROLES), label='Role').props('outlined dense')
+            self._password, self._again = (
+                ui.input(label, password=True).props(
+                    'outlined dense maxlength=200 autocomplete=new-password'
+                )
+                for label in ('New password', 'The same again')
+            )
+            self._reason = reason_field(desk)
+        self.button('Remove', self._remove)
+        self.button('Set password', self._set_password)
+        self.button('Set role', self._set_role)
+        self.button('Add', self._add)
+
+    def show(self) -> None:
+        """Show the present users."""
+        known = self._desk.users.now().values()
+        rows = [[user.name, user.name, '', user.role.name.lower()] for user in known]
+        self._list.show_text(json.dumps(rows))
+
+    def _choose(self, name: str) -> None:
+        user = self._desk.users.find(name)
+        self._list.choose(name)
+        self._name.set_value(name)
+        self._role.set_value(user.role.name.lower() if user else None)
+
+    async def _add(self) -> None:
+        name, role = self._given_name(), self._given_role()
+        add = partial(accounts.add_user, self._path, name, role, self._given_password())
+        await self._perform(f'add user {name} as {role.name.lower()}', add)
+
+    async def _set_role(self) -> None:
+        name, role = self._of_other(), self._given_role()
+        change = partial(accounts.change_user, self._path, name, role=role)
+        await self._perform(f'user {name} becomes {role.name.lower()}', change)
+
+    async def _set_password(self) -> None:
+        name = self._given_name()
+        change = partial(accounts.change_user, self._path, name, password=self._given_password())
+        await self._perform(f'new password for user {name}', change)
+
+    async def _remove(self) -> None:
+        name = self._of_other()
+
+        async def act() -> str:
+            said = await _done(partial(accounts.remove_user, self._path, name), 'removed')()
+            self.show()
+            return said
+
+        what = f'remove user {name}'
+        ask(self._desk, 'Remove user', _REMOVE, 'Remove', lambda: (what, act), role=Role.TECHNICIAN)
+
+    async def _perform(self, what: str, change: Callable[[], None]) -> None:
+        reason = str(self._reason.value or '')
+        self.tell(await self._desk.perform(Role.TECHNICIAN, what, _done(change, what), reason))
+        self._password.set_value('')
+        self._again.set_value('')
+        self.show()
+
+    def _given_name(self) -> str:
+        name = str(self._name.value or '').strip()
+        if not name:
+            raise ActionRefusedError('Name: choose a user or give a name')
+        return accounts.account_name(name)
+
+    def _of_other(self) -> str:
+        if (name := self._given_name()) == self._desk.person:
+            raise ActionRefusedError(_OWN)
+        return name
+
+    def _given_role(self) -> Role:
+        if not self._role.value:
+            raise ActionRefusedError('Role: choose one')
+        return Role[str(self._role.value).upper()]
+
+    def _given_password(self) -> str:
+        if self._password.value != self._again.value:
+            raise ActionRefusedError('the two passwords differ')
+        return str(self._password.value or '')
+
+
+def _done(change: Callable[[], None], said: str) -> Action:
+    """Return the action that changes the file of the users, with a text on its outcome."""
+
+    async def act() -> str:
+        try:
+            await asyncio.to_thread(change)  # hashing a password takes 0.1 s
+        except (ParameterError, OutputError) as error:
+            raise ActionRefusedError(str(error)) from None
+        return f'done: {said}'
+
+    return act
