@@ -28,15 +28,19 @@ def signers_of(users: Path) -> dict[str, Signer]:
     }
 
 
+def records_in(source: Path) -> list[Path]:
+    """Return the paths of the records in a folder, or the path of a record itself."""
+    return sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
+
+
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
     """Yield the verdicts on an item in a record, or in all records in a folder.
 
     Each verdict has the hash of its line. Raises `LineError` if there is none, or if a record with
     one cannot be trusted.
     """
-    records = sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
     found, faults = 0, []
-    for record in records:
+    for record in records_in(source):
         # Most records of a folder are not read in full.
         if b'"item_id":%d,' % item not in record.read_bytes():
             continue

@@ -154,6 +154,10 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
     if arguments.tuned and REFERENCES.keys() >= set(arguments.estimator or ('all',)):
         raise UserError('--tuned: a line can use none of these estimators; add another one')
+    _check_outputs(arguments)
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
     outputs = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
     for path in outputs:
         check_output_file(path, arguments.overwrite)

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The header of each page, with the state of the lane, the user, the clock and the menu."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from nicegui import ui
 
 from checkweigher_core.health.findings import Level
 from checkweigher_core.printable import counted
+from checkweigher_core.ros.status_board import Row
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
 from checkweigher_web.elements import Pulse, heading, menu_entry
@@ -89,12 +90,15 @@ class _Facts:
         self._set(
             'alarms', counted(waiting, 'alarm') if waiting else 'no alarms', _level('', waiting)
         )
-        errors, warnings = (sum(row.level == level for row in nodes) for level in _LEVELS)
-        told = (counted(errors, 'error'), counted(warnings, 'warning'))
-        self._set('health', told[0] if errors else told[1], _level(errors, warnings))
-        self._labels['health'].set_visibility(bool(errors or warnings))
+        self._show_health(nodes)
         self.silence = silence(nodes)
         self.wakes = f'{lane.version} {waiting} {stop}'
+
+    def _show_health(self, nodes: Sequence[Row]) -> None:
+        errors, warnings = (sum(row.level == level for row in nodes) for level in _LEVELS)
+        told = counted(errors, 'error') if errors else counted(warnings, 'warning')
+        self._set('health', told, _level(errors, warnings))
+        self._labels['health'].set_visibility(bool(errors or warnings))
 
     def _set(self, name: str, text: str, level: str = '') -> None:
         label = self._labels[name]

@@ -5,7 +5,6 @@
 The security policy, the page and the docs use these tables.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 from checkweigher_core.ros import ports
@@ -66,10 +65,6 @@ class Action(NamedTuple):
     server: str  # node with the server
     callers: tuple[str, ...]  # nodes with clients
     text: str  # what is done
-
-    def below(self, names: Iterable[str]) -> set[str]:
-        """Return the relative names of services or topics of the action."""
-        return {f'{self.name}/_action/{name}' for name in names}
 
 
 # fmt: off

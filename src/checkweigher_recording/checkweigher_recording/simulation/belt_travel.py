@@ -180,14 +180,18 @@ class BeltTravel:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
-        mass = self._next_mass()  # the filler fills the product even if the mass is not used
-        mass = (self.by_hand.pop(0) if self.by_hand else 0.0) or self.mass or mass
+        mass = self._mass_of_product()
         # The products of a narrow gap are more than the pieces of travel, each with an impact.
         impact = self._impacts.popleft() if self._impacts else float(self._random.normal())
         self._planned += 1
         if self._complete():
             self.last_exit = t4
         return Pass(mass, t1, t2, t3, t4, entry, impact, length, number)
+
+    def _mass_of_product(self) -> float:
+        filled = self._next_mass()  # the filler fills the product even if the mass is not used
+        by_hand = self.by_hand.pop(0) if self.by_hand else 0.0
+        return by_hand or self.mass or filled
 
     def _extend(self) -> None:
         jitter, impact = self._random.standard_normal(2)

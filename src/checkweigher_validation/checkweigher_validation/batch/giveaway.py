@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Giveaway of accepted items in kg and in money, by shift, day or month of the local time."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, time, timedelta
 import math
 
 from checkweigher_core.records import NANOSECONDS, Decision
-from checkweigher_validation.batch.batch import Batch
+from checkweigher_production.recipes import Product
+from checkweigher_validation.batch.batch import Batch, BatchItem
 
 Period = Callable[[int], str]  # name of the period of a time in ns
 
@@ -59,14 +60,10 @@ def giveaway(batches: Iterable[Batch], period: Period, price: float = math.nan) 
     `price` is the price per kg of all products, or NaN to use those of the recipes.
     """
     found: dict[tuple[str, str, float], list[tuple[float, float]]] = {}
-    for batch in batches:
-        for part in batch.parts:
-            nominal, own = part.product.nominal, part.product.price
-            for item in part.items:
-                if item.decision is Decision.ACCEPT and math.isfinite(nominal):
-                    when = period(item.stamp) if item.stamp else 'no time'
-                    key = when, part.product.name, own if math.isnan(price) else price
-                    found.setdefault(key, []).append((nominal, item.mass - nominal))
+    for product, item in _accepted(batches):
+        when = period(item.stamp) if item.stamp else 'no time'
+        key = when, product.name, product.price if math.isnan(price) else price
+        found.setdefault(key, []).append((product.nominal, item.mass - product.nominal))
     return [
         Giveaway(
             when,
@@ -78,3 +75,11 @@ def giveaway(batches: Iterable[Batch], period: Period, price: float = math.nan) 
         )
         for (when, name, own), items in sorted(found.items(), key=lambda each: each[0][:2])
     ]
+
+
+def _accepted(batches: Iterable[Batch]) -> Iterator[tuple[Product, BatchItem]]:
+    """Yield each accepted item, with its product, of the products with a nominal mass."""
+    for part in (part for batch in batches for part in batch.parts):
+        if math.isfinite(part.product.nominal):
+            accepted = (item for item in part.items if item.decision is Decision.ACCEPT)
+            yield from ((part.product, item) for item in accepted)

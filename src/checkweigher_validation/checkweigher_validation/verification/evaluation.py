@@ -295,6 +295,11 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
     if procedure.changes is None:
         yield 'Parameters and audit log were not read again after the last step.'
     yield from procedure.changes or ()
+    yield from _step_departures(procedure, results)
+
+
+def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
+    """Yield a sentence for each step that had no zeroing, or was made several times."""
     zeroed = min((zero.stamp for zero in procedure.zeros), default=math.inf)
     for result in results:
         name, attempt = result.attempt.step.name, result.attempt

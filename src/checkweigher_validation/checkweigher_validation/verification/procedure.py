@@ -132,13 +132,11 @@ def read_procedure(path: Path) -> Procedure:
     recording = read_bag(path)
     passes = item_passes(found[ports.MASS_ESTIMATE.name], found[ports.VERDICT.name])
     steps = {step.name: step for step in steps_of(plan)}
-    attempts = []
-    for each in made:
-        if each.state not in (StepState.DONE, StepState.SKIPPED):
-            continue
-        if each.step not in steps:
-            raise BagError(f'{path}: its plan has no step {each.step!r}')
-        attempts.append(_attempt(steps[each.step], each, passes, recording))
+    ended = [each for each in made if each.state in (StepState.DONE, StepState.SKIPPED)]
+    if unknown := {each.step for each in ended} - steps.keys():
+        raise BagError(f'{path}: its plan has no step {min(unknown)!r}')
+    attempts = [_attempt(steps[each.step], each, passes, recording) for each in ended]
+    begun = [each.stamp for each in made if each.state == StepState.BEGUN]
     return Procedure(
         plan=plan,
         plan_text=texts[StepState.PLAN],
@@ -156,7 +154,7 @@ def read_procedure(path: Path) -> Procedure:
                 found[ports.VERDICT.name],
                 known,
                 plan.accuracy_class.interval,
-                [m.stamp for m in made if m.state == StepState.BEGUN and known['how'] == OF_BAGS],
+                begun if known['how'] == OF_BAGS else [],
             )
         ),
     )

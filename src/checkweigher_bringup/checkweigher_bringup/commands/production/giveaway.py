@@ -29,16 +29,12 @@ OPTIONS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the giveaway of each period. Return 1 if a record cannot be trusted, otherwise 0."""
+    from checkweigher_bringup.batch_report import records_in
     from checkweigher_core.printable import one_line
-    from checkweigher_production.batch_record import SUFFIX
     from checkweigher_validation.batch.batch import read_recorded
     from checkweigher_validation.batch.giveaway import giveaway
 
-    paths = [
-        each
-        for given in arguments.records
-        for each in (sorted(given.glob(f'*{SUFFIX}')) if given.is_dir() else [given])
-    ]
+    paths = [path for source in arguments.records for path in records_in(source)]
     if not paths:
         raise UserError('there is no record of a batch')
     period = _period(arguments)

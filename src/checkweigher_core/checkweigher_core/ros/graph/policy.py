@@ -76,29 +76,32 @@ class Rights:
 
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node in the namespace `lane`."""
-    publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     client = PAGE_WORK if node in GATEWAY_WORK else node
-    subscribe = {
-        port.name for port in _PORTS if node in port.takers or port in _VIEWED.get(client, ())
-    }
-    reply = {each.name for each in services.SERVICES if each.server == node} | _of(
-        [node], services.NODE_SERVICES
-    )
-    request = {each.name for each in services.SERVICES if client in each.callers} | _CALLED.get(
-        client, set()
-    )
-    served = [action for action in services.ACTIONS if action.server == node]
-    called = [action for action in services.ACTIONS if client in action.callers]
-    reply.update(*(each.below(services.ACTION_SERVICES) for each in served))
-    publish.update(*(each.below(services.ACTION_TOPICS) for each in served))
-    request.update(*(each.below(services.ACTION_SERVICES) for each in called))
-    subscribe.update(*(each.below(services.ACTION_TOPICS) for each in called))
+    served = [f'{each.name}/_action' for each in services.ACTIONS if each.server == node]
+    called = [f'{each.name}/_action' for each in services.ACTIONS if client in each.callers]
+    publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
+    publish |= _of(served, services.ACTION_TOPICS)
     if node in (*NODES, *OF_MACHINE):
         publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
     if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
-        reply |= _of([node], services.LIFE_CYCLE_SERVICES)
+    viewed = _VIEWED.get(client, ())
+    subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
+    subscribe |= _of(called, services.ACTION_TOPICS)
+    reply = _replies(node) | _of(served, services.ACTION_SERVICES)
+    request = _requests(client) | _of(called, services.ACTION_SERVICES)
     return Rights(*(_full(lane, names) for names in (publish, subscribe, reply, request)))
+
+
+def _replies(node: str) -> set[str]:
+    own = {each.name for each in services.SERVICES if each.server == node}
+    own |= _of([node], services.NODE_SERVICES)
+    return own | _of([node] * (node in services.LIFE_CYCLE_NODES), services.LIFE_CYCLE_SERVICES)
+
+
+def _requests(client: str) -> set[str]:
+    called = {each.name for each in services.SERVICES if client in each.callers}
+    return called | _CALLED.get(client, set())
 
 
 def _makes(node: str, port: Port) -> bool:
