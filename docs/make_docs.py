@@ -20,7 +20,7 @@ from checkweigher_bringup.commissioning.verifier import VerifierParameters
 from checkweigher_core.parameters import Description, Parameters, describe
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.services import SERVICES, Service
+from checkweigher_core.ros.services import ACTIONS, SERVICES, Service
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.devices import (
     EYES,
@@ -124,6 +124,12 @@ def services() -> str:
     return table(('service', 'type', 'of', ''), map(service_row, SERVICES))
 
 
+def actions() -> str:
+    """Return the table of actions."""
+    rows = ((f'`{a.name}`', a.kind.rpartition('/')[2], a.server, a.text) for a in ACTIONS)
+    return table(('action', 'type', 'of', ''), rows)
+
+
 def service_row(service: Service) -> tuple[str, str, str, str]:
     """Return the cells of a service."""
     package, _, kind = service.kind.partition('/srv/')
@@ -199,6 +205,7 @@ def allowed(description: Description) -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     'topics': topics,
+    'actions': actions,
     'services': services,
     'messages': messages,
     'reasons': lambda: reasons(Reason),

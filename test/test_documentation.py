@@ -48,9 +48,9 @@ def test_the_site_has_every_page():
     assert listed >= {path.stem for path in ROOT.glob('docs/*.md')}
 
 
-def test_every_service_is_documented():
+def test_every_service_and_action_is_documented():
     text = (ROOT / 'docs/services.md').read_text()
-    for path in (ROOT / 'src/checkweigher_msgs/srv').glob('*.srv'):
+    for path in (ROOT / 'src/checkweigher_msgs').glob('[as]*/*.[as]*'):
         assert f'| {path.stem} |' in text, path.stem
 
 

@@ -8,7 +8,6 @@ arguments. A block that needs more than the project is marked by a comment befor
 """
 
 from collections.abc import Callable, Iterator
-import importlib
 from pathlib import Path
 import re
 import shlex
@@ -22,7 +21,7 @@ import yaml
 
 from checkweigher_bringup.cli import build_parser
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.services import LIFE_CYCLE_NODES, SERVICES
+from checkweigher_core.ros.services import ACTIONS, LIFE_CYCLE_NODES, SERVICES
 
 PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), *ROOT.glob('src/*/*.md')]
 LAUNCH = (ROOT / 'src/checkweigher_bringup/launch/line.launch.py').read_text(encoding='utf-8')
@@ -99,6 +98,12 @@ def check_python(arguments: list[str]) -> None:
     assert name in printed or (ROOT / name).exists(), name
 
 
+def check_fields(message: object, given: list[str]) -> None:
+    """Check that a message has the fields of a request in YAML, if there is one."""
+    for field, value in yaml.safe_load(given[0] if given else '{}').items():
+        setattr(message, field, value)
+
+
 def check_ros2(arguments: list[str]) -> None:
     """Check node, launch argument, topic, parameter, or service with its request."""
     match arguments:
@@ -116,10 +121,10 @@ def check_ros2(arguments: list[str]) -> None:
             assert node[1:] in LIFE_CYCLE_NODES
         case ['service', 'call', name, kind, *request]:
             assert kind == next(each.kind for each in SERVICES if each.name == name[1:])
-            package, _, service = kind.split('/')
-            message = getattr(importlib.import_module(f'{package}.srv'), service).Request()
-            for field, value in yaml.safe_load(request[0] if request else '{}').items():
-                setattr(message, field, value)
+            check_fields(ports.interface(kind).Request(), request)
+        case ['action', 'send_goal', '--feedback', name, kind, *goal]:
+            assert kind == next(each.kind for each in ACTIONS if each.name == name[1:])
+            check_fields(ports.interface(kind).Goal(), goal)
         case _:
             raise KeyError(arguments)
 

@@ -68,7 +68,7 @@ BESIDE = {
     'checkweigher_bringup': {'gpiod', 'pymodbus', 'python3-filterpy-pip', 'ros2launch'},
     'checkweigher_driver': {'checkweigher_production', 'ros2launch'},
     'checkweigher_msgs': {
-        'builtin_interfaces', 'rosidl_default_runtime', 'std_msgs',
+        'action_msgs', 'builtin_interfaces', 'rosidl_default_runtime', 'std_msgs',
         'ament_lint_auto', 'ament_lint_common',
     },
     # It reads the definitions of the messages.

@@ -6,7 +6,9 @@ import queue
 import time
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from checkweigher_msgs.msg import StreamStatus
+from rclpy.action import ActionClient
 from rclpy.node import Node
 from running import BAGS, PATIENCE, wait_for
 
@@ -27,6 +29,52 @@ def call(node: Node, kind: Any, name: str, /, **values: object) -> Any:
     answer = client.call_async(kind.Request(**values))
     wait_for(answer.done)
     return answer.result()
+
+
+class Goal:
+    """A goal of an action that a node which spins has sent, with its feedback so far."""
+
+    def __init__(self, node: Node, kind: Any, name: str, /, **values: object) -> None:
+        self._node, self._client = node, ActionClient(node, kind, name)
+        wait_for(self._client.server_is_ready)
+        self.feedback: list[Any] = []
+        # The executor sends it, so that it cannot hear the answer before it knows the goal.
+        self._end = node.executor.create_task(self._send, kind.Goal(**values))
+
+    async def _send(self, goal: Any) -> Any:
+        def note(message: Any) -> None:
+            self.feedback.append(message.feedback)
+
+        self._handle = await self._client.send_goal_async(goal, note)
+        return await self._handle.get_result_async()
+
+    @property
+    def done(self) -> bool:
+        return bool(self._end.done())
+
+    @property
+    def status(self) -> int:
+        wait_for(self._end.done)
+        return int(self._end.result().status)
+
+    @property
+    def success(self) -> bool:
+        return self.status == GoalStatus.STATUS_SUCCEEDED
+
+    @property
+    def result(self) -> Any:
+        wait_for(self._end.done)
+        return self._end.result().result
+
+    @property
+    def message(self) -> str:
+        return str(self.result.message)
+
+    def cancel(self) -> bool:
+        """Ask for its end, and return whether it was cancelled."""
+        wait_for(lambda: hasattr(self, '_handle'))
+        self._node.executor.create_task(self._handle.cancel_goal_async)
+        return self.status == GoalStatus.STATUS_CANCELED
 
 
 def aspect(node: Any, name: str) -> Finding:

@@ -147,9 +147,14 @@ class Person:
         self.until(lambda: self.text('.dialog h2') == name)
 
     def fill(self, label: str, text: str) -> None:
-        path = f'.dialog input[aria-label^="{label}"]'
-        self.until(lambda: self.browser.find_elements(By.CSS_SELECTOR, path))
-        field = self.browser.find_element(By.CSS_SELECTOR, path)
+        path = f':is(.dialog, .path) input[aria-label^="{label}"]'
+
+        def shown() -> list[WebElement]:
+            found = self.browser.find_elements(By.CSS_SELECTOR, path)
+            return [each for each in found if each.is_displayed()]
+
+        self.until(shown)
+        field = shown()[-1]
         field.send_keys(Keys.CONTROL, 'a')
         field.send_keys(text or Keys.BACKSPACE)
 
@@ -216,3 +221,29 @@ class Person:
     def log_out(self) -> None:
         self.press('Log out', '.head')
         self.until(lambda: self.browser.current_url.endswith('/login'))
+
+
+class Technician(Person):
+    """Somebody who commissions a machine."""
+
+    def commission(self, step: str) -> None:
+        """Open the page of the commissioning, if it is not open, at a step."""
+        if not self.text('.path'):
+            self.open_menu()
+            self.press('Commissioning', '.q-menu .q-item')
+        self.until(lambda: any(self.clicked('.stages .name', f'{step}{end}') for end in ('', ' ✓')))
+        self.until(lambda: self.text(f'.stage.{step.split()[1].lower()}'))
+
+    def standing(self, step: str) -> str:
+        """Return the text of a step in the list of steps."""
+        tabs = self.browser.find_elements(By.CSS_SELECTOR, '.stages .tab')
+        return next(each.text for each in tabs if each.text.startswith(step))
+
+    def make(self, button: str) -> None:
+        """Press a button at the foot of the page, when it can be pressed."""
+        self.until(lambda: self.clicked('.foot button:not(.disabled)', button))
+
+    def said(self, *words: str) -> str:
+        """Wait until the outcome has some words, and return it."""
+        self.until(lambda: all(word in self.text('.foot .result') for word in words))
+        return self.text('.foot .result')

@@ -153,7 +153,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.tuned and not (arguments.train or arguments.protocol):
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
     if arguments.tuned and REFERENCES.keys() >= set(arguments.estimator or ('all',)):
-        raise UserError('--tuned: a line has none of these estimators; name another one as well')
+        raise UserError('--tuned: a line can use none of these estimators; add another one')
     outputs = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
     for path in outputs:
         check_output_file(path, arguments.overwrite)

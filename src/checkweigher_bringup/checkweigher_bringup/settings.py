@@ -5,7 +5,6 @@
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 import math
 import os
 from pathlib import Path
@@ -17,7 +16,6 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_recording.archive.copying import is_url
 from checkweigher_recording.scratch import remove_abandoned
-from checkweigher_validation.archive.program import other_program, program
 from checkweigher_validation.cluster import LOCAL, on_scheduler
 
 
@@ -100,8 +98,7 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
             f'--scheduler {arguments.scheduler}: must be local, or an address such as '
             'tcp://HOST:8786'
         )
-    refuse = partial(other_program, here=program())
-    with on_scheduler(arguments.scheduler, program, refuse) as refused:
+    with on_scheduler(arguments.scheduler) as refused:
         for line in refused:
             warn(line)
         try:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Jobs on the workers of a Dask cluster. The package dask.distributed is optional."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from functools import partial
@@ -12,6 +12,7 @@ from typing import Any
 import warnings
 
 from checkweigher_core.printable import one_line
+from checkweigher_validation.archive.program import other_program, program
 from checkweigher_validation.jobs import ClusterLostError, Job, Workers, jobs_done_by
 
 LOCAL = 'local'
@@ -69,14 +70,11 @@ class _Cluster(Workers):
 
 
 @contextmanager
-def on_scheduler(
-    address: str, question: Callable[[], Any], refusal: Callable[[Any], str]
-) -> Iterator[list[str]]:
+def on_scheduler(address: str) -> Iterator[list[str]]:
     """Run the jobs of this block (see `checkweigher_validation.jobs`) on a scheduler.
 
     `address` is 'local' for processes of this machine, or the address of a Dask scheduler, for
-    example 'tcp://HOST:8786'. Each worker of a cluster calls `question`. `refusal` is called with
-    the answer, and returns a line with the reason why the worker is not used, or an empty text.
+    example 'tcp://HOST:8786'. Workers that run another program than this process are not used.
 
     Yields a list with a line for each worker that is not used.
 
@@ -87,7 +85,7 @@ def on_scheduler(
         yield []
         return
     with _client(address) as client:
-        refused = _refused(client, question, refusal)
+        refused = _refused(client)
         there = client.scheduler_info(n_workers=-1)['workers']
         workers = [name for name in there if name not in refused]
         if not workers:
@@ -123,16 +121,15 @@ def _client(address: str) -> Iterator[Any]:
             yield client
 
 
-def _refused(
-    client: Any, question: Callable[[], Any], refusal: Callable[[Any], str]
-) -> dict[str, str]:
-    refused = {}
-    for name, answer in client.run(question, on_error='return').items():
+def _refused(client: Any) -> dict[str, str]:
+    """Return a line for each worker that cannot be used, by the name of the worker."""
+    here, refused = program(), {}
+    for name, answer in client.run(program, on_error='return').items():
         # A connection error of Dask, which has no errno, means that the worker has ended.
         if isinstance(answer, OSError) and answer.errno is None:
             continue
         is_error = isinstance(answer, BaseException)
-        why = f'cannot run this program: {one_line(answer)}' if is_error else refusal(answer)
-        if why:
+        failure = f'cannot run this program: {one_line(answer)}' if is_error else ''
+        if why := failure or other_program(answer, here):
             refused[name] = f'worker {name} is not used: {why}'
     return refused

@@ -7,6 +7,7 @@ from datetime import datetime
 
 from nicegui import ui
 
+from checkweigher_core.health.findings import Level
 from checkweigher_core.printable import counted
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
@@ -15,7 +16,8 @@ from checkweigher_web.views.item import silence, standstill
 from checkweigher_web.views.view import Look
 
 _PERIOD = 1.0  # s
-_FACTS = 'product', 'batch', 'state', 'alarms'
+_LEVELS = Level.ERROR, Level.WARN
+_FACTS = 'product', 'batch', 'state', 'alarms', 'health'
 _HOW_TO_ACT = (
     'This page is read-only, because it has no users yet. To operate the machine, log in with the '
     'code that the page printed in the terminal when it was started.'
@@ -65,7 +67,7 @@ def header(
 
 
 class _Facts:
-    """State of a lane in the header: product, batch, whether it weighs, and its alarms."""
+    """State of a lane in the header: product, batch, whether it weighs, alarms, diagnostics."""
 
     silence = 0.0  # time in s since the last diagnostics of the lane
     wakes = ''  # text that changes with each item and each alarm
@@ -87,6 +89,10 @@ class _Facts:
         self._set(
             'alarms', counted(waiting, 'alarm') if waiting else 'no alarms', _level('', waiting)
         )
+        errors, warnings = (sum(row.level == level for row in nodes) for level in _LEVELS)
+        told = (counted(errors, 'error'), counted(warnings, 'warning'))
+        self._set('health', told[0] if errors else told[1], _level(errors, warnings))
+        self._labels['health'].set_visibility(bool(errors or warnings))
         self.silence = silence(nodes)
         self.wakes = f'{lane.version} {waiting} {stop}'
 

@@ -48,6 +48,7 @@ _MAX_OVER = 20  # alarms that are over
 _MAX_EDGES = 400
 SHOWN = 20.0  # duration in s of the samples that the views need
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
+_PARTS = 6  # number of parts of the latest second whose loads are compared
 _AROUND = 3 * NANOSECONDS // 10  # time in ns before the first and after the last edge of an item
 
 
@@ -115,6 +116,7 @@ class Lane:
         self.alarms: tuple[Alarm, ...] = ()
         self.over: tuple[Alarm, ...] = ()  # alarms that have left the list
         self.load_cell: LoadCell | None = None
+        self.zero: ZeroChange | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
         self._blocks: deque[SampleBlock] = deque()
@@ -147,6 +149,8 @@ class Lane:
                     self.filler = record
                 case Alarms():
                     self._take_alarms(record.alarms)
+                case ZeroChange():
+                    self.zero = record
                 case StopRequest() | None:
                     self.stop = record
                 case LoadCell():  # A source publishes this record before its samples.
@@ -248,14 +252,19 @@ class Lane:
         end = signal.blocks[-1].stamp
         return signal.empty_belt(end - round(SHOWN * NANOSECONDS), end)
 
-    def load(self) -> float:
-        """Return the present load on the belt in kg, or NaN without samples."""
+    def load(self) -> tuple[float, float]:
+        """Return the present load on the belt and its largest change within 1 s, in kg.
+
+        Both are NaN without samples.
+        """
         signal = self._signal()
         if signal is None:
-            return math.nan
-        cell, begin = signal.load_cell, signal.blocks[-1].stamp - _MOMENT
+            return math.nan, math.nan
+        cell, begin = signal.load_cell, signal.blocks[-1].stamp - 2 * _MOMENT
         counts = np.concatenate([each.counts for each in signal.blocks if each.stamp >= begin])
-        return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
+        means = np.array([part.mean() for part in np.array_split(counts, min(_PARTS, len(counts)))])
+        loads = (means - cell.zero_counts) / cell.counts_per_kg
+        return float(loads[len(loads) // 2 :].mean()), float(np.ptp(loads))
 
     def recording(self) -> Recording | None:
         """Return the samples and edges of the time for which both are held, or None."""

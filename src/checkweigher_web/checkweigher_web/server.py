@@ -28,11 +28,12 @@ import uvicorn
 from checkweigher_core.ros.graph.policy import PAGE, enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web import ADDRESS
-from checkweigher_web.access.guard import Access, Guard, bind_events
+from checkweigher_web.access.guard import LOGIN, Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
+from checkweigher_web.commissioning.path import CommissioningPath
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE
 from checkweigher_web.header import header, hint_to_users
@@ -52,6 +53,7 @@ from checkweigher_web.work.services import Workshop
 
 HUNG = 30.0  # time in s after which the process ends if the event loop hangs
 _LOOK_PERIOD = 1.0  # s
+_PATIENCE = 15.0  # longest time in s in which the nodes of a lane answer before a page is shown
 _AWAY = 15.0  # time in s for which the server keeps the page of a browser that is offline
 _LARGEST_MESSAGE = 1 << 20  # maximum size of a message from a browser in bytes
 _REPORT = '/report'
@@ -184,7 +186,21 @@ def _add_pages(
             header(access, _title(name), others=lambda: True)
             wait_for_lane(name, lambda: name in watch.lanes)
 
-    def show(name: str) -> None:
+    @ui.page('/commissioning/{name:path}', title='Checkweigher', response_timeout=_PATIENCE)
+    async def commission(name: str) -> None:
+        if name not in watch.lanes:
+            header(access, _title(name), others=lambda: True)
+            wait_for_lane(name, lambda: name in watch.lanes)
+            return
+        look, desk = look_at(name)
+        if desk.role < Role.TECHNICIAN:
+            ui.navigate.to(LOGIN)
+            return
+        services = await desk.begin()
+        header(access, _title(name), look, lambda: True, partial(work_menu, desk, look))
+        CommissioningPath(desk, services)
+
+    def look_at(name: str) -> tuple[Look, Desk]:
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
@@ -192,6 +208,10 @@ def _add_pages(
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
         look.work = work_of(desk)
         look.practice = Practice(desk) if desk.role >= Role.TECHNICIAN else None
+        return look, desk
+
+    def show(name: str) -> None:
+        look, desk = look_at(name)
         menu = partial(work_menu, desk, look)
         header(access, _title(name), look, lambda: lanes.only() is None, menu)
         hint_to_users(access)

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a new line to a calibrated, tuned one that runs, by nothing but the page."""
 
-from collections.abc import Callable
 from pathlib import Path
 import re
 
 from browsers import errors_of, needs_browser, open_browser
-from persons import Person, new_line
+from persons import Technician, new_line
 import pytest
 import yaml
 
@@ -21,7 +20,7 @@ VALUES = {
 }
 
 
-class Technician(Person):
+class Trainee(Technician):
     """Somebody who commissions a simulated machine."""
 
     def set_machine(self, *, feed: bool, load: str = '') -> None:
@@ -37,66 +36,76 @@ class Technician(Person):
         self.result('✓')
         self.close()
 
-    def calibrate(self, button: str, load: float, done: Callable[[], object]) -> None:
-        """Press a button of the calibration when a load has come to rest, until it is done."""
-        self.open('Calibration')
-        self.until(lambda: self.fits(load))
-        self.fill('Mass', f'{MASS:g}')
+    def read(self, load: float) -> None:
+        """Read a load when it has come to rest, until it is read."""
+        self.until(lambda: self.fits(load) and self.text('.now').endswith('at rest'))
+        self.until_done('Read the load', f'{load:g} g: ' if load else 'empty belt: ')
 
-        def pressed() -> bool:
-            """Refused while the line has seen a product within two seconds."""
-            self.press(button)
-            self.until(lambda: done() or self.text('.dialog .result').startswith('✗'))
-            return bool(done())
+    def until_done(self, button: str, word: str) -> None:
+        """Press a button until it is done: it is refused while a product passed a moment ago."""
 
-        self.until(pressed)
-        self.close()
+        def done() -> bool:
+            self.make(button)
+            self.until(lambda: self.text('.foot .result')[:1] in ('✓', '✗'))
+            return word in self.text('.foot .result')
+
+        self.until(done)
 
     def fits(self, load: float) -> bool:
-        found = re.search(r'([-\d.]+) g', self.text('.dialog .load'))
+        found = re.search(r'([-\d.]+) g', self.text('.now .load'))
         return found is not None and abs(float(found[1]) - load) < 1
 
 
 @needs_browser
 def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Path):
     with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
-        ben = Technician(browser, line)
+        ben = Trainee(browser, line)
         ben.log_in('ben')
         ben.until(lambda: 'FAULT' in ben.text('.decision'))  # there is no product yet
 
         ben.set_machine(feed=False)
-        ben.calibrate('Read empty belt', 0, lambda: 'empty belt: r' in ben.text('.read'))
+        ben.commission('1 Zero')
+        ben.until_done('Set the zero', 'zeroed at')
+        ben.until(lambda: '✓' in ben.standing('1 Zero'))
+        ben.commission('2 Static')
+        ben.make('Read the load')
+        ben.said('✓ empty belt: ')
         ben.set_machine(feed=False, load=f'{MASS:g}')
-        # What was read is there when the dialog is opened again.
-        ben.calibrate('Read mass', MASS, lambda: 'empty belt: r' in ben.text('.read')
-                      and f'{MASS:g} g: r' in ben.text('.read'))  # fmt: skip
+        ben.fill('Mass on the belt', f'{MASS:g}')
+        ben.read(MASS)
+        browser.refresh()  # what was read is there when the page is opened again
+        ben.commission('2 Static')
+        ben.until(lambda: ben.text('.stage.static tbody').startswith('empty belt'))
         ben.set_machine(feed=False)
-        ben.calibrate('Write calibration', 0, lambda: 'Residuals' in ben.text('.dialog .result'))
+        ben.until_done('Write calibration', 'Deviations')
         cell = yaml.safe_load((line.folder / 'cell.yaml').read_text())['/**/driver']
         found = cell['ros__parameters']['simulator']['counts_per_kg']
         assert found == pytest.approx(SENSITIVITY, rel=0.01)  # read in half a second
 
         ben.set_machine(feed=True)
-        ben.open('Dynamic setting')
-        ben.press('Train')
-        assert 'no passes' in ben.result('✗')
-        ben.fill('Mass', f'{MASS:g}')
+        ben.commission('3 Dynamic')
+        ben.fill('Mass of the product', f'{MASS:g}')
         ben.fill('Passes', '1000')
-        ben.press('Record passes')
-        ben.until(lambda: re.match(r'recording, (8|9|\d\d+) of', ben.text('.dialog .state')))
-        ben.press('End recording')
-        ben.until(lambda: 'of 1000 passes of 200 g recorded' in ben.text('.dialog .state'))
-        ben.press('Train')
+        ben.make('Record passes')
+        ben.until(lambda: re.match(r'(8|9|\d\d+) of 1000 passes', ben.text('.dynamic .state')))
+        ben.make('End')
+        ben.said('of 1000 passes of 200 g recorded')
+        ben.make('Train')
         ben.until(lambda: ben.text('.accuracy tbody').startswith('tvlpf'))
+        assert 'not taken over yet' in ben.standing('3 Dynamic')
         trained = line.folder / 'machine.yaml'
         assert 'tvlpf' not in (trained.read_text() if trained.exists() else '')
-        ben.press('Take over')
-        ben.until(lambda: 'version 1' in ben.text('.dialog .result'))
-        ben.until(lambda: not ben.text('.accuracy'))
+        ben.make('Take over')
+        ben.said('taken over')
         assert 'tvlpf' in trained.read_text()
-        ben.press('Start the line again')
-        ben.until(lambda: 'the line restarts' in ben.text('.dialog .result'))
-        ben.close()
+        ben.make('Start the line again')
+        ben.said('the line restarts')
+
+        ben.commission('4 Limits')
+        ben.fill('Lower limit', '190')
+        ben.until_done('Set the limits', 'the limits are 190 g and none')
+        ben.until(lambda: '✓' in ben.standing('4 Limits'))
+        browser.get(f'http://127.0.0.1:{line.port}/')
         # The line weighs by what was trained, and with the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))
         ben.until(lambda: 'FAULT' in ben.text('.decision'))

@@ -10,7 +10,15 @@ import pytest
 from shown_lanes import lane_of
 
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
+from checkweigher_core.records import (
+    NANOSECONDS,
+    Decision,
+    Eye,
+    EyeEdge,
+    Reference,
+    SampleBlock,
+    Verdict,
+)
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.drawing import row_key
@@ -128,3 +136,17 @@ def test_intervals_have_the_means_of_their_items():
     assert found.means == pytest.approx([200, np.nan], nan_ok=True)
     assert found.std_devs == pytest.approx([np.std([100, 300], ddof=1), np.nan], nan_ok=True)
     assert found.zeros == pytest.approx([1, 1])
+
+
+def test_the_load_has_its_change_within_a_second(recording: Recording):
+    lane, cell = Lane('line'), recording.load_cell
+    lane.take(cell)
+    assert np.isnan(lane.load()).all()
+    count = round(cell.sample_rate / 10)  # samples of a block
+    for number in range(40):
+        load = 0.1 if number < 25 else 0.3
+        counts = np.full(count, round(cell.zero_counts + load * cell.counts_per_kg), np.int32)
+        lane.take(SampleBlock(number * NANOSECONDS // 10, number * count, counts))
+        if number == 27:
+            assert lane.load()[1] == pytest.approx(0.2, rel=1e-3)
+    assert lane.load() == pytest.approx((0.3, 0.0), abs=1e-5)

@@ -5,38 +5,44 @@
 import json
 from pathlib import Path
 
-from browsers import errors_of, needs_browser, open_browser, shortcomings
+from browsers import (
+    check_all_widths,
+    errors_of,
+    needs_browser,
+    open_browser,
+    shortcomings,
+)
 from made_procedure import GUIDED_LINE, SHORT_PLAN
-from persons import Line, Person, new_line
+from persons import Line, Technician, new_line
 from running import run_command
 from selenium.webdriver.common.by import By
 from served_page import get, get_text
 
 VALUES = {'driver': GUIDED_LINE, 'reject': {'deadlines': False}}
-REASON = 'Reason (needed to skip a step)'
+REASON = 'Reason'
 
 
-class Inspector(Person):
+class Inspector(Technician):
     """Somebody who verifies a machine."""
 
     def sees(self, *words: str, where: str = '.state') -> None:
-        self.until(lambda: all(word in self.text(f'.dialog {where}') for word in words))
+        self.until(lambda: all(word in self.text(f'.verify {where}') for word in words))
 
     def makes(self, step: str) -> None:
-        self.sees(f'{step}: do this')
-        self.press('Make')
+        self.sees(f'{step}: Do this')
+        self.make('Make it')
 
 
 def take_plan(ben: Inspector, path: Path) -> None:
     """Take a plan from a file of the browser's machine, one that is wrong first."""
-    ben.until(lambda: ben.browser.find_elements(By.CSS_SELECTOR, '.dialog input[type=file]'))
-    upload = ben.browser.find_element(By.CSS_SELECTOR, '.dialog input[type=file]')
+    ben.until(lambda: ben.browser.find_elements(By.CSS_SELECTOR, '.verify input[type=file]'))
+    upload = ben.browser.find_element(By.CSS_SELECTOR, '.verify input[type=file]')
     wrong = path.with_name('wrong.yaml')
     wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
     upload.send_keys(str(wrong))
     ben.sees("class: class 'none' is not one of", where='.found')
-    ben.press('Begin')
-    assert 'the plan: line' in ben.result('✗')
+    ben.make('Begin')
+    ben.said('✗', 'the plan: line')
     path.write_text(SHORT_PLAN)
     upload.send_keys(str(path))
     ben.sees('9 steps', where='.found')
@@ -47,38 +53,43 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
     with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
         ben = Inspector(browser, line)
         ben.log_in('anna')
-        assert 'Verification' not in ben.entries()
-        ben.log_out()
+        assert 'Commissioning' not in ben.entries()
+        browser.get(f'http://127.0.0.1:{line.port}/commissioning/')
+        ben.until(lambda: browser.current_url.endswith('/login'))
         ben.log_in('ben')
         ben.until(lambda: 'FAULT' in ben.text('.decision'))  # there is no product yet
-        ben.open('Verification')
+        ben.commission('5 Verify')
+        assert 'operator' not in ben.text('.verify .form')  # no key, but its words
         take_plan(ben, tmp_path / 'plan.yaml')
-        assert ben.fits(390)
-        ben.press('Begin')
-        for step in ('warm_up_zero_0', 'warm_up_0', 'warm_up_zero_0.02', 'warm_up_0.02', 'zero_1'):
+        check_all_widths(browser)
+        ben.make('Begin')
+        for step in (
+            'warm-up, zero after 0 min', 'warm-up, passes after 0 min',
+            'warm-up, zero after 0.02 min', 'warm-up, passes after 0.02 min', 'zero, reading 1',
+        ):  # fmt: skip
             ben.makes(step)
-        ben.sees('zero_2: do this')
-        ben.press('Skip')
-        assert 'say why' in ben.result('✗')
-        ben.close()
-        ben.open('Verification')  # it goes on without its dialog
-        ben.sees('6/9 zero_2: do this', 'Leave the belt empty')
+        ben.sees('zero, reading 2: Do this')
+        ben.make('Skip')
+        ben.said('✗', 'say why')
+        browser.refresh()
+        ben.commission('5 Verify')  # it goes on without its page
+        ben.sees('Step 6 of 9, zero, reading 2: Do this', 'Leave the belt empty')
         ben.fill(REASON, 'no weights')
-        ben.press('Skip')
-        ben.makes('passes_60_middle')
-        for answer in ('Make', 'Go on'):
-            ben.makes('passes_60_small')
-            ben.sees('passes_60_small: failed', 'the mean error is beyond its limit')
-            assert 'pass 2 of 2: ' in ben.text('.dialog .read')
+        ben.make('Skip')
+        ben.makes('middle at 60 m/min')
+        for answer in ('Make it', 'Go on'):
+            ben.makes('small at 60 m/min')
+            ben.sees('small at 60 m/min: Failed', 'the mean error is beyond its limit')
+            assert 'pass 2 of 2: ' in ben.text('.verify .read')
             assert shortcomings(browser) == []
-            ben.press(answer)
-        ben.makes('zero_after')
+            ben.make(answer)
+        ben.makes('zero after the loads')
         ben.sees(': failed')
-        ben.until(lambda: 'failed' in ben.text('.dialog .reports'))
-        assert 'passed, reading ' in ben.text('.dialog .steps')
-        assert 'skipped: no weights' in ben.text('.dialog .steps')
+        ben.until(lambda: 'failed' in ben.text('.verify .reports'))
+        assert 'passed, reading ' in ben.text('.verify .steps')
+        assert 'skipped: no weights' in ben.text('.verify .steps')
         (folder,) = (line.folder / 'verifications').iterdir()
-        link = browser.find_element(By.CSS_SELECTOR, '.dialog .reports a').get_attribute('href')
+        link = browser.find_element(By.CSS_SELECTOR, '.verify .reports a').get_attribute('href')
         check_report(line, folder, str(link), tmp_path)
         browser.get(str(link))
         ben.until(lambda: 'Verification of an automatic checkweigher' in ben.text('h1'))

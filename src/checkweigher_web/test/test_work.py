@@ -6,7 +6,7 @@ from pathlib import Path
 import re
 
 from browsers import errors_of, needs_browser, open_browser
-from persons import SCRIPT, Person, new_line
+from persons import SCRIPT, Person, Technician, new_line
 
 from checkweigher_production.audit_log import read_log
 
@@ -21,9 +21,9 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         new_line(tmp_path, values, products=products) as line,
         open_browser(tmp_path / 'browser') as browser,
     ):
-        person = Person(browser, line)
+        person = Technician(browser, line)
         person.log_in('anna')
-        assert 'Calibration' not in person.entries()
+        assert 'Commissioning' not in person.entries()
         assert re.search(r'zeroed at -?[\d.]+ g from', person.does('Zero', '✓'))
         # The diagnostics come from the driver, once a second.
         inactive = 'the driver is inactive'
@@ -54,33 +54,33 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         ]
 
         person.log_in('ben')
-        assert 'reason' in person.does('Limits', '✗', 'Set', Lower='190')
-        why = 'test weights'
-        assert '190 g' in person.does('Limits', '✓', 'Set', Lower='190', Reason=why)
-        assert 'the lower limit, 190 g, is above the upper one, 100 g' in person.does(
-            'Limits', '✗', 'Set', Upper='100', Reason=why
-        )
+        person.commission('4 Limits')
+        person.fill('Lower limit', '190')
+        person.make('Set the limits')
+        person.said('✗', 'reason')
+        person.fill('Reason', 'test weights')
+        person.make('Set the limits')
+        person.said('✓', '190 g')
+        person.fill('Upper limit', '100')
+        person.make('Set the limits')
+        person.said('✗', 'the lower limit, 190 g, is above the upper one, 100 g')
         entries = read_log(line.folder / 'audit.log').entries
         changed = [each for each in entries if each.subject.endswith('lower_limit')]
         assert (changed[-1].who, changed[-1].why) == ('ben', 'test weights')
         test = person.does('Performance test', '✗', 'Begin', Reason='shift')
         assert 'asks for no performance test' in test
 
-        person.open('Calibration')
-        person.until(lambda: person.units() == [True, True, True])
+        person.commission('2 Static')
         person.fill('Reason', 'new load cell')
-        person.press('Write calibration')
-        assert 'no load was read' in person.result('✗')
-        person.press('Read empty belt')
-        person.until(lambda: 'empty belt: reading' in person.text('.read'))
-        # The browser loses its page, dialog and all: what was read is there when it comes back.
+        person.make('Read the load')
+        person.said('✓ empty belt: ')
+        # The browser loses its page: what was read is there when it comes back.
         browser.refresh()
-        person.until(lambda: person.buttons('.work'))
-        person.open('Calibration')
-        person.until(lambda: 'empty belt: reading' in person.text('.read'))
+        person.commission('2 Static')
+        person.until(lambda: 'empty belt' in person.text('.stage.static tbody'))
         person.fill('Reason', 'new load cell')
-        person.press('Begin again')
-        person.until(lambda: not person.text('.read'))
+        person.make('Begin again')
+        person.until(lambda: not person.text('.stage.static tbody'))
         assert not (line.folder / 'cell.yaml').exists()
         assert 'set limits to 190 g and none: asked from 127.0.0.1; reason: test weights' in (
             line.noted('ben')

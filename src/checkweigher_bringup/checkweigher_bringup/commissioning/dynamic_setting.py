@@ -1,12 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic setting by services: passes of known mass at each belt speed, then training.
+"""Dynamic setting by actions: passes of known mass at each belt speed, then training.
 
 Training writes a new file beside the parameter file of the line. The service `accept_tuned`
 replaces the parameter file by the new file. The commands `record` and `tune` run in their own
 processes, because training takes minutes on all cores, and the line must not wait for it.
 """
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -21,8 +22,10 @@ import subprocess
 import sys
 from typing import Any, ClassVar
 
+from checkweigher_msgs.action import RecordPasses, TunePasses
 from checkweigher_msgs.msg import DynamicSetting
-from checkweigher_msgs.srv import RecordPasses
+from checkweigher_msgs.srv import RecordPasses as RecordPassesService
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.machine_folder import own_folder
@@ -39,12 +42,14 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_core.whole_file import OutputError
 from checkweigher_driver.calibration.file import replace_version
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_recording.progress import PROGRESS, read_progress
 from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # time in s in which a child process must complete its bag
 _NICENESS = 10  # niceness of the training, which gives the line priority
-_NOTHING_WAITS = f'there are no learned parameters to accept; call {ports.TUNE_PASSES} first'
+_NOTHING_WAITS = f'there are no learned parameters to accept; train by {ports.TUNE_PASSES} first'
+_Tell = Callable[..., None]  # publishes the feedback of an action
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     """Node that records passes and trains estimators in child processes."""
 
     _child: subprocess.Popen[bytes] | None = None
+    _ended: Future  # result of the child process: whether it has succeeded, and a text
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         self._scratch = ExitStack()
@@ -90,9 +96,12 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._output, self._errors = (self._scratch.enter_context(memory_file()) for _ in range(2))
         port = ports.DYNAMIC_SETTING
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
-        self.create_service(RecordPasses, ports.RECORD_PASSES, answering(self._record))
+        self.create_action(RecordPasses, ports.RECORD_PASSES, self._record, self._end)
+        self.create_action(TunePasses, ports.TUNE_PASSES, self._tune, self._end)
+        begin = answering(self._begin_recording_by_service)
+        self.create_service(RecordPassesService, ports.RECORD_PASSES, begin)
         for name, callback in (
-            (ports.TUNE_PASSES, self._tune),
+            (ports.TUNE_PASSES, self._begin_training_by_service),
             (ports.CANCEL_PASSES, self._cancel),
             (ports.SHOW_TUNED, self._show),
             (ports.RESTART_LINE, self._restart),
@@ -136,45 +145,69 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             f'{ports.ACCEPT_TUNED} accepts it, {ports.CANCEL_PASSES} discards it'
         )
 
-    # Services
+    # Actions and services
 
     def _check_idle(self) -> None:
         if self._child is not None:
-            raise UserError(f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}')
+            raise UserError(f'busy: {self._said.text}; wait, or cancel it')
 
-    def _record(self, request: Any, response: Any) -> str:
+    async def _record(self, goal: Any, result: Any, tell: _Tell) -> None:
+        bag = self._begin_recording(goal, tell)
+        result.message = await _success(self._ended)
+        result.bag = str(bag) if bag.exists() else ''
+
+    async def _tune(self, goal: Any, result: Any, tell: _Tell) -> None:
+        self._begin_training(tell)
+        result.message = await _success(self._ended)
+
+    def _begin_recording(self, known: Any, tell: _Tell) -> Path:
+        """Begin to record passes, and return the path of their bag."""
         self._check_idle()
-        mass, passes = request.mass, request.passes
+        mass, passes = known.mass, known.passes
         if not (math.isfinite(mass) and mass > 0 and passes > 0):
             raise UserError(f'mass {mass:g} kg, passes {passes}: both must be above 0')
         bag = self._folder / f'passes_{max(self._bags(), default=0) + 1}'
         self._recording = bag
-        known = ('--reference', f'{GRAMS * mass:.6f}', '--passes', passes)
+        options = ('--reference', f'{GRAMS * mass:.6f}', '--passes', passes)
         lane = self.get_namespace().strip('/')
-        self._begin('record', '--output', bag, '--inputs-only', *known, '--namespace', lane)
+        command = ('record', '--output', bag, '--inputs-only', *options, '--namespace', lane)
+        self._begin(tell, *command)
         values = {'mass': float(mass), 'wanted': int(passes)}
         self._publish_state(DynamicSetting.RECORDING, 'waiting for the first pass', **values)
-        response.bag = str(bag)
-        return ''
+        return bag
 
-    def _tune(self, request: Any, response: Any) -> str:
+    def _begin_training(self, tell: _Tell) -> None:
         self._check_idle()
         bags, known = self._recorded(), self.parameters
         if not bags:
-            raise UserError(f'{self._folder}: no passes; call {ports.RECORD_PASSES} first')
+            raise UserError(f'{self._folder}: no passes; record some by {ports.RECORD_PASSES}')
         options = ['--params', known.parameters] if known.parameters else []
         options += ['--estimator', known.estimator] if known.estimator != 'best' else []
         self._learned.unlink(missing_ok=True)
         output = ('--output', self._learned, '--overwrite', '--budget', known.budget)
-        self._begin('tune', *bags, *output, *options)
+        self._begin(tell, 'tune', *bags, *output, *options)
         self._publish_state(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
+
+    def _begin_recording_by_service(self, request: Any, response: Any) -> str:
+        self.warn_of(ports.RECORD_PASSES, ports.RECORD_PASSES)
+        response.bag = str(self._begin_recording(request, _tell_nobody))
+        return ''
+
+    def _begin_training_by_service(self, request: Any, response: Any) -> str:
+        self.warn_of(ports.TUNE_PASSES, ports.TUNE_PASSES)
+        self._begin_training(_tell_nobody)
         return f'training has begun; {ports.DYNAMIC_SETTING.name} reports its end'
 
-    def _cancel(self, request: Any, response: Any) -> str:
-        """End recording or training, or discard learned parameters. Recorded passes are kept."""
+    def _end(self) -> None:
+        """End recording or training. Recorded passes are kept."""
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
+
+    def _cancel(self, request: Any, response: Any) -> str:
+        """Discard learned parameters or, while recording or training, end that."""
+        if self._child is not None:
+            self._end()
             return 'recording or training ends; passes that were weighed are kept'
         if not self._learned.exists():
             return 'nothing to cancel'
@@ -237,15 +270,17 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
 
-    def _begin(self, *words: object) -> None:
-        self._cancelled = False
+    def _begin(self, tell: _Tell, *words: object) -> None:
+        """Start a command, whose progress `tell` publishes as feedback of an action."""
+        self._cancelled, self._line = False, ''
+        self._tell, self._ended = tell, Future()
         with self._output.open('w') as output, self._errors.open('w') as errors:
             self._child = subprocess.Popen(
                 [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=errors,
-                env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
+                env={**child_environment(), 'PYTHONUNBUFFERED': '1', PROGRESS: 'lines'},
                 process_group=0,  # Ctrl-C reaches only this process, which then ends the child
             )
         self._timer.reset()
@@ -257,15 +292,24 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if self._child is None:
             return
         status = self._child.poll()
-        lines = _lines(self._output) if self._said.state == DynamicSetting.RECORDING else []
-        if lines and lines[-1] != self._said.text:
-            self._said.text = lines[-1]
-            self._said.passes = sum(line.startswith('pass ') for line in lines)
-            self._publish()
+        lines = _lines(self._output)
+        if lines and lines[-1] != self._line:
+            self._line = lines[-1]
+            self._publish_progress(lines)
         if status is not None:
             self._child = None
             self._timer.cancel()
             self._finish(status)
+
+    def _publish_progress(self, lines: list[str]) -> None:
+        """Publish the progress that the child process has printed."""
+        if self._said.state == DynamicSetting.RECORDING:
+            self._said.text = lines[-1]
+            self._said.passes = sum(line.startswith('pass ') for line in lines)
+            self._publish()
+            self._tell(passes=self._said.passes, text=self._said.text)
+        elif (found := read_progress(lines[-1])) is not None:
+            self._tell(text=found.doing, progress=found.share, remaining=found.remaining)
 
     def _finish(self, status: int) -> None:
         """Publish the result of the child process. Files without a result are removed."""
@@ -282,11 +326,13 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 self._learned.unlink(missing_ok=True)
         if status and not self._cancelled:
             errors = _lines(self._errors) or [f'exit status {status}']
-            self._publish_state(DynamicSetting.FAILED, errors[-1])
-            self.warn(errors[-1])
+            text = errors[-1]
+            self._publish_state(DynamicSetting.FAILED, text)
+            self.warn(text)
         else:
             self._publish_state(DynamicSetting.IDLE, text, **values)
             self.get_logger().info(text)
+        self._ended.set_result((not status or self._cancelled, text))
 
     def destroy_node(self) -> None:
         """End the child process, and destroy the node."""
@@ -299,6 +345,18 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 self._child.wait()
         self._scratch.close()
         super().destroy_node()
+
+
+def _tell_nobody(**_: object) -> None:
+    """Publish no feedback, because a service has none."""
+
+
+async def _success(ended: Future) -> str:
+    """Return the text of the result of a child process, or raise `UserError` if it has failed."""
+    succeeded, text = await ended
+    if not succeeded:
+        raise UserError(text)
+    return str(text)
 
 
 def _lines(file: Path) -> list[str]:

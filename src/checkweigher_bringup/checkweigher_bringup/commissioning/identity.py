@@ -18,7 +18,7 @@ from checkweigher_validation.verification.procedure import digest_of
 NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
 _LONGEST = 80  # maximum number of characters of a value in a sentence
-_PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
+_PACKAGES = ('core', 'dsp', 'production', 'recording', 'driver', 'validation', 'web', 'bringup')
 # Kinds of audit log entries on changes of the machine. The kind `zero` is left out, because steps
 # of the verification set the zero.
 _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')

@@ -16,7 +16,9 @@ import queue
 import threading
 from typing import Any, ClassVar
 
+from checkweigher_msgs.action import RunVerification
 from checkweigher_msgs.srv import AnswerVerification, BeginVerification
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.identity import Identity
@@ -66,7 +68,7 @@ class RemoteOperator:
     """
 
     def __init__(
-        self, progress: VerificationProgress, publish: Callable[[VerificationProgress], None]
+        self, progress: VerificationProgress, publish: Callable[[VerificationProgress], object]
     ) -> None:
         self._progress = progress
         self._publish = publish
@@ -180,10 +182,11 @@ class VerifierNode(StageNode[VerifierParameters]):
         # An `Output` would need the lock of the process. A thread that holds the lock may be
         # waiting for the thread of the procedure.
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
+        self.create_action(RunVerification, ports.RUN_VERIFICATION, self._run, self._break_off)
         for kind, name, callback in (
-            (BeginVerification, ports.BEGIN_VERIFICATION, self._begin),
+            (BeginVerification, ports.BEGIN_VERIFICATION, self._begin_by_service),
             (AnswerVerification, ports.ANSWER_VERIFICATION, self._answer),
-            (Trigger, ports.CANCEL_VERIFICATION, self._cancel),
+            (Trigger, ports.CANCEL_VERIFICATION, self._cancel_by_service),
         ):
             self.create_service(kind, name, answering(callback))
 
@@ -192,53 +195,80 @@ class VerifierNode(StageNode[VerifierParameters]):
         super().start()
         self._publish(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
 
-    def _publish(self, progress: VerificationProgress) -> None:
+    def _publish(self, progress: VerificationProgress) -> Any:
+        """Publish the progress for those who come later, too, and return its message."""
         progress = replace(progress, stamp=self.get_clock().now().nanoseconds)
-        self._publisher.publish(to_message(ports.VERIFICATION_PROGRESS, progress))
+        message = to_message(ports.VERIFICATION_PROGRESS, progress)
+        self._publisher.publish(message)
+        return message
 
-    # Services
+    # Actions and services
 
     @property
     def _busy(self) -> RemoteOperator | None:
         """Operator of the current verification, or None."""
         return None if self._operator is None or self._operator.ended else self._operator
 
-    def _begin(self, request: Any, response: Any) -> str:
+    async def _run(self, goal: Any, result: Any, tell: Callable[..., None]) -> None:
+        result.message, result.folder = await self._begin(
+            goal.plan, lambda progress: tell(progress=self._publish(progress))
+        )
+        if not result.folder:
+            raise UserError(result.message)
+
+    def _begin(self, text: str, publish: Callable[[VerificationProgress], object]) -> Future:
+        """Begin a verification. The result has its verdict and folder, or an error and ''."""
         if self._busy:
-            raise UserError(f'busy: a verification is running; call {ports.CANCEL_VERIFICATION}')
+            raise UserError(f'busy: a verification is running; cancel {ports.RUN_VERIFICATION}')
         try:
-            plan = read_plan(request.plan)
+            plan = read_plan(text)
         except ParameterError as error:
             raise UserError(f'the plan: {error}') from None
         name = f'{datetime.now(UTC):%Y%m%dT%H%M%SZ}'
         progress = VerificationProgress(
             0, ProgressState.MAKING, folder=str(self._folder), name=name, text='begins'
         )
-        self._operator = RemoteOperator(progress, self._publish)
-        self._publish(progress)
-        procedure = (plan, request.plan, name, self._operator)
+        self._operator = RemoteOperator(progress, publish)
+        publish(progress)
+        ended = Future()
+        # Without this call, a result that another thread sets would not wake the executor.
+        ended.add_done_callback(lambda _: self.executor.wake())
+        procedure = (plan, text, name, self._operator, ended)
         self._thread = threading.Thread(target=self._make, args=procedure, daemon=True)
         self._thread.start()
-        return f'verification {name} has begun'
+        return ended
+
+    def _begin_by_service(self, request: Any, response: Any) -> str:
+        self.warn_of(ports.BEGIN_VERIFICATION, ports.RUN_VERIFICATION)
+        self._begin(request.plan, self._publish)
+        return 'the verification has begun'
 
     def _answer(self, request: Any, response: Any) -> str:
         if (operator := self._busy) is None:
-            raise UserError(f'no verification is running; call {ports.BEGIN_VERIFICATION}')
+            raise UserError(f'no verification is running; begin {ports.RUN_VERIFICATION}')
         if request.answer not in tuple(StepAnswer):
             raise UserError(f'{request.answer}: is not a valid answer')
         reason = one_line(request.reason.strip(), _LONGEST)
         operator.answer(request.question, StepAnswer(request.answer), reason)
         return ''
 
-    def _cancel(self, request: Any, response: Any) -> str:
-        if (operator := self._busy) is None:
+    def _break_off(self) -> None:
+        """End the current verification. Its report contains the completed steps."""
+        if (operator := self._busy) is not None:
+            operator.break_off()
+
+    def _cancel_by_service(self, request: Any, response: Any) -> str:
+        self.warn_of(ports.CANCEL_VERIFICATION, ports.RUN_VERIFICATION)
+        if not self._busy:
             return 'nothing to cancel'
-        operator.break_off()
+        self._break_off()
         return 'the verification ends; its report contains the completed steps'
 
     # The procedure
 
-    def _make(self, plan: Plan, text: str, name: str, operator: RemoteOperator) -> None:
+    def _make(
+        self, plan: Plan, text: str, name: str, operator: RemoteOperator, ended: Future
+    ) -> None:
         folder = self._folder / VERIFICATIONS / name
         audit = Path(self.parameters.audit_log) if self.parameters.audit_log else None
         assert self.spinner is not None
@@ -256,9 +286,11 @@ class VerifierNode(StageNode[VerifierParameters]):
                 verdict += note_result(self, folder, plan, verdict)
             operator.end(f'{name}: {verdict}')
             self.get_logger().info(f'verification {name}: {verdict}')
+            ended.set_result((verdict, str(folder)))
         except Exception as error:  # a failure of the line or of the disk must not end the node
             operator.end(f'{name}: failed: {error}')
             self.warn(f'verification {name}: {type(error).__name__}: {error}')
+            ended.set_result((str(error), ''))
 
     def shut_down(self) -> None:
         """End the current procedure."""

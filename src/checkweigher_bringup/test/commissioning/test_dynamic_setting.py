@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from calibration_dialogue import Dialogue
+from checkweigher_msgs.action import RecordPasses, TunePasses
 from checkweigher_msgs.msg import DynamicSetting
-from checkweigher_msgs.srv import RecordPasses
-from graph import call, heard, make_stages, wait_for
+from checkweigher_msgs.srv import RecordPasses as RecordPassesService
+from graph import Goal, call, heard, make_stages, wait_for
 from lines import simulated, write_line
 import numpy as np
 from processes import children
@@ -52,7 +53,7 @@ def line(spinner: Spinner, speed: float) -> Iterator[None]:
 
 
 class Technician:
-    """Client of the services of the dynamic setting, which also receives its states."""
+    """Client of the actions of the dynamic setting, which also receives its states."""
 
     def __init__(self, spinner: Spinner) -> None:
         self._node = Node('technician')
@@ -61,6 +62,12 @@ class Technician:
 
     def call(self, kind: type, name: str, **values: object) -> Any:
         return call(self._node, kind, name, **values)
+
+    def record(self, mass: float, passes: int) -> Goal:
+        return Goal(self._node, RecordPasses, ports.RECORD_PASSES, mass=mass, passes=passes)
+
+    def tune(self) -> Goal:
+        return Goal(self._node, TunePasses, ports.TUNE_PASSES)
 
     def wait(self, condition: Callable[[DynamicSetting], bool]) -> list[DynamicSetting]:
         """Return the states up to the first one that meets a condition."""
@@ -84,18 +91,22 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
         parameters = {'folder': str(folder), 'budget': 8, 'estimator': estimator}
         spinner.add(DynamicSettingNode(parameters))
         technician = Technician(spinner)
-        assert 'no passes' in technician.call(Trigger, ports.TUNE_PASSES).message
+        assert 'no passes' in technician.tune().message
         for speed in speeds:
             with line(spinner, speed):
-                asked = {'mass': MASS, 'passes': PASSES}
-                begun = technician.call(RecordPasses, ports.RECORD_PASSES, **asked)
-                assert begun.success, begun.message
-                again = technician.call(RecordPasses, ports.RECORD_PASSES, **asked)
+                begun = technician.record(MASS, PASSES)
+                wait_for(lambda begun=begun: begun.feedback)
+                again = technician.record(MASS, PASSES)
                 assert again.message.startswith('busy')
-                told = technician.wait(lambda said: said.passes == PASSES and not said.state)
-                assert max(said.passes for said in told) == PASSES
+                assert begun.success, begun.message
+                assert begun.feedback[-1].passes == PASSES
+        told = technician.wait(lambda said: said.passes == PASSES and not said.state)
         assert [Path(bag).name for bag in told[-1].bags] == ['passes_1', 'passes_2'][: len(speeds)]
-        assert technician.call(Trigger, ports.TUNE_PASSES).success
+        assert begun.result.bag == told[-1].bags[-1]
+        training = technician.tune()
+        assert training.success, training.message
+        assert {said.text for said in training.feedback} >= {'reading', 'tuning'}
+        assert all(0 <= said.progress <= 1 for said in training.feedback)
         waiting = technician.wait(lambda said: said.text.startswith('tuned'))[-1]
         assert waiting.file == ''
         assert not (folder / 'machine.yaml').exists()
@@ -135,12 +146,12 @@ def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Pa
         spinner.add(DynamicSettingNode({'folder': str(tmp_path), 'budget': 1_000_000}))
         technician = Technician(spinner)
         before = set(children(os.getpid()))
-        assert technician.call(Trigger, ports.TUNE_PASSES).success
+        begun = technician.tune()
         technician.wait(lambda said: said.state == DynamicSetting.TUNING)
         (training,) = set(children(os.getpid())) - before
         wait_for(lambda: len(children(training)) >= 2)  # the workers
-        assert technician.call(Trigger, ports.CANCEL_PASSES).success
-        technician.wait(lambda said: said.text == 'training cancelled')
+        assert begun.cancel()
+        assert begun.message == 'training cancelled'
     assert not (tmp_path / 'machine.yaml').exists()
 
 
@@ -164,13 +175,20 @@ def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path
         learned.write_text(text := '# estimator A\n# hann 60.0 12 0.2 0.3\nhann: 1\n')
         shown = technician.call(Trigger, ports.SHOW_TUNED)
         assert shown.message == 'estimator A\nhann 60.0 12 0.2 0.3'
-        for values in ({'mass': -1.0, 'passes': 3}, {'mass': 0.1, 'passes': 0}):
-            refused = technician.call(RecordPasses, ports.RECORD_PASSES, **values)
-            assert 'must be above 0' in refused.message
-        assert technician.call(RecordPasses, ports.RECORD_PASSES, mass=0.1, passes=3).success
+        for mass, passes in ((-1.0, 3), (0.1, 0)):
+            assert 'must be above 0' in technician.record(mass, passes).message
+        begun = technician.record(0.1, 3)
+        technician.wait(lambda said: said.state == DynamicSetting.RECORDING)
         assert technician.call(Trigger, ports.ACCEPT_TUNED).message.startswith('busy')
+        assert begun.cancel()
+        assert begun.message == '0 of 3 passes of 100 g recorded'
+        assert begun.result.bag == ''
+        # The services before the actions begin the same, and do not wait for its end.
+        by_service = technician.call(RecordPassesService, ports.RECORD_PASSES, mass=0.1, passes=3)
+        assert by_service.success, by_service.message
+        assert technician.call(Trigger, ports.TUNE_PASSES).message.startswith('busy')
         assert technician.call(Trigger, ports.CANCEL_PASSES).success
-        technician.wait(lambda said: '0 of 3' in said.text)
+        technician.wait(lambda said: said.text.startswith('0 of 3') and not said.state)
         assert list(tmp_path.glob('passes_*')) == []
         taken = technician.call(Trigger, ports.ACCEPT_TUNED)
         assert taken.message == f'{file}, version 2; the line uses it from its next start'

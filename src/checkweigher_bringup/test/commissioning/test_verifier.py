@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verification on a simulated line, through the services of the node and at the terminal."""
+"""Verification on a simulated line, by the action of the node and at the terminal."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,8 +12,9 @@ import queue
 import signal
 
 from calibration_dialogue import Dialogue
+from checkweigher_msgs.action import RunVerification
 from checkweigher_msgs.srv import AnswerVerification, BeginVerification
-from graph import call, make_stages, wait_for
+from graph import Goal, call, make_stages, wait_for
 from here import run_here
 from made_procedure import CELL, GUIDED_LINE, SHORT_PLAN, START
 import numpy as np
@@ -59,9 +60,11 @@ class Operator(PortNode):
         while not condition(self.said):
             self.said = self._heard.get(timeout=PATIENCE)
 
-    def begin(self, plan: str = SHORT_PLAN) -> str:
-        answer = call(self, BeginVerification, ports.BEGIN_VERIFICATION, plan=plan)
-        return '' if answer.success else str(answer.message)
+    def begin(self, plan: str = SHORT_PLAN) -> Goal:
+        """Begin a verification, and return it when it has begun or was refused."""
+        goal = Goal(self, RunVerification, ports.RUN_VERIFICATION, plan=plan)
+        wait_for(lambda: goal.done or goal.feedback)
+        return goal
 
     def answer(self, answer: StepAnswer, reason: str = '', question: int | None = None) -> str:
         """Answer the latest or another question, and return why the answer was refused."""
@@ -104,10 +107,10 @@ def check_same(folder: Path, scratch: Path) -> dict[str, object]:
 def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: Path):
     with guided(tmp_path / 'machine') as (verifier, operator):
         assert operator.break_off() == 'nothing to cancel'
-        assert 'the plan: ' in operator.begin('class: none')
+        assert 'the plan: ' in operator.begin('class: none').message
         assert 'no verification is running' in operator.answer(MAKE)
-        assert not operator.begin()
-        assert 'busy' in operator.begin()
+        begun = operator.begin()
+        assert 'busy' in operator.begin().message
         operator.asked_for('warm_up_zero_0')
         assert 'is no longer open' in operator.answer(MAKE, question=operator.said.question + 1)
         assert 'repeat the failed step, or' in operator.answer(GO_ON)
@@ -119,13 +122,15 @@ def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: 
         assert not operator.answer(SKIP, 'no product')
         operator.asked_for('warm_up_zero_0.02')
         assert operator.said.results[1] == 'skipped: no product'
-        assert 'the verification ends' in operator.break_off()
-        operator.wait(lambda said: said.state is ProgressState.IDLE)
-        assert operator.said.text.endswith(': incomplete')
+        assert begun.cancel()
+        assert begun.message == 'incomplete'
         made = tmp_path / 'machine' / 'verifications' / operator.said.name
+        assert begun.result.folder == str(made)
+        assert begun.feedback[-1].progress.text == f'{made.name}: incomplete'
 
-        # Another one ends with its node.
-        assert not operator.begin()
+        # Another one, begun by the service before the action, ends with its node.
+        by_service = {'plan': SHORT_PLAN}
+        assert call(operator, BeginVerification, ports.BEGIN_VERIFICATION, **by_service).success
         operator.asked_for('warm_up_zero_0')
         assert not operator.answer(SKIP, 'no time')
         operator.asked_for('warm_up_0')
@@ -148,12 +153,11 @@ def test_a_verification_without_a_line_says_so(tmp_path: Path):
         operator = Operator()
         spinner.add(operator, VerifierNode({'folder': str(tmp_path)}))
         operator.wait(lambda said: said.folder)
-        assert not operator.begin()
-        operator.wait(lambda said: said.name)
-        operator.wait(lambda said: said.state is ProgressState.IDLE)
-        assert 'failed: no samples within' in operator.said.text
-        wait_for(lambda: not any((tmp_path / 'verifications').iterdir()))
-        assert not operator.begin()  # the node lives on
+        begun = operator.begin()
+        assert not begun.success
+        assert begun.message.startswith('no samples within')
+        assert not any((tmp_path / 'verifications').iterdir())
+        assert not operator.begin().done  # the node lives on
 
 
 def test_a_folder_has_to_be_given():

@@ -1,14 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of a load cell on a serial port by the services of the driver of a running line."""
+"""Calibration of a load cell on a serial port by action and services of a running driver."""
 
 from pathlib import Path
 import queue
 from typing import Any
 
+from checkweigher_msgs.action import ReadLoad
 from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
 from full_disk import file_size_limit
-from graph import call, wait_for
+from graph import Goal, call, wait_for
 import pytest
 from rclpy.node import Node
 from running import PATIENCE
@@ -31,7 +32,7 @@ NOISE = 40  # counts, more than that of the device
 
 
 class Technician:
-    """Client of the services, which also receives the load cell."""
+    """Client of the action and the services, which also receives the load cell."""
 
     def __init__(self, spinner: Spinner) -> None:
         self._node = Node('technician')
@@ -54,11 +55,8 @@ class Technician:
     def call(self, kind: type, name: str, **values: float) -> Any:
         return call(self._node, kind, name, **values)
 
-    def zero(self) -> Any:
-        return self.call(Trigger, ports.CALIBRATE_ZERO)
-
-    def span(self, mass: float) -> Any:
-        return self.call(CalibrateSpan, ports.CALIBRATE_SPAN, mass=mass)
+    def read(self, mass: float) -> Goal:
+        return Goal(self._node, ReadLoad, ports.READ_LOAD, mass=mass)
 
     def finish(self, **values: float) -> Any:
         return self.call(FinishCalibration, ports.FINISH_CALIBRATION, **values)
@@ -83,8 +81,11 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
         assert 'no load was read' in technician.finish().message
         for mass in (0.0, 0.2, 1.0, 0.0):
             technician.put_on(device, round(mass * SENSITIVITY))
-            done = technician.span(mass) if mass else technician.zero()
+            done = technician.read(mass)
             assert done.success, done.message
+            latest = done.feedback[-1]
+            assert latest.load == pytest.approx(mass * SENSITIVITY / TAKEN_FOR, rel=0.05, abs=20)
+            assert abs(latest.drift) < latest.tolerance
         # The noise of the device is within 30 counts, so no mass is off by more than 0.1 g.
         refused = technician.finish(max_residual=1e-9)
         assert not refused.success
@@ -117,7 +118,8 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
 
         # The new stream is read; the empty belt alone leaves the sensitivity as it is.
         technician.put_on(device, 5000)
-        assert technician.zero().success
+        # The services before the action do the same.
+        assert technician.call(Trigger, ports.CALIBRATE_ZERO).success
         again = technician.finish()
         assert again.success, again.message
         assert again.version == 2
@@ -135,23 +137,38 @@ def test_what_cannot_be_read_is_refused_with_what_to_do(spinner: Spinner, tmp_pa
     spinner.add(driver)
     technician = Technician(spinner)
     technician.infos.get(timeout=PATIENCE)
-    passing = technician.zero()
+    passing = technician.read(0.0)
     assert not passing.success
     # A product is on its way, or there already.
     assert 'eye' in passing.message
     assert 'empty the belt' in passing.message or 'stop the feed' in passing.message
-    assert 'above 0' in technician.span(-1.0).message
+    assert 'above 0' in technician.read(-1.0).message
+    refused = technician.call(CalibrateSpan, ports.CALIBRATE_SPAN, mass=-1.0)
+    assert 'above 0' in refused.message
     spinner.remove(driver)
 
     driver = DriverNode({**line, 'lossless': True})
     spinner.add(driver)
-    assert 'calibration.file of the driver is empty' in technician.zero().message
+    assert 'calibration.file of the driver is empty' in technician.read(0.0).message
     spinner.remove(driver)
 
     driver = DriverNode({**reading, 'autostart': False})
     spinner.add(driver)
-    assert 'not active' in technician.zero().message
+    assert 'not active' in technician.read(0.0).message
     assert not path.exists()
+
+
+def test_a_reading_that_is_cancelled_leaves_no_point(spinner: Spinner, tmp_path: Path):
+    line = {'lossless': False, 'simulator.count': 0, 'simulator.now.feed': False}
+    reading = {'calibration.file': str(tmp_path / 'cell.yaml'), 'calibration.duration': 20.0}
+    spinner.add(DriverNode({**line, **reading}))
+    technician = Technician(spinner)
+    technician.infos.get(timeout=PATIENCE)
+    begun = technician.read(0.0)
+    wait_for(lambda: begun.feedback)
+    assert technician.read(0.0).message.startswith('a load is being read already')
+    assert begun.cancel()
+    assert 'no load was read' in technician.finish().message
 
 
 def test_a_file_that_is_no_calibration_of_the_source_does_not_start_it(

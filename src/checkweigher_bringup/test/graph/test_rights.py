@@ -36,7 +36,9 @@ def endpoints(node: Node, name: str, space: str) -> Rights:
         found = [{each for each, _ in ask(name, space)} for ask in asked]
     except RuntimeError:  # it is not there yet
         return Rights()
-    return Rights(*(frozenset(e for e in each if '/_' not in e) for each in found))
+    return Rights(
+        *(frozenset(e for e in each if '/_' not in e.replace('/_action/', '/')) for each in found)
+    )
 
 
 def lasting(node: str, lane: str = LANE) -> Rights:

@@ -180,7 +180,7 @@ def test_without_dask_distributed_there_is_one_line(tmp_path: Path):
 def test_a_cluster_of_one_worker_does_the_work_itself(tmp_path: Path):
     with (
         cluster(tmp_path, 1) as found,
-        on_scheduler(found.address, os.getpid, lambda _: '') as refused,
+        on_scheduler(found.address) as refused,
     ):
         done = run_jobs([os.getpid] * 2)
     assert refused == []
@@ -199,7 +199,7 @@ def deadly(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 def test_a_job_that_keeps_killing_workers_is_lost_and_no_other(deadly: Cluster):
     calls = [partial(operator.neg, 1), partial(os._exit, 9), partial(operator.neg, 2)]
     deadly.client.wait_for_workers(1, timeout=PATIENCE)  # killed by another test
-    with on_scheduler(deadly.address, os.getpid, lambda _: ''):
+    with on_scheduler(deadly.address):
         done = dict(jobs_as_done(calls))
         with pytest.raises(WorkerLostError, match='the job killed its worker, and again'):
             run_jobs([partial(os._exit, 9)])
@@ -214,7 +214,7 @@ def test_a_cluster_without_a_worker_left_is_lost(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(on_workers, '_PATIENCE', 1.0)
     with (
         cluster(tmp_path, 1) as found,
-        on_scheduler(found.address, os.getpid, lambda _: ''),
+        on_scheduler(found.address),
         pytest.raises(ClusterLostError, match='has had no worker for 1 s'),
     ):
         list(jobs_as_done([partial(os._exit, 9), partial(operator.neg, 2)]))

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node with inputs and outputs, and with callbacks that hold the lock of the process."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Awaitable, Callable, Generator
 from functools import partial
 import inspect
 import types
 from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -25,10 +27,11 @@ if TYPE_CHECKING:
 
 
 class PortNode(Node):
-    """Node with inputs and outputs. Callbacks of inputs, timers and services hold the process lock.
+    """Node with inputs and outputs.
 
-    The node receives records after `checkweigher_core.ros.outputs.connect` was called with it.
-    `spinner` runs its callbacks.
+    Callbacks of inputs, timers, services and actions hold the process lock. The node receives
+    records after `checkweigher_core.ros.outputs.connect` was called with it. `spinner` runs its
+    callbacks.
     """
 
     spinner: 'Spinner | None' = None
@@ -37,6 +40,7 @@ class PortNode(Node):
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
         self._one_shot_timers: list[OneShotTimer] = []
+        self._action_servers: list[ActionServer] = []
         super().__init__(name, **options)
 
     def start(self) -> None:
@@ -140,6 +144,53 @@ class PortNode(Node):
         group = options.pop('callback_group', None) or MutuallyExclusiveCallbackGroup()
         return super().create_service(srv_type, srv_name, guarded, callback_group=group, **options)
 
+    def warn_of(self, service: str, action: str) -> None:
+        """Log that a service is deprecated, because an action does the same."""
+        self.get_logger().warning(f'the service {service} is deprecated: use the action {action}')
+
+    def create_action(
+        self,
+        kind: Any,
+        name: str,
+        work: Callable[[Any, Any, Callable[..., None]], Awaitable[None]],
+        cancel: Callable[[], object],
+    ) -> None:
+        """Create a server of an action.
+
+        The coroutine function `work` is called with the goal, the result to fill in, and a function
+        that publishes the feedback given by its keyword arguments. It raises `ValueError` with the
+        reason of a refusal or failure, which becomes the message of the result. The function
+        `cancel` makes it end early.
+        """
+        own, end = locked(work), locked(cancel)
+
+        async def execute(goal: ServerGoalHandle) -> Any:
+            result, error = kind.Result(), ''
+
+            def tell(**values: Any) -> None:
+                goal.publish_feedback(kind.Feedback(**values))
+
+            try:
+                await own(goal.request, result, tell)
+            except ValueError as found:
+                result.message = error = str(found)
+            if goal.is_cancel_requested:
+                goal.canceled()
+            elif error:
+                goal.abort()
+            else:
+                goal.succeed()
+            return result
+
+        def on_cancel(goal: ServerGoalHandle) -> CancelResponse:
+            end()
+            return CancelResponse.ACCEPT
+
+        # Other callbacks run while a goal is being done, and a malformed request blocks no group.
+        group = ReentrantCallbackGroup()
+        options = {'cancel_callback': on_cancel, 'callback_group': group}
+        self._action_servers.append(ActionServer(self, kind, name, execute, **options))
+
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
         """Log an exception of a callback. The node goes on."""
         self.warn(f'{what}: {type(error).__name__}: {error}')
@@ -154,6 +205,8 @@ class PortNode(Node):
         with LOCK:
             for timer in self._one_shot_timers:
                 timer.clear()
+        for action in self._action_servers:
+            action.destroy()
         super().destroy_node()
 
 

@@ -112,7 +112,7 @@ class Port:
 
 
 def interface(name: str) -> Any:
-    """Return the Python class of a message or a service by its ROS name."""
+    """Return the Python class of a message, a service or an action by its ROS name."""
     package, folder, kind = name.split('/')
     return getattr(import_module(f'{package}.{folder}'), kind)
 
@@ -297,6 +297,9 @@ GATEWAY_RECORDS = (
 RECORDED = tuple(port for port in ALL if port.recorded)
 PLAYED = RECORDED[:4]
 
+# Actions.
+READ_LOAD, RUN_VERIFICATION = 'read_load', 'run_verification'
+RECORD_PASSES, TUNE_PASSES = 'record_passes', 'tune_passes'
 # Services of type std_srvs/srv/Trigger.
 ZERO = 'zero'
 RESET_STOP_REQUEST = 'reset_stop_request'
@@ -305,13 +308,12 @@ FORGET_LEARNED = 'forget_learned'
 CALIBRATE_ZERO = 'calibrate_zero'
 CANCEL_CALIBRATION = 'cancel_calibration'
 RESTART_LINE = 'restart_line'
-TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
+CANCEL_PASSES = 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
 # Services with types of their own, except acknowledge_alarms.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
-RECORD_PASSES = 'record_passes'
 BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'
 RECORD_CHANGE = 'record_change'
 SELECT_PRODUCT, NEW_BATCH = 'select_product', 'new_batch'

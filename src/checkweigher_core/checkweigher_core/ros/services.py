@@ -1,10 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of the services of a lane: each service with its type, server, clients and effect.
+"""Tables of the services and actions of a lane: each with its type, server, clients and effect.
 
-The security policy, the page and the docs use this table.
+The security policy, the page and the docs use these tables.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from checkweigher_core.ros import ports
@@ -20,6 +21,10 @@ GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
 # Nodes with which gateways call the services that the page also calls.
 GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
+
+# Services and topics of an action, below its name.
+ACTION_SERVICES = 'send_goal', 'cancel_goal', 'get_result'
+ACTION_TOPICS = 'feedback', 'status'
 
 # Services that rclpy creates for each node, in the namespace of the node.
 SETTER = 'set_parameters_atomically'
@@ -53,7 +58,32 @@ class Service(NamedTuple):
     changes_line: bool = True  # whether the audit log names the calling user
 
 
+class Action(NamedTuple):
+    """Action of a lane."""
+
+    name: str  # name relative to the namespace of the lane
+    kind: str  # ROS name of the type
+    server: str  # node with the server
+    callers: tuple[str, ...]  # nodes with clients
+    text: str  # what is done
+
+    def below(self, names: Iterable[str]) -> set[str]:
+        """Return the relative names of services or topics of the action."""
+        return {f'{self.name}/_action/{name}' for name in names}
+
+
 # fmt: off
+ACTIONS = (
+    Action(ports.READ_LOAD, 'checkweigher_msgs/action/ReadLoad', 'driver', (PAGE_WORK,),
+           'reads the empty belt, or a known mass on it, at rest for a '
+           '[calibration](#calibration)'),
+    Action(ports.RECORD_PASSES, 'checkweigher_msgs/action/RecordPasses', SETTING, (PAGE_WORK,),
+           'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
+    Action(ports.TUNE_PASSES, 'checkweigher_msgs/action/TunePasses', SETTING, (PAGE_WORK,),
+           'trains on all recorded passes'),
+    Action(ports.RUN_VERIFICATION, 'checkweigher_msgs/action/RunVerification', VERIFIER,
+           (PAGE_WORK,), 'makes a [verification](verification.md#on-the-page) by a plan'),
+)
 SERVICES = (
     Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK, VERIFY),
             'sets the zero by the next empty belt at rest'),
@@ -66,21 +96,23 @@ SERVICES = (
     Service(ports.RESET_STOP_REQUEST, _TRIGGER, 'reject', (PAGE_WORK,),
             'clears the stop request and the count of consecutive rejects; a cause that persists '
             '(driver, input, performance test, publisher, zero step) requests a stop again'),
-    Service(ports.CALIBRATE_ZERO, _TRIGGER, 'driver', (PAGE_WORK,),
-            'reads the empty belt at rest for a [calibration](#calibration)'),
-    Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (PAGE_WORK,),
-            'reads a known mass at rest for a calibration'),
+    Service(ports.CALIBRATE_ZERO, _TRIGGER, 'driver', (),
+            'deprecated: the action `read_load` of the mass 0'),
+    Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (),
+            'deprecated: the action `read_load`'),
     Service(ports.FINISH_CALIBRATION, 'checkweigher_msgs/srv/FinishCalibration', 'driver',
             (PAGE_WORK,),
             'computes zero and sensitivity from the readings, writes them as the next version of '
             '`calibration.file`, and applies them'),
-    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,), 'cancels the calibration'),
-    Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (PAGE_WORK,),
-            'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
-    Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (PAGE_WORK,), 'trains on all recorded passes'),
+    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,),
+            'discards the readings of a calibration'),
+    Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (),
+            'deprecated: begins what the action of this name does'),
+    Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (),
+            'deprecated: begins what the action of this name does'),
     Service(ports.CANCEL_PASSES, _TRIGGER, SETTING, (PAGE_WORK,),
-            'ends recording or training, and keeps the recorded passes; if neither runs, deletes '
-            'the learned parameters'),
+            'deletes the learned parameters; ends a recording or training instead, as to cancel '
+            'their actions does'),
     Service(ports.SHOW_TUNED, _TRIGGER, SETTING, (PAGE_WORK,),
             'returns the accuracy of the learned parameters on held-out passes, one line for each '
             'estimator and speed', changes_line=False),
@@ -89,13 +121,13 @@ SERVICES = (
     Service(ports.RESTART_LINE, _TRIGGER, SETTING, (PAGE_WORK,),
             'ends the nodes of the line in order and starts them again; they then read the '
             'parameter files', '`run --folder`'),
-    Service(ports.BEGIN_VERIFICATION, 'checkweigher_msgs/srv/BeginVerification', VERIFIER,
-            (PAGE_WORK,), 'begins a [verification](verification.md#on-the-page) with a plan'),
+    Service(ports.BEGIN_VERIFICATION, 'checkweigher_msgs/srv/BeginVerification', VERIFIER, (),
+            'deprecated: begins what the action `run_verification` does'),
     Service(ports.ANSWER_VERIFICATION, 'checkweigher_msgs/srv/AnswerVerification', VERIFIER,
             (PAGE_WORK,), 'performs or skips the requested step, or goes on after a failed '
             'step'),
-    Service(ports.CANCEL_VERIFICATION, _TRIGGER, VERIFIER, (PAGE_WORK,),
-            'cancels the verification; its report contains the completed steps'),
+    Service(ports.CANCEL_VERIFICATION, _TRIGGER, VERIFIER, (),
+            'deprecated: cancel the action `run_verification`'),
     Service(ports.SELECT_PRODUCT, 'checkweigher_msgs/srv/SelectProduct', 'product', (PAGE_WORK,),
             'sets the parameters of `denoise`, `identifier` and `reject` for a product, all of '
             'them or none'),

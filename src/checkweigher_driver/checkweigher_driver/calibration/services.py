@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Services for the calibration of a load cell on a running line."""
+"""Action and services for the calibration of a load cell on a running line."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from checkweigher_msgs.action import ReadLoad
 from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
@@ -29,6 +30,7 @@ from checkweigher_driver.calibration.file import (
 from checkweigher_driver.calibration.session import CalibrationParameters, CalibrationSession
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationError,
+    RestReading,
     StaticCalibration,
     StaticReading,
 )
@@ -43,7 +45,7 @@ _Answer = tuple[bool, str, StaticReading | None]  # success, message and reading
 
 
 class CalibrationServices:
-    """Services that read loads at rest, fit a calibration, and write its file.
+    """Action that reads loads at rest, and services that fit a calibration and write its file.
 
     The function `restart` begins a new stream with the calibration, and returns the reason of a
     failure or an empty string.
@@ -64,6 +66,9 @@ class CalibrationServices:
         self._session: CalibrationSession | None = None  # None while the driver is inactive
         self._waiting: Future | None = None  # result of the call that waits for a reading
         self._restart = restart
+        self._tell: Callable[..., None] | None = None  # publishes the feedback of the action
+        self._told: StaticReading | None = None
+        node.create_action(ReadLoad, ports.READ_LOAD, self._on_read, self._cancel_reading)
         # With a separate callback group, other callbacks run while a call waits for a reading.
         group = self._group = ReentrantCallbackGroup()
         for kind, name, callback in (
@@ -109,14 +114,31 @@ class CalibrationServices:
         session = self._session
         if session is None or self._waiting is None:
             return
+        reading = session.reading
         try:
             found = session.add(event, time.monotonic())
         except CalibrationError as error:
             self._refuse(str(error))
         else:
+            self._publish_progress(session.load_cell, reading)
             if found is not None:
-                reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-                self._answer((True, f'{reading}; {len(session.points)} read by now', found))
+                text = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
+                self._answer((True, f'{text}; {len(session.points)} read by now', found))
+
+    def _publish_progress(self, cell: LoadCell, reading: RestReading | None) -> None:
+        """Publish the reading of the latest samples, which changes twice a second."""
+        found = None if reading is None else reading.latest
+        if self._tell is None or reading is None or found is None or found is self._told:
+            return
+        self._told, wanted = found, self._parameters.steadiness
+        self._tell(
+            load=float((found.mean - cell.zero_counts) / cell.counts_per_kg),
+            drift=float(found.drift / cell.counts_per_kg),
+            std_error=float(abs(found.std_error / cell.counts_per_kg)),
+            tolerance=float(wanted.tolerance),
+            duration=float(reading.duration),
+            wanted=float(wanted.duration),
+        )
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
         """Return session and file. Raises ValueError if the load cell cannot be calibrated now."""
@@ -131,15 +153,25 @@ class CalibrationServices:
             raise CalibrationError('the driver is not active, so no samples arrive; activate it')
         return self._session, path
 
+    async def _on_read(self, goal: Any, result: Any, tell: Callable[..., None]) -> None:
+        mass, uncertainty = float(goal.mass), float(goal.mass_uncertainty)
+        if not mass >= 0:
+            raise CalibrationError(f'mass {mass:g} kg: must be above 0, or 0 for the empty belt')
+        success, text, found = await self._read(mass, uncertainty, tell)
+        if not success or found is None:
+            raise CalibrationError(text)
+        result.message, result.reading, result.std_error = text, found.mean, found.std_error
+        result.points = 0 if self._session is None else len(self._session.points)
+
     async def _on_zero(self, request: Any, response: Any) -> Any:
+        self._node.warn_of(ports.CALIBRATE_ZERO, ports.READ_LOAD)
         response.success, response.message, _ = await self._read(0.0, 0.0)
         return response
 
     async def _on_span(self, request: Any, response: Any) -> Any:
+        self._node.warn_of(ports.CALIBRATE_SPAN, ports.READ_LOAD)
         if not request.mass > 0:
-            response.message = (
-                f'mass {request.mass:g} kg: must be above 0; calibrate_zero reads the empty belt'
-            )
+            response.message = f'mass {request.mass:g} kg: must be above 0'
             return response
         response.success, response.message, found = await self._read(
             float(request.mass), float(request.mass_uncertainty)
@@ -148,13 +180,15 @@ class CalibrationServices:
             response.reading, response.std_error = found.mean, found.std_error
         return response
 
-    async def _read(self, mass: float, uncertainty: float) -> _Answer:
+    async def _read(
+        self, mass: float, uncertainty: float, tell: Callable[..., None] | None = None
+    ) -> _Answer:
         try:
             session, _ = self._checked()
             session.begin(mass, uncertainty, self._edges.values())
         except ValueError as error:
             return self._refused(str(error))
-        self._waiting = Future()
+        self._waiting, self._tell, self._told = Future(), tell, None
         # Without this call, a result that another thread sets would not wake the executor.
         self._waiting.add_done_callback(lambda _: self._node.executor.wake())
         patience = self._parameters.patience + _SILENCE
@@ -178,6 +212,12 @@ class CalibrationServices:
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set_result(answer)
+
+    def _cancel_reading(self) -> None:
+        """End the reading of a load. The points are kept."""
+        if self._session is not None:
+            self._session.reading = None
+        self._refuse('cancelled')
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
         session = self._session

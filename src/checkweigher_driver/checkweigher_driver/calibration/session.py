@@ -139,11 +139,11 @@ class CalibrationSession:
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')
         if not self.points:
-            raise CalibrationError('no load was read; call calibrate_zero and calibrate_span first')
+            raise CalibrationError('no load was read; read the empty belt and known masses first')
         if now - self._began > _LONGEST:
             raise CalibrationError(
                 f'the first load was read more than {_LONGEST / 60:.0f} min ago, and the zero '
-                'drifts; call cancel_calibration and begin again'
+                'drifts; begin again'
             )
         _check_clear(edges)
         if any(stamp - edge.stamp < _QUIET for edge in edges):
@@ -156,7 +156,7 @@ class CalibrationSession:
             raise CalibrationError(
                 f'the largest residual is {GRAMS * found.largest_residual:.3f} g, more than '
                 f'{GRAMS * max_residual:g} g; check the masses, and that nothing touches the belt, '
-                'then call cancel_calibration and begin again'
+                'then begin again'
             )
         return found
 
@@ -165,8 +165,8 @@ class CalibrationSession:
             return calibrate(self.points)
         if len(self.points) > 1:
             raise CalibrationError(
-                'only the empty belt was read, and several times; call calibrate_span, or '
-                'cancel_calibration and read it once'
+                'only the empty belt was read, and several times; read a known mass, or begin '
+                'again and read it once'
             )
         return zero_only(self.points[0], self.load_cell.counts_per_kg)
 

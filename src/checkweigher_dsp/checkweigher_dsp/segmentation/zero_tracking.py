@@ -173,21 +173,15 @@ class ZeroTracker:
         self._doubted: float | None = None  # reading in counts that is not confirmed yet
         self._has_read = False
 
-    @property
-    def _shares(self) -> list[float]:
+    def _mean(self) -> tuple[float, float]:
+        """Return the zero and its variance, weighted by the likelihood of both filters."""
         most = max(each.evidence for each in self._motions)
         shares = [math.exp(each.evidence - most) for each in self._motions]
-        return [each / sum(shares) for each in shares]
-
-    @property
-    def _value(self) -> float:
-        pairs = zip(self._shares, self._motions, strict=True)
-        return sum(share * each.value for share, each in pairs)
-
-    @property
-    def _variance(self) -> float:
-        value, pairs = self._value, zip(self._shares, self._motions, strict=True)
-        return sum(share * (each.variance + (each.value - value) ** 2) for share, each in pairs)
+        total = sum(shares)
+        pairs = [(share / total, each) for share, each in zip(shares, self._motions, strict=True)]
+        value = sum(share * each.value for share, each in pairs)
+        parts = (share * (each.variance + (each.value - value) ** 2) for share, each in pairs)
+        return value, sum(parts)
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Update the zero by a segment of the empty belt that ends at `time` in s.
@@ -201,7 +195,8 @@ class ZeroTracker:
         if self._stamp is not None:
             elapsed = max(time - self._stamp, 0.0)
             most = self._limits.rate * elapsed if elapsed > 0 else 0.0
-            allowed = self._value - most, self._value + most
+            value, _ = self._mean()
+            allowed = value - most, value + most
             for each in self._motions:
                 each.carry_on(elapsed)
                 each.value = _within(each.value, allowed)
@@ -214,28 +209,29 @@ class ZeroTracker:
     def _follow(self, counts: Array, settled: bool, allowed: tuple[float, float]) -> None:
         known = self._scatter, self._degrees
         reading, noise = self._measure(counts, settled)
-        if self._is_doubtful(reading, noise):
+        value, variance = self._mean()
+        if self._is_doubtful(reading, reading - value, noise):
             self._doubted, self._behind = reading, True
             self._scatter, self._degrees = known
             return
         self._doubted, self._has_read = None, True
-        if (reading - self._value) ** 2 > _JUMP**2 * (self._variance + noise):
+        if (reading - value) ** 2 > _JUMP**2 * (variance + noise):
             # Reset the variances to follow a jump, because dirt has come or was removed.
             for each in self._motions:
                 each.begin()
         self._correct(reading, noise, allowed)
 
-    def _is_doubtful(self, reading: float, noise: float) -> bool:
-        """Return whether a reading needs confirmation, because it is far from the zero."""
+    def _is_doubtful(self, reading: float, change: float, noise: float) -> bool:
+        """Return whether a reading, with a large change from the zero, needs confirmation."""
         drift = self._initial_variance
-        if not self._has_read or (reading - self._value) ** 2 <= _JUMP**2 * (drift + noise):
+        if not self._has_read or change**2 <= _JUMP**2 * (drift + noise):
             return False
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
 
     def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
         left = [each.correct(reading, noise, allowed) for each in self._motions]
         held_back = any(each.value in allowed for each in self._motions)
-        rest = reading - self._value
+        rest = reading - self._mean()[0]
         self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_at_rest(self, counts: Array) -> bool:
@@ -301,8 +297,9 @@ class ZeroTracker:
     @property
     def zero(self) -> Zero:
         """Current zero."""
-        trusted = not self._behind and self.is_in_range(self._value)
-        return Zero(self._value, math.sqrt(self._variance), trusted)
+        value, variance = self._mean()
+        trusted = not self._behind and self.is_in_range(value)
+        return Zero(value, math.sqrt(variance), trusted)
 
 
 def _within(value: float, allowed: tuple[float, float]) -> float:

@@ -108,15 +108,15 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
     stop = int(time.searchsorted(transit + min(lag, 0.0)))
     if min(begin, stop - end) < _FEWEST:
         begin, end = (int(time.searchsorted(at)) for at in (lag, rise_time + lag))
-    share = np.clip((time - lag) / rise_time, 0.0, 1.0)
+    share = _limited((time - lag) / rise_time)
     bend = 30 * (time[1] - time[0]) * share * (1 - share)
     bent = zero * np.add.reduce(bend) + level * (bend @ share) - bend
+    empty, ringing = _noise(force[:begin]), _noise(force[end:stop])
     std_devs = []
     for weights, systematic in ((late, _SYSTEMATIC), (bent, _SYSTEMATIC_BEND)):
         used = np.flatnonzero(weights)
         weights = weights[used[0] : used[-1] + 1]
-        ringing = _LEVEL_SHARE * _noise(force[end:stop], weights)
-        noise = math.hypot(_noise(force[:begin], weights), ringing)
+        noise = math.hypot(_rms(empty, weights), _LEVEL_SHARE * _rms(ringing, weights))
         std_devs.append(math.hypot(noise / mass, systematic))
     return RiseLag(lag, std_devs[0], float(bent @ force) / mass, std_devs[1])
 
@@ -153,22 +153,33 @@ def _weights(
     taper = min(_TAPER, (stop - rise_time - lag) / 2)
     outside = np.maximum(np.maximum(-since, since - rise_time), 0.0)
     area = interval * np.cos(np.minimum(outside / taper, 1.0) * (math.pi / 2)) ** 2
-    share = np.clip(since / rise_time, 0.0, 1.0)
+    share = _limited(since / rise_time)
     level -= zero
     return zero, level, zero * np.add.reduce(area) + level * (area @ share) - area
 
 
 def _bell(time: Array, begin: float, end: float) -> Array:
     """Return the values of a Hann window from `begin` to `end` at the given times."""
-    return np.sin(math.pi * np.clip((time - begin) / (end - begin), 0.0, 1.0)) ** 2
+    return np.sin(math.pi * _limited((time - begin) / (end - begin))) ** 2
 
 
-def _noise(force: Array, weights: Array) -> float:
-    """Return the root mean square of a weighted sum of noise like that of `force`, (n,).
+def _limited(values: Array) -> Array:
+    """Return the values limited to the range from 0 to 1, in half the time of `np.clip`."""
+    return np.minimum(np.maximum(values, 0.0), 1.0)
 
-    The noise is tapered, so that it may be shorter than the weights, (m,).
+
+def _noise(force: Array) -> tuple[Array, float]:
+    """Return the noise of `force`, (n,), with a taper, and the power of the taper.
+
+    With the taper, the noise may be shorter than the weights of a sum.
     """
     noise = force - np.add.reduce(force) / len(force)
     taper = np.sin((np.arange(len(force)) + 0.5) * (math.pi / len(force)))
-    seen = np.correlate(noise * taper, weights, 'full')
-    return math.sqrt(float(seen @ seen) / float(taper @ taper))
+    return noise * taper, float(taper @ taper)
+
+
+def _rms(noise: tuple[Array, float], weights: Array) -> float:
+    """Return the root mean square of a sum of such a noise, weighted by `weights`, (m,)."""
+    tapered, power = noise
+    seen = np.correlate(tapered, weights, 'full')
+    return math.sqrt(float(seen @ seen) / power)

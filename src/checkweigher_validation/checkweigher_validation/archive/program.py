@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 import platform
 
-_WEIGHING = ('dsp', 'recording', 'validation')  # packages on which the results depend
+_WEIGHING = ('core', 'dsp', 'recording', 'validation')  # packages on which the results depend
 _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
 
 

@@ -3,7 +3,7 @@
 """View of a simulated machine to practise on: the line from above, with faults to make."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -67,7 +67,6 @@ class PracticeView(View):
 
     def _build(self) -> None:
         self._now = OperationParameters()
-        self._waiting = False  # whether the controls show a change that is not set yet
         with ui.element('div').classes('machine') as self._machine:
             ui.label(_TEXT).classes('about')
             self._picture = ui.html('', sanitize=False)
@@ -77,7 +76,7 @@ class PracticeView(View):
                 self._eyes = {name: _EyeControls(name, self._change) for name in _EYES}
             with ui.element('div').classes('in-a-row'):
                 self._feed = ui.switch('Products come', on_change=self._set_feed)
-                self._put_mass = field('Mass of one product', unit='g')
+                self._put_mass = field('Mass of one product', unit='g').props('stack-label')
                 for text, click in (
                     ('Put it on the belt', self._put),
                     ('Kill the driver', self._kill),
@@ -88,7 +87,7 @@ class PracticeView(View):
         self._machine.set_visibility(False)
 
     def _number(self, name: str, label: str, unit: str, factor: float) -> ui.input:
-        given = field(label, unit=unit).props('debounce=800')
+        given = field(label, unit=unit).props('debounce=800 stack-label')
         given.on_value_change(partial(self._set_number, name, factor))
         return given
 
@@ -149,13 +148,13 @@ class PracticeView(View):
         if not new or self.look.practice is None:
             return
         try:
-            wanted = replace(self._now, **new)
+            replace(self._now, **new)
         except ParameterError as error:
             outcome = Outcome(False, str(error))
         else:
             outcome = await self.look.practice.set(**new)
-        if outcome.done:
-            self._show_settings(replace(wanted, kill=False))
+        if outcome.done:  # Another change may have been made meanwhile.
+            self._show_settings(replace(self._now, **{**new, 'kill': False}))
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:
@@ -171,7 +170,9 @@ class _EyeControls:
             ui.label(f'{name.capitalize()} eye')
             self._place = ui.slider(min=-_FARTHEST, max=_FARTHEST, step=5, value=0)
             self._place.props(f'label aria-label="Place of the {name} eye in mm"')
-            self._place.on('change', self._set_place)
+            self._place.on(
+                'update:model-value', self._set_place, throttle=0.5, leading_events=False
+            )
             with ui.element('div').classes('in-a-row'):
                 self._dirty = ui.switch('dirty', on_change=self._set_lens)
                 self._dead = ui.switch('cable off', on_change=self._set_lens)
@@ -195,71 +196,66 @@ def is_simulated(lane: Lane | Shift) -> bool:
     return lane.load_cell is not None and lane.load_cell.model == 'simulated'
 
 
-# The picture: infeed belt, weigh belt and outfeed belt from left to right. Lengths in px.
-_WIDTH, _HEIGHT, _BEGIN, _END, _TOP, _BOTTOM = 720, 190, 260, 460, 60, 130
-_SCALE = 1000.0  # px per m of an eye's displacement, which is drawn larger than it is
-
-
-@dataclass(frozen=True)
-class _Box:
-    """Rectangle of the picture."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-    kind: str
-
-    def __str__(self) -> str:
-        return (
-            f'<rect class="{self.kind}" x="{self.x:g}" y="{self.y:g}" width="{self.width:g}" '
-            f'height="{self.height:g}"/>'
-        )
+# The picture, in px: infeed belt, weigh belt and outfeed belt from left to right.
+_WIDTH, _HEIGHT, _BEGIN, _END, _TOP, _BOTTOM = 480, 188, 170, 310, 74, 134
+_PRODUCT, _USUAL_GAP, _WIDEST_GAP = 40, 60, 300
+_SCALE = 1000.0  # px per m of a gap or of the displacement of an eye, drawn larger than it is
 
 
 def picture(now: OperationParameters) -> str:
     """Return the line from above as SVG, with products, load and eyes as they are set."""
-    length, belt = 46, _BOTTOM - _TOP
     parts = [
-        str(_Box(begin, _TOP, end - begin - 6, belt, kind))
+        _box(begin, _TOP, end - begin - 4, _BOTTOM - _TOP, kind)
         for begin, end, kind in (
             (0, _BEGIN, 'belt'),
             (_BEGIN, _END, 'belt weighs'),
             (_END, _WIDTH, 'belt'),
         )
     ]
-    gap = min(_SCALE * now.gap, 300) if now.gap else 90
-    places = [x for k in range(3) if (x := _BEGIN - 40 - length - k * (length + gap)) >= 0]
-    parts += [str(_Box(x, _TOP + 15, length, belt - 30, 'product')) for x in places if now.feed]
+    step = _PRODUCT + (min(_SCALE * now.gap, _WIDEST_GAP) if now.gap else _USUAL_GAP)
+    place = _BEGIN - 25.0 - _PRODUCT
+    while now.feed and place >= 0:
+        parts.append(_box(place, _TOP + 12, _PRODUCT, _BOTTOM - _TOP - 24, 'product'))
+        place -= step
     middle = (_BEGIN + _END) / 2
     if now.load:
-        parts.append(f'<circle class="load" cx="{middle}" cy="{_TOP + 35}" r="12"/>')
-        parts.append(_text(middle, _BOTTOM + 50, f'{GRAMS * now.load:g} g on the belt'))
-    if now.zero:
-        parts.append(_text(middle, _BOTTOM + 30, f'zero off by {GRAMS * now.zero:g} g'))
+        parts.append(f'<circle class="load" cx="{middle:g}" cy="{_TOP + 30}" r="10"/>')
+    for y, holds, text in (
+        (_BOTTOM + 24, now.load, f'{GRAMS * now.load:g} g on the belt'),
+        (_BOTTOM + 46, now.zero, f'zero off by {GRAMS * now.zero:g} g'),
+    ):
+        if holds:
+            parts.append(_text(middle, y, text))
     if not now.feed:
-        parts.append(_text(_BEGIN / 2, (_TOP + _BOTTOM) / 2, 'no products come'))
-    parts += [_eye(now, 'infeed', _BEGIN), _eye(now, 'outfeed', _END)]
+        parts.append(_text(_BEGIN / 2, (_TOP + _BOTTOM) / 2 + 6, 'no products come'))
+    parts += [_eye(now, 'infeed', _BEGIN, 'end'), _eye(now, 'outfeed', _END, 'start')]
     return (
         f'<svg class="line" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
         f'aria-label="the line from above">{"".join(parts)}</svg>'
     )
 
 
-def _eye(now: OperationParameters, name: str, place: float) -> str:
+def _eye(now: OperationParameters, name: str, place: float, anchor: str) -> str:
+    """Return the beam of an eye, with its state in words, from `anchor` on."""
     dirty, dead = getattr(now, f'{name}_dirty'), getattr(now, f'{name}_dead')
     moved = getattr(now, f'{name}_place')
     x = place + _SCALE * moved
-    state = 'cable off' if dead else 'dirty' if dirty else ''
-    moved_by = f'{_MM * moved:+g} mm' if moved else ''
-    told = ', '.join(filter(None, (f'{name} eye', state, moved_by)))
     kind = 'dead' if dead else 'dirty' if dirty else 'clean'
+    told = 'cable off' if dead else 'dirty' if dirty else ''
+    moved_by = f'{_MM * moved:+g} mm' if moved else ''
+    state = ', '.join(filter(None, (told, moved_by)))
+    at = place + (25 if anchor == 'end' else -25)
     return (
-        f'<line class="beam {kind}" x1="{x:g}" y1="{_TOP - 18}" x2="{x:g}" y2="{_BOTTOM + 12}"/>'
-        f'<circle class="lens {kind}" cx="{x:g}" cy="{_TOP - 24}" r="8"/>'
-        + _text(place, _TOP - 40, told)
+        f'<line class="beam {kind}" x1="{x:g}" y1="{_TOP - 16}" x2="{x:g}" y2="{_BOTTOM + 8}"/>'
+        f'<circle class="lens {kind}" cx="{x:g}" cy="{_TOP - 20}" r="7"/>'
+        + _text(at, 17, f'{name} eye', anchor)
+        + _text(at, 38, state, anchor)
     )
 
 
-def _text(x: float, y: float, text: str) -> str:
-    return f'<text x="{x:g}" y="{y:g}">{text}</text>'
+def _box(x: float, y: float, width: float, height: float, kind: str) -> str:
+    return f'<rect class="{kind}" x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}"/>'
+
+
+def _text(x: float, y: float, text: str, anchor: str = 'middle') -> str:
+    return f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}">{text}</text>'

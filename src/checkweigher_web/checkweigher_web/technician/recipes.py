@@ -107,7 +107,10 @@ class RecipesDialog(Dialog):
                 self._list = ItemList(_HEADS, self._choose, 'change recipe')
             with ui.element('div').classes('form'):
                 self._name = field('Product')
-                self._fields = {each: field(each.label, unit=each.unit) for each in _ENTRIES}
+                self._fields = {
+                    each: field(each.label, unit=each.unit).props('stack-label')
+                    for each in _ENTRIES
+                }
             self._more = ui.textarea('Further keys, as in the file').classes('plan')
             self._more.props('outlined dense')
             with ui.element('label').classes('in-a-row'):

@@ -4,12 +4,10 @@
 
 from collections.abc import Awaitable, Callable
 from functools import partial
-import math
 
 from nicegui import ui
 from nicegui.element import Element
 
-from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
@@ -19,18 +17,14 @@ from checkweigher_web.technician.users import users
 from checkweigher_web.views.item import ENDED, standstill
 from checkweigher_web.views.view import Look
 from checkweigher_web.work import actions
-from checkweigher_web.work.actions import MassLimits
 from checkweigher_web.work.audit import audit_log
-from checkweigher_web.work.calibration import CalibrationDialog
-from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number_in
-from checkweigher_web.work.dynamic_setting import DynamicSettingGuide
+from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field
 from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.performance import performance_test
 from checkweigher_web.work.reports import batch_reports
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 from checkweigher_web.work.signing import sign_records
 from checkweigher_web.work.simulated_machine import operate
-from checkweigher_web.work.verification import VerificationGuide
 
 _PERIOD = 1.0  # s
 _ZERO = 'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.'
@@ -40,10 +34,6 @@ _STOP = (
     'started and its stop is reset.'
 )
 _ACKNOWLEDGE = 'You have seen all alarms. Those that are over leave the list.'
-_LIMITS = (
-    'Limits of the gross mass; empty for none. The next selection of a product sets those of its '
-    'recipe.'
-)
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
@@ -109,15 +99,8 @@ async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
     if desk.role < role:
         ui.navigate.to('/login')
         return
-    services = await desk.services()
     try:
-        known = await actions.products(services)
-        product = known.get(desk.lane.statistics.product) if desk.lane.statistics else None
-        desk.needs_reason = product is not None and product.reason
-    except ActionRefusedError:
-        desk.needs_reason = False
-    try:
-        await begin(desk, services)
+        await begin(desk, await desk.begin())
     except ActionRefusedError as error:
         Dialog(label).tell(Outcome(False, str(error)))
 
@@ -170,21 +153,8 @@ async def _reset(desk: Desk, services: LaneServices) -> None:
     ask(desk, 'Reset stop', text, 'Reset', lambda: plan)
 
 
-async def _limits(desk: Desk, services: LaneServices) -> None:
-    now = actions.limits(services)
-
-    def plan(lower: ui.input, upper: ui.input) -> tuple[str, Action]:
-        wanted = MassLimits(
-            number_in(lower, empty=-math.inf) / GRAMS, number_in(upper, empty=math.inf) / GRAMS
-        )
-        return f'set limits to {wanted}', partial(actions.set_limits, services, wanted)
-
-    def limit(label: str, value: float) -> ui.input:
-        return field(label, f'{GRAMS * value:g}' if math.isfinite(value) else '', 'g')
-
-    lower = partial(limit, 'Lower limit', now.lower)
-    upper = partial(limit, 'Upper limit', now.upper)
-    ask(desk, 'Limits', _LIMITS, 'Set', plan, lower, upper, role=Role.TECHNICIAN)
+async def _commission(desk: Desk, services: LaneServices) -> None:
+    ui.navigate.to(f'/commissioning/{desk.lane.name}')
 
 
 _SIMULATED = 'Simulated machine'
@@ -208,10 +178,7 @@ _ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Batch reports', Role.OPERATOR, batch_reports),
     ('Sign', Role.OPERATOR, sign_records),
     ('Audit log', Role.OPERATOR, audit_log),
-    ('Limits', Role.TECHNICIAN, _limits),
-    ('Calibration', Role.TECHNICIAN, CalibrationDialog.open),
-    ('Dynamic setting', Role.TECHNICIAN, DynamicSettingGuide.open),
-    ('Verification', Role.TECHNICIAN, VerificationGuide.open),
+    ('Commissioning', Role.TECHNICIAN, _commission),
     ('Recipes', Role.TECHNICIAN, recipes),
     ('Users', Role.TECHNICIAN, users),
     (_SIMULATED, Role.TECHNICIAN, operate),

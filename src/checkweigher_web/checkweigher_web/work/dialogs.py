@@ -4,10 +4,8 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from functools import partial
 import re
 import time
-from typing import ClassVar
 
 from nicegui import ui
 from nicegui.element import Element
@@ -19,6 +17,7 @@ from checkweigher_web.access.guard import Access
 from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import Role, WrongPasswordError, sign_by
 from checkweigher_web.lane import Deed, Lane
+from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
@@ -59,6 +58,17 @@ class Desk:
         """Name of the user, or '' after the end of the session."""
         session = self._access.session_of(self._client)
         return '' if session is None else session.user.name
+
+    async def begin(self) -> LaneServices:
+        """Return the services of the lane, and note whether its product asks for a reason."""
+        services = await self.services()
+        try:
+            known = await actions.products(services)
+            product = known.get(self.lane.statistics.product) if self.lane.statistics else None
+            self.needs_reason = product is not None and product.reason
+        except ActionRefusedError:
+            self.needs_reason = False
+        return services
 
     async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
         """Perform an action with audit log entries if the role of the user allows it."""
@@ -141,40 +151,6 @@ class Dialog:
         self._closing.set_text('Close')
 
 
-class Guide(Dialog):
-    """A dialog that guides a technician through several actions.
-
-    The node with the service `needs` keeps the state, so the dialog may be closed and opened again.
-    """
-
-    title: ClassVar[str]
-    needs: ClassVar[str]
-    reason: ui.input
-
-    def __init__(self, desk: Desk, services: LaneServices) -> None:
-        super().__init__(self.title)
-        self.desk = desk
-        self.services = services
-
-    @classmethod
-    async def open(cls, desk: Desk, services: LaneServices) -> None:
-        """Open the dialog, or raise `ActionRefusedError` if its service does not run."""
-        await services.found(cls.needs)
-        cls(desk, services)
-
-    def service_button(self, text: str, what: str, service: str) -> ui.button:
-        """Add a button that calls a service. The name of the action in the audit log is `what`."""
-        action = partial(self.services.message, service)
-        return self.button(text, partial(self.perform, what, action))
-
-    async def perform(self, what: str, action: Action) -> bool:
-        """Perform an action with the reason in the field, and return whether it was done."""
-        reason = str(self.reason.value or '')
-        outcome = await self.desk.perform(Role.TECHNICIAN, what, action, reason)
-        self.tell(outcome)
-        return outcome.done
-
-
 def reason_field(desk: Desk) -> ui.input:
     """Add a field for the reason of an action."""
     return field('Reason' if desk.needs_reason else 'Reason (may be empty)')
@@ -183,7 +159,8 @@ def reason_field(desk: Desk) -> ui.input:
 def field(label: str, value: str = '', unit: str = '') -> ui.input:
     """Add a field for a text or a number."""
     found = ui.input(label, value=value).props('outlined dense maxlength=200')
-    return found.props(f'suffix="{unit}"') if unit else found
+    # The browser shows the unit of an empty field only if its label stands above the text.
+    return found.props(f'suffix="{unit}" stack-label') if unit else found
 
 
 def number_in(given: ui.input, *, empty: float | None = None) -> float:

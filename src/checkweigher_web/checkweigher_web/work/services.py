@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the services of a lane, with audit log entries for the users who call them."""
+"""Clients of the services and actions of a lane, with audit log entries for their users."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -8,14 +8,19 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 import json
+import math
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from checkweigher_msgs.msg import DynamicSetting
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.action import ActionClient
 from rclpy.client import Client
+from rclpy.task import Future
 
 from checkweigher_core.changes import PERSON, SIGNATURE
 from checkweigher_core.printable import one_line
@@ -23,6 +28,7 @@ from checkweigher_core.records import PerformanceTest, ProductOnLine, Verificati
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.services import (
+    ACTIONS,
     LIFE_CYCLE_NODES,
     OF_MACHINE,
     PAGE_WORK,
@@ -43,6 +49,7 @@ _SERVICES: dict[str, tuple[Any, str]] = {
         for each in SERVICES
         if PAGE_WORK in each.callers
     },
+    **{f'{each.name}/_action/cancel_goal': (CancelGoal, each.server) for each in ACTIONS},
     **{
         f'{node}/{name}': (kind, node)
         for node in LIFE_CYCLE_NODES
@@ -85,6 +92,14 @@ class Outcome:
     text: str
 
 
+class LoadRead(NamedTuple):
+    """Reading of a load at rest in kg, by the calibration before, with its standard uncertainty."""
+
+    load: str  # what is on the belt, for the user
+    mass: float
+    uncertainty: float
+
+
 # User who performs an action in the running task, and the reason of the action.
 ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
 
@@ -94,8 +109,12 @@ class LaneServices(PortNode):
 
     Attributes
     ----------
-    readings : list of str
+    feedback : dict of str to message
+        Latest feedback of each action that the page has begun, while it runs.
+    readings : list of LoadRead
         Readings of loads for a calibration.
+    calibrated : str
+        Text on the calibration that the page has written, or ''.
     setting, test, verification, product
         Latest message on each topic, or None if none has arrived.
     batch_folder : Path or None
@@ -107,8 +126,14 @@ class LaneServices(PortNode):
         self._by_name: dict[str, Client] = {
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
+        self._action_clients = {
+            each.name: (ActionClient(self, ports.interface(each.kind), each.name), each.server)
+            for each in ACTIONS
+        }
+        self.feedback: dict[str, Any] = {}
         self._has_log = False
-        self.readings: list[str] = []
+        self.readings: list[LoadRead] = []
+        self.calibrated = ''
         self.setting: DynamicSetting | None = None
         self.test: PerformanceTest | None = None
         self.verification: VerificationProgress | None = None
@@ -134,28 +159,76 @@ class LaneServices(PortNode):
         """Return the message in the answer of a service, which is called as by `call`."""
         return str((await self.call(name, **values)).message)
 
+    async def do(self, name: str, *, may_end: bool = False, **values: Any) -> Any:
+        """Return the result of an action when it has ended.
+
+        `values` are the fields of the goal. Raises `ActionRefusedError` if it does not succeed.
+        With `may_end`, a goal that was cancelled has a result, too.
+        """
+        client, node = self._action_clients[name]
+        kind = ports.interface(next(each.kind for each in ACTIONS if each.name == name))
+        await _ready(client.server_is_ready, node)
+        assert self.executor is not None
+        # The executor sends the goal, so that it cannot receive the answer before that is noted.
+        goal = self.executor.create_task(self._follow, client, name, kind, values)
+        try:
+            answer = await self._awaited(goal, client.server_is_ready, node, math.inf)
+        except ActionRefusedError:
+            goal.cancel()
+            raise
+        ends = {GoalStatus.STATUS_SUCCEEDED, *([GoalStatus.STATUS_CANCELED] if may_end else [])}
+        if answer is None or answer.status not in ends:
+            raise ActionRefusedError((answer and answer.result.message) or 'it was cancelled')
+        return answer.result
+
+    async def _follow(
+        self, client: ActionClient, name: str, kind: Any, values: dict[str, Any]
+    ) -> Any:
+        """Send a goal, keep its feedback, and return its end, or None if it is not accepted."""
+
+        def keep(message: Any) -> None:
+            self.feedback[name] = message.feedback
+
+        handle = await client.send_goal_async(kind.Goal(**values), keep)
+        if handle.accepted:
+            self.feedback.setdefault(name, kind.Feedback())
+        try:
+            return await handle.get_result_async() if handle.accepted else None
+        finally:
+            self.feedback.pop(name, None)
+
+    async def cancel(self, name: str) -> str:
+        """Cancel all goals of an action, and return a text on that."""
+        await self.call(f'{name}/_action/cancel_goal')
+        return 'it ends'
+
     async def found(self, name: str) -> Client:
         """Return the client of a service, or raise `ActionRefusedError` if it does not run."""
         client, (_, node) = self._by_name[name], _SERVICES[name]
-        deadline = time.monotonic() + _DISCOVERY
-        while not client.service_is_ready():
-            if time.monotonic() > deadline:
-                raise ActionRefusedError(f'the node {node} does not run in this lane')
-            await asyncio.sleep(0.05)
+        await _ready(client.service_is_ready, node)
         return client
 
     async def _answer(self, client: Client, request: Any, node: str) -> Any:
-        loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
         future = client.call_async(request)
+        try:
+            return await self._awaited(future, client.service_is_ready, node, _PATIENCE)
+        except ActionRefusedError:
+            client.remove_pending_request(future)
+            raise
+
+    async def _awaited(
+        self, future: Future, is_ready: Callable[[], bool], node: str, patience: float
+    ) -> Any:
+        """Return the result of a future of rclpy while its server, a node, is ready."""
+        loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
         future.add_done_callback(lambda _: loop.call_soon_threadsafe(came.set))
         while True:
             try:
                 await asyncio.wait_for(came.wait(), _LOOK_PERIOD)
                 return future.result()
             except TimeoutError:
-                gone = not client.service_is_ready()
-                if gone or time.monotonic() - asked > _PATIENCE:
-                    client.remove_pending_request(future)
+                gone = not is_ready()
+                if gone or time.monotonic() - asked > patience:
                     why = 'ended before it answered' if gone else 'does not answer'
                     raise ActionRefusedError(f'the node {node} {why}') from None
 
@@ -223,6 +296,15 @@ class LaneServices(PortNode):
             new_value=json.dumps(None if text is None else one_line(text)),
             subjects=list(services),
         )
+
+
+async def _ready(is_ready: Callable[[], bool], node: str) -> None:
+    """Wait until a server is discovered, or raise `ActionRefusedError` if its node does not run."""
+    deadline = time.monotonic() + _DISCOVERY
+    while not is_ready():
+        if time.monotonic() > deadline:
+            raise ActionRefusedError(f'the node {node} does not run in this lane')
+        await asyncio.sleep(0.05)
 
 
 class Workshop:

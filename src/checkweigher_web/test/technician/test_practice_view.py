@@ -92,7 +92,7 @@ def test_the_picture_says_what_was_done_to_the_line():
         feed=False, load=0.005, zero=-0.02, infeed_dirty=True, outfeed_place=0.03
     )
     text = picture(now)
-    for told in ('infeed eye, dirty', 'outfeed eye, +30 mm', '5 g on the belt', 'off by -20 g'):
+    for told in ('>dirty<', '>+30 mm<', '>5 g on the belt<', '>zero off by -20 g<'):
         assert told in text
     assert 'class="product"' not in text
     assert 'cable off' in picture(OperationParameters(infeed_dead=True))

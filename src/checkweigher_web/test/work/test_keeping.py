@@ -56,7 +56,7 @@ def test_an_item_is_kept_with_what_its_mass_needs(recording: Recording, tmp_path
 def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recording, tmp_path: Path):
     lane = held_of(recording)
     items = lane.items()
-    with pytest.raises(ActionRefusedError, match='has another result'):
+    with pytest.raises(ActionRefusedError, match='weighed another way'):
         keep(tmp_path, lane, items[0], DEFAULTS.with_values({'reject.lower_limit': 9.0}))
     with pytest.raises(ActionRefusedError, match='no place in the signal'):
         keep(tmp_path, lane, replace(items[0], estimate=None))
@@ -92,7 +92,7 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
             lane.take(block)
         held = lane.recording()
         assert (held.blocks, held.edges, held.references) == (tuple(blocks), (), ())
-        with pytest.raises(ActionRefusedError, match='has another result'):
+        with pytest.raises(ActionRefusedError, match='weighed another way'):
             keep(tmp_path, lane, item)
 
 

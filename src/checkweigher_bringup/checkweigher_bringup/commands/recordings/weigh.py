@@ -8,6 +8,7 @@ checkweigher weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8
 """
 
 import argparse
+from collections import deque
 from collections.abc import Iterable
 from contextlib import closing
 from functools import partial
@@ -65,7 +66,7 @@ def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParamet
 
     check_output_file(arguments.csv, arguments.overwrite)
     with local_bag(bag) as path:
-        work = partial(_weigh, parameters=parameters)
+        work = partial(_weigh, parameters=parameters, with_rows=arguments.csv is not None)
         table, rows = over_stretches(work, path, arguments.lane, progress=True)
     with table, rows:
         if arguments.csv is not None:
@@ -107,8 +108,10 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
     print(f'{progress}: {one_line(weighed.bag)}: {items}', flush=True)
 
 
-def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tuple[TextIO, TextIO]:
-    """Weigh the segments of a bag, and return files with the table and the rows in CSV.
+def _weigh(
+    stretches: 'Iterable[Recording]', parameters: 'LineParameters', with_rows: bool
+) -> tuple[TextIO, TextIO]:
+    """Weigh the segments of a bag, and return files with the table and, if wanted, rows in CSV.
 
     The results are written to files first, because an error at the end of the bag voids all
     results.
@@ -122,7 +125,10 @@ def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tu
     table, rows = _spool(), _spool()
     shown = ItemTable(first.blocks[0].stamp, table)
     recordings = map(with_warning, chain([first], stretches))
-    rows.writelines(items_as_csv(map(shown.show, weigh_stretches(recordings, parameters))))
+    items = map(shown.show, weigh_stretches(recordings, parameters))
+    if with_rows:
+        rows.writelines(items_as_csv(items))
+    deque(items, maxlen=0)  # Show the items that are not in rows.
     shown.close()
     table.seek(0)
     rows.seek(0)

@@ -264,7 +264,7 @@ def test_bags_of_a_web_server_have_the_same_bits(archive: Path, tmp_path: Path):
         (['bag', 'none'], 'several bags: add --output DIR'),
         (['empty'], 'empty: no bag in this folder'),
         (['bag', '--jobs', '2'], '--jobs, --scheduler: only with --output DIR'),
-        (['bag', '--csv', 'x.csv', '--output', 'results'], '--csv: of one bag'),
+        (['bag', '--csv', 'x.csv', '--output', 'results'], '--csv: not with --output'),
         (['bag', '--output', 'file'], 'file: cannot be written: File exists'),
         (['bag', '--output', 'none/results'], 'none/results: cannot be written: No such file'),
     ],

@@ -1,0 +1,41 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Uncertainty of the results of a plan before its first step, compared with their limits."""
+
+from collections.abc import Iterator
+import math
+from typing import NamedTuple
+
+from checkweigher_validation.verification.evaluation import COVERAGE
+from checkweigher_validation.verification.plan import Plan
+from checkweigher_validation.verification.steps import Step, StepKind, steps_of
+
+_NO_ERROR = StepKind.OUTSIDE, StepKind.REPEATABILITY  # steps whose error has no limit
+
+
+class Expected(NamedTuple):
+    """Uncertainty that the error of a step will have, and the limit of the error, in kg."""
+
+    step: Step
+    uncertainty: float  # expanded uncertainty, k = 2
+    limit: float
+
+    @property
+    def is_decidable(self) -> bool:
+        """Whether an error of 0 would be within the limit despite its uncertainty."""
+        return self.uncertainty <= self.limit
+
+
+def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
+    """Yield the expected uncertainty of each step of a plan with a load and a limit of the error.
+
+    It combines the certificate of the load and, for passes, the scatter of their mean. `std_dev`
+    is the standard deviation of a pass in kg, or 0 if it is not known.
+    """
+    own = plan.accuracy_class
+    for step in steps_of(plan):
+        if step.load is None or step.kind in _NO_ERROR:
+            continue
+        scatter = 0.0 if step.at_rest else std_dev / math.sqrt(step.count)
+        limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)
+        yield Expected(step, COVERAGE * math.hypot(scatter, step.load.uncertainty), limit)

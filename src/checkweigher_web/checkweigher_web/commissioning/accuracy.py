@@ -1,0 +1,66 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Accuracy of trained estimators as a matrix of estimator and belt speed."""
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+from checkweigher_validation.tuning.tuner import UNTRAINED
+from checkweigher_web.words import number
+
+_CHOSEN = 'chosen: '
+
+
+class Matrix(NamedTuple):
+    """Table of the accuracy on held-out passes, and a line for each speed and the choice."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, then by accuracy
+    changes: tuple[str, ...]
+
+
+def matrix_of(lines: Sequence[str]) -> Matrix:
+    """Return the matrix of the lines of `accuracy_lines`, which has no rows without them."""
+    found: dict[str, dict[str, float]] = {}
+    chosen, reason = '', ''
+    for line in lines[1:]:
+        if line.startswith(_CHOSEN):
+            chosen, _, reason = line.removeprefix(_CHOSEN).partition(': ')
+            continue
+        name, speed, _, _, held_out = line.split()
+        found.setdefault(name, {})[speed] = float(held_out)
+    speeds = tuple(dict.fromkeys(speed for row in found.values() for speed in row))
+    names = sorted(found, key=lambda name: (name != chosen, _mean(found[name])))
+    heads = ('estimator', *(f'{speed} m/min' for speed in speeds))
+    rows = tuple(
+        (_words(name), *(number(found[name].get(s, math.nan), 3, ' g') for s in speeds))
+        for name in names
+    )
+    return Matrix(heads, rows, _changes(found, names, chosen, reason))
+
+
+def _mean(by_speed: dict[str, float]) -> float:
+    return math.fsum(by_speed.values()) / len(by_speed)
+
+
+def _words(name: str) -> str:
+    return 'as now, without training' if name == UNTRAINED else name
+
+
+def _changes(
+    found: dict[str, dict[str, float]], names: Sequence[str], chosen: str, reason: str
+) -> tuple[str, ...]:
+    """Return a line for each speed with the accuracy now and after training, and the choice."""
+    if not names:
+        return ()
+    best = names[0]
+    if chosen == UNTRAINED:
+        return ('Training would make nothing clearly better: keep what the line has.',)
+    now = found.get(UNTRAINED, {})
+    lines = [
+        f'{speed} m/min: {number(now[speed], 3)} g now \u2192 {number(value, 3)} g'
+        for speed, value in found[best].items()
+        if speed in now
+    ]
+    return (*lines, f'Best: {best}; {reason}' if reason else f'Trained: {best}')

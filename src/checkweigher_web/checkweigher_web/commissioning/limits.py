@@ -1,0 +1,63 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits: which masses are accepted."""
+
+from functools import partial
+import math
+
+from nicegui import ui
+
+from checkweigher_core.records import GRAMS
+from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.work import actions
+from checkweigher_web.work.actions import MassLimits
+from checkweigher_web.work.dialogs import field, number_in
+
+
+class LimitsStep(Step):
+    """Limits of the gross mass."""
+
+    title = 'Limits'
+    to_do = (
+        'Items below the lower or above the upper limit are rejected: gross mass, empty for no '
+        'limit. The next selection of a product sets the limits of its recipe instead.'
+    )
+
+    def _build(self) -> None:
+        self._shown: MassLimits | None = None
+        with ui.element('div').classes('fields'):
+            self._lower = field('Lower limit', unit='g')
+            self._upper = field('Upper limit', unit='g')
+
+    def standing(self) -> Standing:
+        """Return the limits in use."""
+        now = self._now()
+        if now is None:
+            return Standing(False, 'the line has not said its limits yet')
+        if not (math.isfinite(now.lower) or math.isfinite(now.upper)):
+            return Standing(False, 'no limits: everything is accepted')
+        return Standing(True, str(now))
+
+    def _now(self) -> MassLimits | None:
+        return None if self.services.product is None else actions.limits(self.services)
+
+    async def update(self) -> None:
+        """Show the limits in use when they have changed."""
+        now = self._now()
+        if now is None or now == self._shown:
+            return
+        self._shown = now
+        for shown, limit in ((self._lower, now.lower), (self._upper, now.upper)):
+            shown.set_value(f'{GRAMS * limit:g}' if math.isfinite(limit) else '')
+
+    def primary(self) -> Choice:
+        """Return the button that sets both limits."""
+        return Choice('Set the limits', self._set)
+
+    async def _set(self) -> None:
+        wanted = MassLimits(
+            number_in(self._lower, empty=-math.inf) / GRAMS,
+            number_in(self._upper, empty=math.inf) / GRAMS,
+        )
+        set_limits = partial(actions.set_limits, self.services, wanted)
+        await self.perform(f'set limits to {wanted}', set_limits)

@@ -1,0 +1,174 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Page of the commissioning: the steps, the present load, and the panel of one step."""
+
+from collections.abc import Callable
+from functools import partial
+import math
+
+from nicegui import ui
+
+from checkweigher_core.records import GRAMS
+from checkweigher_web.commissioning.registry import STEPS
+from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.commissioning.wording import in_words
+from checkweigher_web.elements import STYLE, panel
+from checkweigher_web.words import grams
+from checkweigher_web.work.dialogs import Desk, reason_field
+from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
+
+_STYLE = STYLE.with_name('path.css')
+_PERIOD = 0.5  # s
+_AT_REST = 1e-4  # change of the load in kg within 1 s up to which it is at rest
+_MOVES = 100  # multiple of that at which the bar of the stability is empty
+_REST_BEATS = 2  # number of updates for which a button with a new label cannot be pressed
+
+
+class CommissioningPath:
+    """Page of one viewer.
+
+    The buttons stand at fixed places. If the label of a button changes, it cannot be pressed for a
+    second, so that a second click does not do what the first one made possible.
+    """
+
+    def __init__(self, desk: Desk, services: LaneServices) -> None:
+        self._lane = desk.lane
+        ui.add_css(STYLE)
+        ui.add_css(_STYLE)
+        with ui.element('main').classes('path'):
+            with ui.element('nav').classes('stages').props('aria-label="Steps"'):
+                self._tabs = [_Tab(k, kind, partial(self._go, k)) for k, kind in enumerate(STEPS)]
+            with panel('On the belt now', 'now'):
+                self._load = ui.label('').classes('load')
+                self._steady = ui.linear_progress(0, show_value=False, size='1.25rem')
+                self._steady.props('instant-feedback aria-label="stability of the load"')
+                self._moving = ui.label('')
+            self._panels = []
+            self._steps: list[Step] = []
+            for kind in STEPS:
+                with panel(kind.title, f'stage {kind.title.lower()}') as shown:
+                    ui.label(kind.to_do)
+                    self._steps.append(kind(desk, services, self._tell, self._given_reason))
+                self._panels.append(shown)
+            with ui.element('div').classes('foot'):
+                self._result = ui.label('').classes('result').props('role=status')
+                self._reason = reason_field(desk)
+                with ui.element('div').classes('others'):
+                    most = max(len(step.others()) for step in self._steps)
+                    self._others = [
+                        _Button('outline', self._clear, self._tell) for _ in range(most)
+                    ]
+                self._primary = _Button('unelevated', self._clear, self._tell)
+        self._go(0)
+        ui.timer(_PERIOD, self._update)
+
+    def _button(self, look: str) -> '_Button':
+        return _Button(look, self._clear, self._tell)
+
+    def _given_reason(self) -> str:
+        return str(self._reason.value or '')
+
+    def _go(self, number: int) -> None:
+        self._at = number
+        for k, (shown, tab) in enumerate(zip(self._panels, self._tabs, strict=True)):
+            shown.set_visibility(k == number)
+            tab.mark(is_current=k == number)
+        self._clear()
+        self._show_buttons()
+
+    def _clear(self) -> None:
+        self._result.set_text('')
+
+    def _tell(self, outcome: Outcome) -> None:
+        if self._result.is_deleted:  # the user has left the page
+            return
+        sign = '✓' if outcome.done else '✗ not done:'
+        text = outcome.text if outcome.done else in_words(outcome.text)
+        self._result.set_text(f'{sign} {text}')
+        self._result.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
+
+    async def _update(self) -> None:
+        load, change = self._lane.load()
+        self._load.set_text(grams(load, ' g', 2))
+        self._steady.set_value(_steadiness(change))
+        self._moving.set_text(_in_motion(change))
+        for step, tab in zip(self._steps, self._tabs, strict=True):
+            await step.update()
+            tab.show(step.standing())
+        self._show_buttons()
+
+    def _show_buttons(self) -> None:
+        step = self._steps[self._at]
+        others = step.others()
+        self._primary.show(step.primary())
+        for k, button in enumerate(self._others):
+            button.show(others[k] if k < len(others) else None)
+
+
+class _Tab:
+    """Step in the list of steps, with a tick or what is missing."""
+
+    def __init__(self, number: int, kind: type[Step], choose: Callable[[], object]) -> None:
+        self._button = ui.button(on_click=choose).props('flat no-caps').classes('tab')
+        with self._button:
+            self._title = ui.label(f'{number + 1} {kind.title}').classes('name')
+            self._text = ui.label('').classes('about')
+        self._name = f'{number + 1} {kind.title}'
+
+    def show(self, standing: Standing) -> None:
+        self._title.set_text(f'{self._name} {"✓" if standing.is_done else ""}'.rstrip())
+        self._text.set_text(standing.text)
+
+    def mark(self, *, is_current: bool) -> None:
+        self._button.props(f'aria-current={"step" if is_current else "false"}')
+
+
+class _Button:
+    """Button at a fixed place, whose function is that of the present choice."""
+
+    def __init__(
+        self, look: str, clear: Callable[[], object], tell: Callable[[Outcome], object]
+    ) -> None:
+        self._clear, self._tell = clear, tell
+        self._choice: Choice | None = None
+        self._beats = 0
+        self._is_working = False
+        self._button = ui.button(on_click=self._press).props(f'{look} no-caps')
+
+    def show(self, choice: Choice | None) -> None:
+        if choice is None or self._choice is None or choice.label != self._choice.label:
+            self._beats = _REST_BEATS
+        self._choice = choice
+        self._beats = max(self._beats - 1, 0)
+        self._button.set_visibility(choice is not None)
+        if choice is not None:
+            self._button.set_text(choice.label)
+            is_open = choice.is_open and not self._beats and not self._is_working
+            self._button.set_enabled(is_open)
+
+    async def _press(self) -> None:
+        choice = self._choice
+        if choice is None or self._is_working:
+            return
+        self._is_working = True
+        self._button.disable()
+        self._clear()
+        try:
+            await choice.press()
+        except ActionRefusedError as error:
+            self._tell(Outcome(False, str(error)))
+        finally:
+            self._is_working = False
+
+
+def _steadiness(change: float) -> float:
+    """Return the length of the bar from 0 to 1 for the change of the load in kg within 1 s."""
+    if math.isnan(change):
+        return 0.0
+    return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)
+
+
+def _in_motion(change: float) -> str:
+    if math.isnan(change):
+        return 'no samples arrive: is the line running?'
+    return 'at rest' if change <= _AT_REST else f'moves by {GRAMS * change:.2f} g'

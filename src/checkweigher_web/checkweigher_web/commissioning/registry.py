@@ -1,0 +1,13 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Table of the steps of a commissioning."""
+
+from checkweigher_web.commissioning.dynamic import DynamicStep
+from checkweigher_web.commissioning.limits import LimitsStep
+from checkweigher_web.commissioning.static import StaticStep
+from checkweigher_web.commissioning.step import Step
+from checkweigher_web.commissioning.verify import VerifyStep
+from checkweigher_web.commissioning.zero import ZeroStep
+
+# Steps in the order of the path.
+STEPS: tuple[type[Step], ...] = (ZeroStep, StaticStep, DynamicStep, LimitsStep, VerifyStep)

@@ -1,0 +1,91 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Base class of the steps of a commissioning."""
+
+from abc import ABC, abstractmethod
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import ClassVar, NamedTuple
+
+from nicegui import background_tasks
+
+from checkweigher_web.access.users import Role
+from checkweigher_web.work.dialogs import Action, Desk
+from checkweigher_web.work.services import LaneServices, Outcome
+
+_POLL_PERIOD = 0.05  # s
+
+
+class Standing(NamedTuple):
+    """State of a step: whether it is done, and how, or what is missing."""
+
+    is_done: bool
+    text: str
+
+
+class Choice(NamedTuple):
+    """Button of a step: its label, its function, and whether it can be pressed now."""
+
+    label: str
+    press: Callable[[], Awaitable[object]]
+    is_open: bool = True
+
+
+class Step(ABC):
+    """Step of a commissioning, with a panel of its own.
+
+    The buttons are at fixed places. `title` is the name of the step, and `to_do` says what the
+    person does. `tell` shows an outcome, and `reason` returns the reason that the person gives.
+    """
+
+    title: ClassVar[str]
+    to_do: ClassVar[str]
+
+    def __init__(
+        self,
+        desk: Desk,
+        services: LaneServices,
+        tell: Callable[[Outcome], object],
+        reason: Callable[[], str],
+    ) -> None:
+        self.desk = desk
+        self.services = services
+        self.lane = desk.lane
+        self.tell = tell
+        self._reason = reason
+        self._build()
+
+    @abstractmethod
+    def _build(self) -> None:
+        """Add the elements of the step to its panel."""
+
+    @abstractmethod
+    def standing(self) -> Standing:
+        """Return the state of the step."""
+
+    @abstractmethod
+    def primary(self) -> Choice:
+        """Return the main button."""
+
+    def others(self) -> tuple[Choice, ...]:
+        """Return the other buttons, whose number and labels never change."""
+        return ()
+
+    @abstractmethod
+    async def update(self) -> None:
+        """Show the present state in the elements of the step."""
+
+    async def perform(self, what: str, action: Action) -> bool:
+        """Perform an action, show its outcome, and return whether it was done."""
+        outcome = await self.desk.perform(Role.TECHNICIAN, what, action, self._reason())
+        self.tell(outcome)
+        return outcome.done
+
+    async def begin(self, what: str, action: Action, name: str) -> None:
+        """Begin the action `name`, which takes minutes and continues when the page is left.
+
+        Returns when the action has begun or was refused.
+        """
+        task = background_tasks.create(self.perform(what, action))
+        while not (task.done() or name in self.services.feedback):
+            await asyncio.sleep(_POLL_PERIOD)

@@ -1,0 +1,249 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Verify: plan, steps and reports of a verification."""
+
+from collections.abc import Iterator
+from functools import partial
+import json
+import math
+from pathlib import Path
+from statistics import median
+
+from nicegui import ui
+
+from checkweigher_core.input_files import read_input
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
+from checkweigher_core.ros import ports
+from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PLANS, VERIFICATIONS
+from checkweigher_web.commissioning.plan_form import (
+    TESTS,
+    Field,
+    chosen_tests,
+    fields_of,
+    step_words,
+    summary,
+    with_test,
+    with_value,
+)
+from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.commissioning.wording import in_words
+from checkweigher_web.elements import Lines, Table
+from checkweigher_web.work.dialogs import field
+from checkweigher_web.work.reports import VERIFICATION, list_reports
+from checkweigher_web.work.services import Outcome
+
+_MANY = 10  # maximum number of verifications in the list
+_RECENT = 50  # number of the latest items whose standard deviation is expected of the passes
+_EXAMPLE = 'example'
+_STATES = {
+    ProgressState.ASKING: 'Do this, then press "Make it": ',
+    ProgressState.DECIDING: 'Failed: make it again, or go on? ',
+}
+# The browser reads only the start of a file that is too long for a plan.
+_READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(t => emit(t))'
+
+
+class VerifyStep(Step):
+    """Verification, which continues when the page is left."""
+
+    title = 'Verify'
+    to_do = (
+        'Fill in the plan, and see below whether each test can be decided. Then begin: you are '
+        'asked for one step after another. A step that failed may be made again; one is skipped '
+        'with a reason, which the report has.'
+    )
+
+    def _build(self) -> None:
+        self._said: VerificationProgress | None = None
+        self._text = EXAMPLE
+        self._paths: dict[str, Path] = {}  # plans by their relative paths in the folder
+        with ui.element('div').classes('fields') as self._choice:
+            self._plans = ui.select([_EXAMPLE], label='Plan', on_change=self._read_chosen)
+            self._plans.props('outlined dense')
+            upload = ui.element('input').props('type=file aria-label="Plan from a file"')
+            upload.on('change', lambda event: self._show_text(str(event.args)), js_handler=_READ)
+            self._form = ui.element('div').classes('form')
+            with ui.expansion('The plan as text, for experts').classes('expert'):
+                self._plan = ui.textarea('Text of the plan', on_change=self._edit)
+                self._plan.props('outlined dense debounce=300').classes('plan')
+        self._found = ui.label('').classes('found').props('role=status')
+        self._doubts = Lines().classes('lines doubts').props('aria-label="cannot be decided"')
+        self._state = ui.label('').classes('state').props('role=status')
+        self._lines = Lines().classes('read lines')
+        self._lines.props('tabindex=0 aria-label="what came in this step, the latest first"')
+        with ui.element('div').classes('steps').props('tabindex=0 aria-label="steps"'):
+            self._table = Table(('step', 'what to do, or the result'))
+        self._reports = ui.element('ol').classes('reports').props('aria-label="reports"')
+        self._show_text(EXAMPLE)
+
+    def standing(self) -> Standing:
+        """Return the verdict of the last verification, or how far the present one is."""
+        said = self.services.verification
+        if said is None:
+            return Standing(False, 'not available: the line was started without a folder')
+        if said.state is not ProgressState.IDLE:
+            return Standing(False, f'step {said.step + 1} of {len(said.steps)}')
+        return Standing(said.text.endswith(': passed'), in_words(said.text) or 'not verified')
+
+    # Plan
+
+    def _read_chosen(self) -> None:
+        name = str(self._plans.value)
+        try:
+            path = self._paths.get(name)
+            self._show_text(EXAMPLE if path is None else read_input(path).decode('utf-8'))
+        except (OSError, UnicodeDecodeError) as error:
+            self.tell(Outcome(False, f'{name}: {error}'))
+
+    def _edit(self) -> None:
+        if (text := str(self._plan.value or '')) != self._text:
+            self._show_text(text)
+
+    def _show_text(self, text: str) -> None:
+        """Show a plan in the form and as text."""
+        self._text = text
+        self._plan.set_value(text)
+        self._form.clear()
+        try:
+            fields, tests = fields_of(text), chosen_tests(text)
+        except ParameterError:  # the summary says what is wrong, and the expert mends it
+            fields, tests = [], set()
+        with self._form:
+            for entry, value in fields:
+                self._add_field(entry, value)
+            for key, label in TESTS.items() if fields else ():
+                made = ui.checkbox(label, value=key in tests)
+                made.on_value_change(partial(self._set_test, key))
+        self._show_summary()
+
+    def _add_field(self, entry: Field, value: str) -> None:
+        change = partial(self._set_value, entry.path)
+        if not entry.choices:
+            shown = field(entry.label, value, entry.unit).props('debounce=300')
+            shown.on_value_change(change)
+            if entry.path[-1] == 'mass_g':
+                shown.classes('row-begins')
+            return
+        known = value if value in entry.choices else None
+        choice = ui.select(list(entry.choices), label=entry.label, value=known, on_change=change)
+        choice.props('outlined dense')
+
+    def _set_value(self, path: tuple[str, ...], event: object) -> None:
+        self._change(with_value(self._text, path, str(getattr(event, 'value', '') or '')))
+
+    def _set_test(self, key: str, event: object) -> None:
+        self._change(with_test(self._text, key, made=bool(getattr(event, 'value', False))))
+
+    def _change(self, text: str) -> None:
+        self._text = text
+        self._plan.set_value(text)
+        self._show_summary()
+
+    def _show_summary(self) -> None:
+        line, rows, doubts = summary(self._text, self._std_dev())
+        self._found.set_text(line)
+        self._doubts.show(doubts)
+        self._doubts.set_visibility(bool(doubts))
+        self._table.show(rows)
+
+    def _std_dev(self) -> float:
+        """Return the median standard deviation in kg of the latest items, or 0 without items."""
+        estimates = (item.estimate for item in self.lane.items()[:_RECENT])
+        known = [each.std_dev for each in estimates if each and math.isfinite(each.std_dev)]
+        return median(known) if known else 0.0
+
+    # Procedure
+
+    async def update(self) -> None:
+        """Show the progress of the procedure."""
+        said, before = self.services.verification, self._said
+        if said is None or said is before:
+            return
+        self._said = said
+        is_idle = said.state is ProgressState.IDLE
+        self._state.set_text(_state(said))
+        self._lines.show(map(in_words, reversed(said.lines)))
+        if said.steps and not (is_idle and before is None):
+            names = (step_words(each) for each in said.steps)
+            self._table.show(zip(names, said.results, strict=True))
+        if before is None or before.state is not said.state:
+            for element in (self._choice, self._found, self._doubts):
+                element.set_visibility(is_idle)
+            if is_idle:
+                self._show_choices(Path(said.folder))
+
+    def _show_choices(self, folder: Path) -> None:
+        made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]
+        known = [*sorted((folder / PLANS).glob('*.yaml')), *made]
+        self._paths = {str(path.relative_to(folder)): path for path in known}
+        self._plans.set_options([*self._paths, _EXAMPLE])
+        self._reports.clear()
+        with self._reports:
+            list_reports(self.lane.name, VERIFICATION, _made(path.parent for path in made))
+
+    def primary(self) -> Choice:
+        """Return the button that begins, or that makes the step that is asked for."""
+        said = self.services.verification
+        if said is None or said.state is ProgressState.IDLE:
+            return Choice('Begin', self._begin, said is not None)
+        make = partial(self._answer, StepAnswer.MAKE, 'make')
+        return Choice('Make it', make, said.state in _STATES)
+
+    def others(self) -> tuple[Choice, ...]:
+        """Return the other answers to a question, and the end of the procedure."""
+        state = self._said.state if self._said else ProgressState.IDLE
+        skip = partial(self._answer, StepAnswer.SKIP, 'skip')
+        leave = partial(self._answer, StepAnswer.GO_ON, 'go on after')
+        return (
+            Choice('Break off', self._break_off, state is not ProgressState.IDLE),
+            Choice('Skip', skip, state is ProgressState.ASKING),
+            Choice('Go on', leave, state is ProgressState.DECIDING),
+        )
+
+    async def _begin(self) -> None:
+        async def verify() -> str:
+            answer = await self.services.do(ports.RUN_VERIFICATION, plan=self._text)
+            return f'the verification has ended: {answer.message}'
+
+        await self.begin('begin verification', verify, ports.RUN_VERIFICATION)
+
+    async def _break_off(self) -> None:
+        end = partial(self.services.cancel, ports.RUN_VERIFICATION)
+        await self.perform('break off verification', end)
+
+    async def _answer(self, answer: StepAnswer, verb: str) -> None:
+        """Answer the question that the page shows. The verifier refuses an outdated answer."""
+        seen = self._said
+        if seen is None or not seen.steps:
+            return
+        step, question, reason = seen.steps[seen.step], seen.question, self._reason()
+
+        async def give() -> str:
+            await self.services.call(
+                ports.ANSWER_VERIFICATION, question=question, answer=int(answer), reason=reason
+            )
+            return f'{step_words(step)}: taken'
+
+        await self.perform(f'{verb} step {step} of verification {seen.name}', give)
+
+
+def _state(said: VerificationProgress) -> str:
+    if said.state is ProgressState.IDLE or not said.steps:
+        return in_words(said.text)
+    name = said.steps[said.step]
+    words = step_words(name)
+    text = said.text.replace(name, words)
+    return (
+        f'Step {said.step + 1} of {len(said.steps)}, {words}: {_STATES.get(said.state, "")}{text}'
+    )
+
+
+def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:
+    """Yield the name of each verification with a report, and a text with the verdict."""
+    for folder in folders:
+        try:
+            verdict = json.loads((folder / 'report.json').read_bytes())['verdict']
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+        yield folder.name, f'{folder.name} {verdict}'

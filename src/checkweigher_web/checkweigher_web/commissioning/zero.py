@@ -1,0 +1,42 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Zero: what the empty belt weighs."""
+
+from functools import partial
+
+from nicegui import ui
+
+from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.words import clock, grams
+from checkweigher_web.work import actions
+
+
+class ZeroStep(Step):
+    """Zero of the empty belt."""
+
+    title = 'Zero'
+    to_do = (
+        'Stop the feed, clear the belt, and keep away from it until the bar above is full. Then '
+        'set the zero: masses are read from what the empty belt weighs.'
+    )
+
+    def _build(self) -> None:
+        self._state = ui.label('').classes('state').props('role=status')
+
+    async def update(self) -> None:
+        """Show when the zero was set."""
+        self._state.set_text(f'Zero: {self.standing().text}')
+
+    def standing(self) -> Standing:
+        """Return when the zero was set, and to how many g from the zero of the calibration."""
+        zero = self.lane.zero
+        if zero is None:
+            return Standing(False, 'not set yet')
+        return Standing(True, f'set at {clock(zero.stamp)}, {grams(zero.zero, " g", 2)}')
+
+    def primary(self) -> Choice:
+        """Return the button that sets the zero."""
+        return Choice('Set the zero', self._zero)
+
+    async def _zero(self) -> None:
+        await self.perform('zero', partial(actions.zero, self.services))

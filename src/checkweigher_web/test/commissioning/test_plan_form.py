@@ -1,0 +1,73 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+
+from checkweigher_validation.verification.plan import EXAMPLE, read_plan
+from checkweigher_validation.verification.steps import steps_of
+from checkweigher_web.commissioning.plan_form import (
+    TESTS,
+    chosen_tests,
+    fields_of,
+    step_words,
+    summary,
+    with_test,
+    with_value,
+)
+
+
+def test_the_form_has_what_the_plan_has_and_changes_nothing_else():
+    before, text = read_plan(EXAMPLE), EXAMPLE
+    values = {field.path: value for field, value in fields_of(text)}
+    assert values['class',] == 'XIII'
+    assert values['speeds_m_per_min',] == '30, 60'
+    assert values['references', 'small', 'mass_g'] == '74.5'
+    for path, value in values.items():
+        text = with_value(text, path, value)
+    assert read_plan(text) == before
+
+
+def test_values_of_the_form_are_those_of_the_plan():
+    text = EXAMPLE
+    for path, value in (
+        (('operator',), 'B. Other'), (('speeds_m_per_min',), '45; 90,'), (('passes',), '12'),
+        (('references', 'small', 'mass_g'), '80,5'), (('references', 'small', 'serial'), '0150'),
+    ):  # fmt: skip
+        text = with_value(text, path, value)
+    plan = read_plan(text)
+    assert (plan.operator, plan.speeds_m_per_min, plan.passes) == ('B. Other', (45.0, 90.0), 12)
+    small = plan.references['small']
+    assert (small.mass_g, small.serial) == (80.5, '0150')
+    assert read_plan(with_value(text, ('passes',), '')).passes == 0
+
+
+@pytest.mark.parametrize('key', TESTS)
+def test_a_test_is_left_out_and_taken_in_again(key: str):
+    without = with_test(EXAMPLE, key, made=False)
+    assert chosen_tests(without) == {*TESTS} - {key}
+    again = with_test(without, key, made=True)
+    assert chosen_tests(again) == {*TESTS}
+    assert len(steps_of(read_plan(again))) == len(steps_of(read_plan(EXAMPLE)))
+
+
+def test_a_plan_says_what_cannot_be_decided():
+    text = with_value(EXAMPLE, ('references', 'small', 'uncertainty_g'), '0.1')
+    line, rows, doubts = summary(text, 0.0)
+    assert line.startswith(f'{len(rows)} steps with ')
+    (doubt,) = doubts
+    assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
+    assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt
+    assert summary(EXAMPLE, 0.0)[2] == []
+    # 60 passes that scatter by 1 g are known to 0.26 g.
+    assert any('known to 0.258 g (k = 2)' in each for each in summary(EXAMPLE, 1e-3)[2])
+    line, rows, _ = summary('class: none', 0.0)
+    assert line.startswith('The plan is not complete: line 1')
+    assert rows == []
+
+
+def test_steps_are_named_in_the_words_of_the_person():
+    names = {step.name: step_words(step.name) for step in steps_of(read_plan(EXAMPLE))}
+    assert names['static_up_small'] == 'small at rest, loading'
+    assert names['passes_30_small'] == 'small at 30 m/min'
+    assert names['warm_up_zero_5'] == 'warm-up, zero after 5 min'
+    assert names['warm_up_5'] == 'warm-up, passes after 5 min'
+    assert not any('_' in words for words in names.values())
