@@ -71,7 +71,7 @@ def read_passes(
     skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate than the
     first bag, and `BagError` if no bag can be read.
     """
-    cuts = [segmenter] if untrained is None else [segmenter, untrained]
+    cuts = list(filter(None, (segmenter, untrained)))
     calls = [partial(passes_of_bag, str(bag), lane, cuts, len(bags) == 1) for bag in bags]
     found = list(zip(bags, run_jobs(calls, n_jobs, 'reading'), strict=True))
     broken = [each for _, each in found if isinstance(each, BagError)]

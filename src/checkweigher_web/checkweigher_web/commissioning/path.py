@@ -43,10 +43,11 @@ class CommissioningPath:
                 self._steady = ui.linear_progress(0, show_value=False, size='1.25rem')
                 self._steady.props('instant-feedback aria-label="stability of the load"')
                 self._moving = ui.label('')
-            self._panels = []
+            self._panels, self._standings = [], []
             self._steps: list[Step] = []
             for kind in STEPS:
                 with panel(kind.title, f'stage {kind.title.lower()}') as shown:
+                    self._standings.append(ui.label('').classes('standing'))
                     ui.label(kind.to_do)
                     self._steps.append(kind(desk, services, self._tell, self._given_reason))
                 self._panels.append(shown)
@@ -92,9 +93,10 @@ class CommissioningPath:
         self._load.set_text(grams(load, ' g', 2))
         self._steady.set_value(_steadiness(change))
         self._moving.set_text(_in_motion(change))
-        for step, tab in zip(self._steps, self._tabs, strict=True):
+        for step, tab, label in zip(self._steps, self._tabs, self._standings, strict=True):
             await step.update()
             tab.show(step.standing())
+            label.set_text(step.standing().text)
         self._show_buttons()
 
     def _show_buttons(self) -> None:

@@ -3,6 +3,7 @@
 """A technician changes recipes and users by the page alone, and practises on the machine."""
 
 from pathlib import Path
+import re
 
 from browsers import check_all_widths, errors_of, needs_browser, open_browser, shortcomings
 from persons import PASSWORD, Person, new_line
@@ -101,6 +102,8 @@ def test_a_technician_changes_recipes_and_users_and_makes_a_fault(tmp_path: Path
         ben.until(lambda: ben.clicked('.practice .eye .q-toggle'))
         ben.until(lambda: 'ChatteringEye' in ben.text('.item'))
         ben.until(lambda: 'ChatteringEye' in ben.text('[aria-label=Alarms]'))
+        # The diagnostics, which the header counts, call an error what all of the last items have.
+        ben.until(lambda: re.search(r'\d+ errors?', ben.text('.head')))
         check_all_widths(browser)
         assert errors_of(browser) == []
         changed = 'upper_limit – → 0.16'

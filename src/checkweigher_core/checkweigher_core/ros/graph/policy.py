@@ -87,13 +87,12 @@ def rights(node: str, lane: str = '') -> Rights:
     request = {each.name for each in services.SERVICES if client in each.callers} | _CALLED.get(
         client, set()
     )
-    for action in services.ACTIONS:
-        if action.server == node:
-            reply |= action.below(services.ACTION_SERVICES)
-            publish |= action.below(services.ACTION_TOPICS)
-        if client in action.callers:
-            request |= action.below(services.ACTION_SERVICES)
-            subscribe |= action.below(services.ACTION_TOPICS)
+    served = [action for action in services.ACTIONS if action.server == node]
+    called = [action for action in services.ACTIONS if client in action.callers]
+    reply.update(*(each.below(services.ACTION_SERVICES) for each in served))
+    publish.update(*(each.below(services.ACTION_TOPICS) for each in served))
+    request.update(*(each.below(services.ACTION_SERVICES) for each in called))
+    subscribe.update(*(each.below(services.ACTION_TOPICS) for each in called))
     if node in (*NODES, *OF_MACHINE):
         publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
     if node in services.LIFE_CYCLE_NODES:
