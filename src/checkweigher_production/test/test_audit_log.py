@@ -22,6 +22,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from checkweigher_production.audit_chain import name_predecessor, read_chain
 from checkweigher_production.audit_log import (
     FIRST_PREVIOUS,
     AuditError,
@@ -490,3 +491,16 @@ def test_what_is_refused_on_a_full_disk_is_no_entry_and_what_is_taken_is_one(
         f'of these in the log {len(false)}'
     )
     assert (lost, doubled, false) == (set(), 0, set())
+
+
+def test_a_log_names_the_one_before_which_must_not_go_on(tmp_path: Path):
+    old, new = tmp_path / 'old.log', tmp_path / 'audit.log'
+    write(old, 2)
+    with AuditLog(old) as log:  # a command, while the line was off
+        log.append(TIME, 'checkweigher', 'signature', 'L1', None, {})
+    with AuditLog(new) as log:
+        name_predecessor(log, TIME, '/product')
+    chain = read_chain(new)
+    assert ([path.name for path, _ in chain.logs], chain.fault) == (['old.log', 'audit.log'], '')
+    write(old, 1)
+    assert read_chain(new).fault == 'old.log does not end with the entry that audit.log names'

@@ -289,9 +289,6 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
         yield 'No audit log was read, so changes between the steps may be unknown.'
     yield from procedure.conflicts
     yield from _foreign_cell(procedure)
-    calibration = procedure.identity.get('audit_log_calibration')
-    if calibration not in (None, digest_of(asdict(procedure.load_cell))):
-        yield 'The stream has another calibration than the machine has by its audit log.'
     if procedure.changes is None:
         yield 'Parameters and audit log were not read again after the last step.'
     yield from procedure.changes or ()
@@ -310,7 +307,7 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
-    """Yield a sentence if the samples are from another device than the load cell of the plan.
+    """Yield a sentence if the samples are from another device than plan or audit log have.
 
     The samples have the serial number of the load cell or, if it is digital, of its amplifier.
     """
@@ -322,6 +319,9 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
             f'The samples are from {named}, but the plan has load cell {planned[0] or "?"} and '
             f'amplifier {planned[1] or "?"}.'
         )
+    calibration = procedure.identity.get('audit_log_calibration')
+    if calibration not in (None, digest_of(asdict(procedure.load_cell))):
+        yield 'The samples have another calibration than the audit log of the machine.'
 
 
 def _missing_tests(plan: Plan) -> Iterator[str]:

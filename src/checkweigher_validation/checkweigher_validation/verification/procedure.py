@@ -41,7 +41,7 @@ IDENTITY = (
     'audit_log_calibration',  # of the calibration in the log before the first step
     'how',
 )
-_NEWER = ('audit_log_calibration',)  # missing in bags of older versions
+_NEWER = {'audit_log_calibration': None}  # missing in bags of older versions
 OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
@@ -123,9 +123,8 @@ def read_procedure(path: Path) -> Procedure:
         raise BagError(f'{path}: contains no verification; the command verify records one')
     try:
         plan = read_plan(texts[StepState.PLAN])
-        known = json.loads(texts[StepState.IDENTITY])
-        identity = {name: known[name] for name in IDENTITY if name not in _NEWER}
-        identity |= {name: known.get(name) for name in _NEWER}
+        known = _NEWER | json.loads(texts[StepState.IDENTITY])
+        identity = {name: known[name] for name in IDENTITY}
         changes = known.get('changes')
     except (KeyError, ValueError) as error:
         raise BagError(f'{path}: its plan or identity cannot be used: {error}') from None

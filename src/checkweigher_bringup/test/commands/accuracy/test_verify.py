@@ -73,7 +73,7 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
         in (report['departures'])
     )
     assert (
-        'The stream has another calibration than the machine has by its audit log.'
+        'The samples have another calibration than the audit log of the machine.'
         in (report['departures'])
     )
     assert not any('mass' in each for each in report['departures'])
