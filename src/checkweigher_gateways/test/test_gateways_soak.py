@@ -1,54 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Gateways beside a line for long, with clients of other makers."""
+"""Gateways beside a line for long."""
 
 from collections import Counter
 from contextlib import ExitStack
-import json
 import os
 from pathlib import Path
-import shutil
-import subprocess
 import time
 
 from gateway_process import LANE, Verdicts, gateway
 from mqtt_plant import Host, broker, needs_mosquitto
 import pytest
-from running import ROOT, wait_for
-
-from checkweigher_gateways.nodesets import default_folder
-from checkweigher_web.access.users import Role, User, hash_password, write_users
+from running import wait_for
 
 pytestmark = pytest.mark.soak
-_CLIENT = 'node-opcua-client@2.186.4'
 _SECONDS = float(os.environ.get('CHECKWEIGHER_SOAK_SECONDS', '300'))
-_PASSWORD = 'correct horse'
-
-
-@pytest.mark.skipif(shutil.which('npm') is None, reason='there is no npm')
-@pytest.mark.skipif(not default_folder().exists(), reason='setup/nodesets has not been run')
-def test_a_client_of_another_maker_sees_each_item(verdicts: Verdicts, tmp_path: Path):
-    install = ['npm', 'install', '--silent', '--no-save', '--prefix', str(tmp_path), _CLIENT]
-    subprocess.run(install, check=True)
-    users = tmp_path / 'users'
-    write_users(users, {'anna': User('anna', Role.OPERATOR, hash_password('anna', _PASSWORD))})
-    with gateway('opcua', tmp_path, {'port': 0, 'users': str(users)}) as (_, url):
-        verdicts.more(5)
-        words = ['node', ROOT / 'test/support/opcua_client.js', url, LANE, 40, 'anna', _PASSWORD]
-        node_path = {**os.environ, 'NODE_PATH': str(tmp_path / 'node_modules')}
-        done = subprocess.run(
-            list(map(str, words)), env=node_path, capture_output=True, text=True, timeout=600
-        )
-        assert done.returncode == 0, done.stderr
-        found = json.loads(done.stdout.splitlines()[-1])
-        assert set(found['needed']) - {'<ListOfWeighingRanges>'} <= set(found['nodes'])
-        items = [int(each) for each in found['items'] if each]
-        weighed = [each.item_id for each in verdicts.taken if each.mass == each.mass]
-        begin = weighed.index(items[0])
-        assert items == weighed[begin : begin + len(items)]
-        assert found['anonymous'] == 'BadUserAccessDenied'
-        assert found['operator'] == 'Good'
-        print(f'{len(items)} items, {len(found["needed"])} mandatory nodes')
 
 
 @needs_mosquitto
