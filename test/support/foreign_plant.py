@@ -6,7 +6,8 @@ Each program prints one JSON object per line. A client of OPC UA takes the argum
 files of its certificate and key, USER, PASSWORD and COUNT, and prints:
 
 - ``nodes`` and ``needed``: names of the nodes of the lane, and those that its type makes mandatory;
-- ``select``: status of SelectProduct with the product ``heavy``; it ends here if COUNT is 0;
+- ``select``: status of SelectProduct with the product ``heavy``; it ends here if COUNT is 0,
+  and goes on with the items if the status is not Good;
 - ``alarm`` and ``acknowledged``: reason of the next alarm, and status of its Acknowledge;
 - ``unhold``: status of Unhold, after it has selected the product ``light``;
 - ``item``: numbers of COUNT items, also of those that came while the gateway was away;
@@ -26,6 +27,7 @@ import subprocess
 import threading
 from typing import Any, NamedTuple
 
+import pytest
 from running import ROOT
 
 _HERE = ROOT / 'test/support'
@@ -138,3 +140,10 @@ def running(program: Program, *arguments: object) -> Iterator[Running]:
         made.process.wait()
         assert made.process.stdin is not None
         made.process.stdin.close()
+
+
+def build(program: Program) -> None:
+    """Build a program, or skip the test."""
+    if program.folder.missing:
+        pytest.skip(program.folder.missing)
+    program.folder.make()

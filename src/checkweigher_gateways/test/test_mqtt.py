@@ -52,8 +52,11 @@ def test_each_item_comes_once_though_the_gateway_is_cut_off_and_killed(
 ):
     with broker(tmp_path) as its, contextlib.closing(Host(its.port)) as host:
         link = Link(its.port)
+        link.cut()
         settings = {'port': link.port, 'node': NODE, 'site': 'plant', 'commands': True}
         with gateway('mqtt', tmp_path, settings) as (process, _):
+            verdicts.more(8)  # it begins without a broker
+            link.restore()
             wait_for(lambda: items(host), 'an item')
             first = verdicts.more(3)[0].item_id
             wait_for(lambda: first in items(host))

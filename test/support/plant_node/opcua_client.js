@@ -129,12 +129,15 @@ async function main() {
   await connect();
   const nodes = (await browse(id(''), 'HierarchicalReferences', 0)).map((each) => each.browseName.name);
   say({ nodes, needed: await mandatory(`ns=${scales};i=45`) });
-  say({ select: await select('heavy') });
+  const selected = await select('heavy');
+  say({ select: selected });
   if (!left) return;
-  await acknowledge();
-  await select('light');
-  const execute = '.State.MachineState.ExecuteState';
-  say({ unhold: await call(id(execute), id(`${execute}.Unhold`), []) });
+  if (selected === 'Good') {
+    await acknowledge();
+    await select('light');
+    const execute = '.State.MachineState.ExecuteState';
+    say({ unhold: await call(id(execute), id(`${execute}.Unhold`), []) });
+  }
   while (left > 0) {
     await receive().catch(async () => {
       client.disconnect().catch(() => {});

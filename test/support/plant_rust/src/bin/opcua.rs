@@ -46,13 +46,16 @@ async fn run(given: Vec<String>) -> Outcome<()> {
     let nodes = lane.names(&lane.id("")).await?;
     let needed = lane.mandatory(NodeId::new(lane.scales, 45u32)).await?;
     println!("{}", json!({"nodes": nodes, "needed": needed}));
-    println!("{}", json!({"select": lane.select("heavy").await?}));
+    let selected = lane.select("heavy").await?;
+    println!("{}", json!({"select": selected}));
     if count > 0 {
-        lane.acknowledge().await?;
-        lane.select("light").await?;
-        let execute = ".State.MachineState.ExecuteState";
-        let unhold = lane.id(&format!("{execute}.Unhold"));
-        println!("{}", json!({"unhold": lane.call(lane.id(execute), unhold, vec![]).await?}));
+        if selected == "Good" {
+            lane.acknowledge().await?;
+            lane.select("light").await?;
+            let execute = ".State.MachineState.ExecuteState";
+            let unhold = lane.id(&format!("{execute}.Unhold"));
+            println!("{}", json!({"unhold": lane.call(lane.id(execute), unhold, vec![]).await?}));
+        }
         lane.receive(count).await?;
         println!("{}", json!({"gross": lane.gross().await?}));
     }
@@ -82,7 +85,7 @@ async fn connect(given: Vec<String>) -> Outcome<Lane> {
     let (session, events) = client.connect_to_matching_endpoint(endpoint, user).await?;
     let ended = events.spawn();
     if !session.wait_for_connection().await {
-        return Err(ended.await?.name().into());
+        return Err(ended.await?.to_string().into());
     }
     let own = session.get_namespace_index("urn:checkweigher").await?;
     let scales = session.get_namespace_index(SCALES).await?;
@@ -141,7 +144,7 @@ impl Lane {
 
     async fn call(&self, object: NodeId, method: NodeId, values: Vec<Variant>) -> Outcome<String> {
         let answer = self.session.call_one((object, method, Some(values))).await?;
-        Ok(answer.status_code.name().to_string())
+        Ok(answer.status_code.to_string())
     }
 
     async fn select(&self, product: &str) -> Outcome<String> {

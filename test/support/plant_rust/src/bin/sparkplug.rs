@@ -1,15 +1,45 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
 
-//! A host of srad, for the protocol in `sparkplug_hosts.py`.
+//! A host of srad, for the protocol in `foreign_plant.py`.
 
 use std::collections::BTreeMap;
 
 use serde_json::{json, Value};
-use srad::app::{AppEvent, AppEventLoop, DeviceEvent, MetricDetails, NodeEvent, SubscriptionConfig};
+use srad::app::generic_app::{ApplicationBuilder, MetricStore, StateUpdateError};
+use srad::app::{MetricBirthDetails, MetricDetails, SubscriptionConfig};
 use srad::client_rumqtt::{EventLoop, MqttOptions};
 use srad::types::{MetricId, MetricValue};
 use tokio::io::{stdin, AsyncBufReadExt, BufReader};
+
+/// Prints the messages of a node, or of a device.
+struct Printer(&'static str);
+
+impl MetricStore for Printer {
+    fn set_stale(&mut self) {
+        say(self.0, "DEATH", std::iter::empty());
+    }
+
+    fn update_from_birth(
+        &mut self,
+        details: Vec<(MetricBirthDetails, MetricDetails)>,
+    ) -> Result<(), StateUpdateError> {
+        say(self.0, "BIRTH", details.into_iter().map(|(of, its)| (of.name, its)));
+        Ok(())
+    }
+
+    fn update_from_data(
+        &mut self,
+        details: Vec<(MetricId, MetricDetails)>,
+    ) -> Result<(), StateUpdateError> {
+        let its = details.into_iter().map(|(of, its)| match of {
+            MetricId::Name(name) => (name, its),
+            MetricId::Alias(number) => (number.to_string(), its),
+        });
+        say(self.0, "DATA", its);
+        Ok(())
+    }
+}
 
 #[tokio::main]
 async fn main() {
@@ -17,7 +47,13 @@ async fn main() {
     let options = MqttOptions::new("srad", "127.0.0.1", given[0].parse().unwrap());
     let (events, client) = EventLoop::new(options, 0);
     let group = SubscriptionConfig::SingleGroup { group_id: given[1].clone() };
-    let (mut application, client) = AppEventLoop::new("srad", group, events, client);
+    let (application, client) = ApplicationBuilder::new("srad", events, client, group)
+        .on_online(|| println!("{}", json!({"kind": "connected"})))
+        .on_node_created(|node| {
+            node.register_metric_store(Printer("N"));
+            node.on_device_created(|device| device.register_metric_store(Printer("D")));
+        })
+        .build();
     // Each line on the input is the request of a rebirth.
     tokio::spawn(async move {
         let mut lines = BufReader::new(stdin()).lines();
@@ -26,53 +62,18 @@ async fn main() {
         }
         std::process::exit(0);
     });
-    loop {
-        match application.poll().await {
-            AppEvent::Online => println!("{}", json!({"kind": "connected"})),
-            AppEvent::Node(node) => match node.event {
-                NodeEvent::Birth(birth) => {
-                    let own = BTreeMap::from([("bdSeq".to_string(), json!(birth.bdseq))]);
-                    say("NBIRTH", own, birth.metrics_details.into_iter().map(|(of, its)| (of.name, its)));
-                }
-                NodeEvent::Death(death) => {
-                    let own = BTreeMap::from([("bdSeq".to_string(), json!(death.bdseq))]);
-                    say("NDEATH", own, std::iter::empty());
-                }
-                NodeEvent::Data(_) => {}
-            },
-            AppEvent::Device(device) => match device.event {
-                DeviceEvent::Birth(birth) => {
-                    let its = birth.metrics_details.into_iter().map(|(of, its)| (of.name, its));
-                    say("DBIRTH", BTreeMap::new(), its);
-                }
-                DeviceEvent::Data(data) => {
-                    let its = data.metrics_details.into_iter().map(|(of, its)| match of {
-                        MetricId::Name(name) => (name, its),
-                        MetricId::Alias(number) => (number.to_string(), its),
-                    });
-                    say("DDATA", BTreeMap::new(), its);
-                }
-                DeviceEvent::Death(_) => {}
-            },
-            AppEvent::InvalidPayload(error) => println!("{}", json!({"kind": "invalid", "error": format!("{error:?}")})),
-            AppEvent::Offline | AppEvent::Cancelled => {}
-        }
-    }
+    application.run().await
 }
 
-fn say(
-    kind: &str,
-    mut metrics: BTreeMap<String, Value>,
-    details: impl Iterator<Item = (String, MetricDetails)>,
-) {
-    let mut historical = Vec::new();
+fn say(of: &str, what: &str, details: impl Iterator<Item = (String, MetricDetails)>) {
+    let (mut metrics, mut historical) = (BTreeMap::new(), Vec::new());
     for (name, its) in details {
         if its.is_historical {
             historical.push(name.clone());
         }
         metrics.insert(name, its.value.map_or(Value::Null, plain));
     }
-    println!("{}", json!({"kind": kind, "metrics": metrics, "historical": historical}));
+    println!("{}", json!({"kind": format!("{of}{what}"), "metrics": metrics, "historical": historical}));
 }
 
 fn plain(value: MetricValue) -> Value {

@@ -56,6 +56,7 @@ import org.eclipse.milo.opcua.stack.core.types.structured.HistoryReadValueId;
 import org.eclipse.milo.opcua.stack.core.types.structured.ReadRawModifiedDetails;
 import org.eclipse.milo.opcua.stack.core.types.structured.ReferenceDescription;
 import org.eclipse.milo.opcua.stack.core.types.structured.SimpleAttributeOperand;
+import org.eclipse.milo.opcua.stack.core.util.EndpointUtil;
 import org.slf4j.LoggerFactory;
 
 /** A client of Eclipse Milo, for the protocol in {@code opcua_clients.py}. */
@@ -93,12 +94,15 @@ public class OpcuaClient {
       nodes.add(each.getBrowseName().name());
     }
     say(Map.of("nodes", nodes, "needed", mandatory(scale(45))));
-    say(Map.of("select", select("heavy")));
+    String selected = select("heavy");
+    say(Map.of("select", selected));
     if (count > 0) {
-      acknowledge();
-      select("light");
-      String execute = ".State.MachineState.ExecuteState";
-      say(Map.of("unhold", call(id(execute), id(execute + ".Unhold"))));
+      if (selected.equals("Good")) {
+        acknowledge();
+        select("light");
+        String execute = ".State.MachineState.ExecuteState";
+        say(Map.of("unhold", call(id(execute), id(execute + ".Unhold"))));
+      }
       receive(count);
       Object weight = client.readValue(0, TimestampsToReturn.Both, id(".RegisteredWeight")).value().value();
       var struct = (DynamicStructType) ((ExtensionObject) weight).decode(client.getDynamicEncodingContext());
@@ -121,7 +125,8 @@ public class OpcuaClient {
         endpoints -> endpoints.stream()
             .filter(each -> each.getSecurityMode() == MessageSecurityMode.SignAndEncrypt
                 && each.getSecurityPolicyUri().equals(SecurityPolicy.Basic256Sha256.getUri()))
-            .findFirst(),
+            .findFirst()
+            .map(each -> EndpointUtil.updateUrl(each, "127.0.0.1", EndpointUtil.getPort(given.get(0)))),
         transport -> {},
         config -> config
             .setApplicationUri("urn:plant:client")
