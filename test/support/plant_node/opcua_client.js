@@ -28,6 +28,11 @@ async function connect() {
   const spaces = await session.readNamespaceArray();
   own = spaces.indexOf('urn:checkweigher');
   scales = spaces.indexOf(SCALES);
+  const { statusCode } = await session.read({ nodeId: id(''), attributeId: opcua.AttributeIds.BrowseName });
+  if (!statusCode.isGood()) { // the gateway has not found the lane yet
+    await client.disconnect();
+    throw new Error(statusCode.name);
+  }
 }
 
 async function browse(nodeId, referenceTypeId, browseDirection) {

@@ -83,13 +83,22 @@ async fn connect(given: Vec<String>) -> Outcome<Lane> {
         .into();
     let user = IdentityToken::new_user_name(given[4].clone(), given[5].clone());
     let (session, events) = client.connect_to_matching_endpoint(endpoint, user).await?;
-    let ended = events.spawn();
-    if !session.wait_for_connection().await {
-        return Err(ended.await?.to_string().into());
+    let mut ended = events.spawn();
+    tokio::select! {
+        status = &mut ended => return Err(status?.to_string().into()),
+        _ = session.wait_for_connection() => {}
     }
     let own = session.get_namespace_index("urn:checkweigher").await?;
     let scales = session.get_namespace_index(SCALES).await?;
-    Ok(Lane { given, session, own, scales, last: None })
+    let lane = Lane { given, session, own, scales, last: None };
+    let wanted = ReadValueId::new(lane.id(""), AttributeId::BrowseName);
+    let found = lane.session.read(&[wanted], TimestampsToReturn::Both, 0.0).await?[0].status();
+    if !found.is_good() {
+        // The gateway has not found the lane yet.
+        lane.session.disconnect().await?;
+        return Err(found.to_string().into());
+    }
+    Ok(lane)
 }
 
 impl Lane {

@@ -54,6 +54,7 @@ import org.eclipse.milo.opcua.stack.core.types.structured.EventFilter;
 import org.eclipse.milo.opcua.stack.core.types.structured.HistoryData;
 import org.eclipse.milo.opcua.stack.core.types.structured.HistoryReadValueId;
 import org.eclipse.milo.opcua.stack.core.types.structured.ReadRawModifiedDetails;
+import org.eclipse.milo.opcua.stack.core.types.structured.ReadValueId;
 import org.eclipse.milo.opcua.stack.core.types.structured.ReferenceDescription;
 import org.eclipse.milo.opcua.stack.core.types.structured.SimpleAttributeOperand;
 import org.eclipse.milo.opcua.stack.core.util.EndpointUtil;
@@ -137,6 +138,12 @@ public class OpcuaClient {
             .setIdentityProvider(new UsernameProvider(given.get(4), given.get(5)))
             .setRequestTimeout(Unsigned.uint(10_000)));
     client.connect();
+    var lane = new ReadValueId(id(""), AttributeId.BrowseName.uid(), null, QualifiedName.NULL_VALUE);
+    StatusCode found = client.read(0, TimestampsToReturn.Both, List.of(lane)).getResults()[0].statusCode();
+    if (!found.isGood()) { // the gateway has not found the lane yet
+      client.disconnect();
+      throw new UaException(found);
+    }
   }
 
   private NodeId id(String path) {
