@@ -75,7 +75,6 @@ def check_client(client: Program, verdicts: Verdicts, folder: Path, kills: int) 
     assert its.all('select') == its.all('acknowledged') == its.all('unhold') == ['Good']
     assert its.all('alarm') == ['TooManyRejects']
     (needed,) = its.all('needed')
-    assert len(needed) > 10
     assert set(needed) - {'<ListOfWeighingRanges>'} <= set(its.all('nodes')[0])
     items = [int(each) for each in its.all('item')]
     weighed = {each.item_id: each.mass for each in verdicts.taken if each.mass == each.mass}
