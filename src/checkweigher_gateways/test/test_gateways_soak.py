@@ -117,7 +117,7 @@ class Scraper:
 
     def check(self, verdicts: list[Verdict]) -> int:
         """Check the counts between two reads of a gateway, and return the number of the reads."""
-        place = {round(1000 * seconds(each.t3)): n for n, each in enumerate(verdicts)}
+        place = {round(1000 * seconds(each.t3)): n for n, each in enumerate(verdicts) if each.t3}
         for (count, last), (more, later) in pairwise(self.read):
             if more >= count:  # else it is another gateway
                 assert more - count == place[later] - place[last]
