@@ -20,7 +20,6 @@ from gateway_process import LANE, MODULE, Verdicts, gateway, line_values
 from mqtt_plant import Host, Link, broker, needs_mosquitto
 from node_process import spinning
 import numpy as np
-from processes import pids_of, resident_memory
 from prometheus_client.parser import text_string_to_metric_families
 import pytest
 from running import children, free_port, wait_for
@@ -35,6 +34,7 @@ from checkweigher_web.access.users import Role, User, hash_password, write_users
 
 pytestmark = pytest.mark.soak
 _PASSWORD = 'correct horse'
+_LINE = 'checkweigher_bringup.line'
 _SECONDS = float(os.environ.get('CHECKWEIGHER_SOAK_SECONDS', '300'))
 
 
@@ -57,8 +57,7 @@ def test_each_item_comes_once_while_broker_and_gateway_are_killed_again_and_agai
                 process, _ = stack.enter_context(gateway('mqtt', tmp_path, settings))
                 wait_for(lambda host=host: host.of('DBIRTH'))
                 verdicts.more(30)
-                status = Path(f'/proc/{process.pid}/status').read_text(encoding='ascii')
-                memory.append(int(status.partition('VmRSS:')[2].split()[0]))
+                memory.append(_memory(process.pid))
                 if kills % 2:
                     host.close()
                     its.kill()
@@ -191,7 +190,7 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
             listeners.append(Listener(lane))
             spinner.add(listeners[-1])
         busy, alone = listeners
-        nodes = [wait_for(lambda pid=pid: pids_of(pid, 'line'))[0] for pid in lines]
+        nodes = [wait_for(lambda pid=pid: _child(pid, _LINE)) for pid in lines]
         host = stack.enter_context(closing(Host(its.port)))
         scraper = Scraper(links['metrics'].port)
         stack.callback(scraper.end)
@@ -206,11 +205,11 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
         kills, end = 0, time.monotonic() + _SECONDS
         while time.monotonic() < end:
             kind, is_kill = ('mqtt', 'opcua', 'metrics')[kills % 3], kills % 2 == 0
-            pid = _gateway(lines[0], kind)
-            memory['line'].append(resident_memory(nodes[0]))
-            memory['alone'].append(resident_memory(nodes[1]))
+            pid = _child(lines[0], MODULE, kind)
+            memory['line'].append(_memory(nodes[0]))
+            memory['alone'].append(_memory(nodes[1]))
             if pid:
-                memory[kind].append(resident_memory(pid))
+                memory[kind].append(_memory(pid))
             if is_kill and pid:
                 os.kill(pid, signal.SIGKILL)
             else:
@@ -255,14 +254,20 @@ def _answers(port: int) -> bool:
     return False
 
 
-def _gateway(line: int, kind: str) -> int:
-    """Return the process of a gateway beside a line, 0 while there is none."""
-    for child in children(line):
+def _child(process: int, *words: str) -> int:
+    """Return the child of a process with these words in its command, 0 while there is none."""
+    for child in children(process):
         with suppress(FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
-            words = Path(f'/proc/{child}/cmdline').read_text(encoding='utf-8').split('\0')
-            if MODULE in words and kind in words:
+            command = Path(f'/proc/{child}/cmdline').read_text(encoding='utf-8').split('\0')
+            if set(words) <= set(command):
                 return child
     return 0
+
+
+def _memory(process: int) -> int:
+    """Return the resident memory of a process in kB."""
+    status = Path(f'/proc/{process}/status').read_text(encoding='ascii')
+    return int(status.partition('VmRSS:')[2].split()[0])
 
 
 def _report(
