@@ -143,8 +143,11 @@ class Listener(PortNode):
 
 
 def plain(verdict: Verdict) -> tuple[object, ...]:
-    """Return what a verdict says of its item, without its times."""
-    return verdict.item_id, str(verdict.mass), verdict.decision, verdict.reasons
+    """Return what a verdict says of its item, without its times, and its mass in kg to 1 ug.
+
+    The last digits of a mass depend on how the samples are divided into messages.
+    """
+    return verdict.item_id, f'{verdict.mass:.9f}', verdict.decision, verdict.reasons
 
 
 @needs_mosquitto
