@@ -80,7 +80,12 @@ class Link:
     def _connect(self, server: socket.socket) -> None:
         with suppress(OSError):
             while True:
-                near, far = server.accept()[0], socket.create_connection(('127.0.0.1', self._to))
+                near = server.accept()[0]
+                try:
+                    far = socket.create_connection(('127.0.0.1', self._to))
+                except OSError:  # nobody listens there at present
+                    near.close()
+                    continue
                 self._ends += [near, far]
                 for ends in ((near, far), (far, near)):
                     threading.Thread(target=self._carry, args=ends, daemon=True).start()

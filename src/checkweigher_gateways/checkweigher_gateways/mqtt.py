@@ -34,7 +34,7 @@ from checkweigher_web.work.actions import new_batch, select_product, zero
 from checkweigher_web.work.services import Person, Workshop
 
 _KEEPALIVE = 10  # keep-alive interval of the connection in s
-_RETRY = 1, 30  # shortest and longest delay in s before the next attempt to connect
+_RETRY = 1.0  # delay in s before the next attempt to connect
 _WINDOW = 100  # largest number of items that the broker has not confirmed
 _FAREWELL = 1.0  # longest wait in s for the last message of a session
 _MARK_PATIENCE = 1.0  # longest wait in s for the retained message `delivered`
@@ -60,6 +60,7 @@ class MqttGateway(Gateway):
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._client: Client | None = None
         self._edge: EdgeNode | None = None
+        self._asked = False  # whether the broker has the will of the edge node
         self._trouble = 'not connected yet'
         self._retry_at = 0.0  # monotonic time in s of the next attempt to connect
         self._ready_at = math.inf  # monotonic time in s from which items may be sent
@@ -97,14 +98,15 @@ class MqttGateway(Gateway):
         its, put = self._settings, self._events.put
         client = Client(CallbackAPIVersion.VERSION2, clean_session=True, reconnect_on_failure=False)
         client.max_inflight_messages_set(3 * _WINDOW)
-        client.reconnect_delay_set(*_RETRY)
         if self._tls is not None:
             client.tls_set_context(self._tls)
         if its.user:
             password = Path(its.password_file).read_text().strip() if its.password_file else None
             client.username_pw_set(its.user, password)
         if its.site:
-            self._edge = EdgeNode(its.site, self._node, self._store.next_number('bdSeq', NUMBERS))
+            if self._edge is None or self._asked:
+                number = self._store.next_number('bdSeq', NUMBERS)
+                self._edge, self._asked = EdgeNode(its.site, self._node, number), False
             client.will_set(*self._edge.death(time.time_ns() // _MILLISECOND), qos=1)
         else:
             client.will_set(f'{self._root}/online', 'false', qos=1, retain=True)
@@ -141,15 +143,17 @@ class MqttGateway(Gateway):
     def _process(self, event: str, value: Any) -> None:
         match event:
             case 'connected' if not value.is_failure:
+                self._asked = True
                 self._greet()
             case 'connected':
+                self._asked = True
                 self._trouble = f'connection refused: {value}'
-            case 'failed':
-                self._trouble = 'no connection'
-            case 'ended':
-                self._trouble = self._trouble or f'connection lost: {value}'
+            case 'failed' | 'ended':
+                lost = 'no connection' if event == 'failed' else f'connection lost: {value}'
+                self._trouble = self._trouble or lost
+                # A client whose connection has failed makes no further attempt.
                 self._ready_at, self._client = math.inf, None
-                self._retry_at = time.monotonic() + _RETRY[0]
+                self._retry_at = time.monotonic() + _RETRY
             case 'confirmed':
                 if (number := self._confirmations.pop(value, None)) is not None:
                     self._store.have_sent(number)
@@ -215,7 +219,8 @@ class MqttGateway(Gateway):
                         'DDATA',
                         lane,
                         _item_metrics(content),
-                        stamp // _MILLISECOND,
+                        time.time_ns() // _MILLISECOND,
+                        at=stamp // _MILLISECOND,
                         historical=stamp < self._born,
                     ),
                     qos=0,

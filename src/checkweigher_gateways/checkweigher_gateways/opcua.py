@@ -8,7 +8,7 @@ from functools import cached_property, partial
 import logging
 from pathlib import Path
 import socket
-from typing import Any
+from typing import Any, ClassVar
 
 from asyncua import Server, ua
 from asyncua.crypto.truststore import TrustStore
@@ -36,7 +36,9 @@ _POLICIES = [
     for policy in ('Basic256Sha256', 'Aes128Sha256RsaOaep', 'Aes256Sha256RsaPss')
     for mode in ('Sign', 'SignAndEncrypt')
 ]
-_ACKNOWLEDGE, _REFRESH = 9111, 3875  # node numbers of Acknowledge and ConditionRefresh
+# Node numbers of methods of conditions.
+_ACKNOWLEDGE, _REFRESH = 9111, (3875, 12912)
+_ENABLE, _DISABLE, _COMMENT, _CONFIRM = 9027, 9028, 9029, 9113
 
 
 async def _refuse(why: str, services: LaneServices, *_: Any) -> str:
@@ -45,6 +47,9 @@ async def _refuse(why: str, services: LaneServices, *_: Any) -> str:
 
 # Action, lowest role, function and arguments of each method, by the path of its browse names.
 _RECIPES = partial(_refuse, 'products are changed only in the recipe file')
+_HOLD = partial(_refuse, 'a lane is held only by its own stop request; call Stop')
+_SUSPEND = partial(_refuse, 'a lane is never suspended; without products it waits in Execute')
+_COMPLETE = partial(_refuse, 'a lane has no end of production; call NewBatch or Stop')
 _METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
     'SetZero': ('zero', Role.OPERATOR, actions.zero, ()),
     'ProductionPreset.SelectProduct': (
@@ -65,6 +70,12 @@ _METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
     'State.MachineState.ExecuteState.Start': ('start weighing', Role.OPERATOR, actions.start, ()),
     'State.MachineState.ExecuteState.Unhold': (
         'reset stop request', Role.OPERATOR, actions.reset_stop, ()),
+    'State.MachineState.ExecuteState.Reset': (
+        'reset stop request', Role.OPERATOR, actions.reset_stop, ()),
+    'State.MachineState.ExecuteState.Hold': ('hold', Role.OPERATOR, _HOLD, ()),
+    'State.MachineState.ExecuteState.Suspend': ('suspend', Role.OPERATOR, _SUSPEND, ()),
+    'State.MachineState.ExecuteState.Unsuspend': ('unsuspend', Role.OPERATOR, _SUSPEND, ()),
+    'State.MachineState.ExecuteState.ToComplete': ('complete', Role.OPERATOR, _COMPLETE, ()),
 }  # fmt: skip
 
 
@@ -83,7 +94,12 @@ _OWN_METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
 
 
 class OpcuaGateway(Gateway):
-    """OPC UA server, which runs in the event loop of the gateway."""
+    """OPC UA server, which runs in the event loop of the gateway.
+
+    The line sends its latest verdicts again to a gateway that was restarted, for the history.
+    """
+
+    kept: ClassVar[bool] = True
 
     def __init__(self, settings: OpcuaSettings) -> None:
         self._settings = settings
@@ -109,7 +125,11 @@ class OpcuaGateway(Gateway):
             await server.start()
         except (OSError, ValueError) as error:
             raise GatewayError(f'opcua: {one_line(error)}') from None
-        methods = {_ACKNOWLEDGE: self._acknowledge, _REFRESH: self._refresh}
+        methods = {
+            _ACKNOWLEDGE: self._acknowledge,
+            **dict.fromkeys(_REFRESH, self._refresh),
+            **dict.fromkeys((_ENABLE, _DISABLE, _COMMENT, _CONFIRM), self._refuse),
+        }
         for number, method in methods.items():
             server.link_method(server.get_node(ua.NodeId(number)), method)
         assert server.bserver is not None
@@ -218,6 +238,9 @@ class OpcuaGateway(Gateway):
         for space in self._lanes.values():
             await space.refresh()
         return ua.StatusCode(ua.StatusCodes.Good)
+
+    async def _refuse(self, *_: Any) -> ua.StatusCode:
+        return ua.StatusCode(ua.StatusCodes.BadNotSupported)
 
     def findings(self, now: float) -> Iterable[Finding]:
         """Yield the finding with the number of served lanes."""

@@ -2,12 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Users and roles of the OPC UA server, which it shares with the page."""
 
+import asyncio
+from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
+from asyncua import ua
+from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
+from asyncua.server import binary_server_asyncio
+from asyncua.server.uaprocessor import UaProcessor
 from asyncua.server.user_managers import UserManager
+from asyncua.ua.ua_binary import struct_from_binary
 
 from checkweigher_web.access.throttle import Throttle
 from checkweigher_web.access.users import NOBODY, Role, UserFile, account_name
@@ -22,6 +29,13 @@ class Caller(User):
 
 # User whose request the running task processes.
 CALLER: ContextVar[Caller | None] = ContextVar('caller', default=None)
+# User whose password the running task has checked.
+_CHECKED: ContextVar[Caller | None] = ContextVar('checked', default=None)
+
+_CREATE, _ACTIVATE = (
+    ua.NodeId(getattr(ua.ObjectIds, f'{name}SessionRequest_Encoding_DefaultBinary'))
+    for name in ('Create', 'Activate')
+)
 
 
 class Users(UserManager):
@@ -33,6 +47,22 @@ class Users(UserManager):
     def __init__(self, users: UserFile) -> None:
         self._users = users
         self._throttle = Throttle()
+        self._turn = asyncio.Lock()  # one password at a time, so that the throttle counts each one
+
+    async def check(self, username: str, password: str) -> Caller | None:
+        """Return the user, or None if the login is wrong or comes too soon after failures.
+
+        The password is checked in a thread, because it takes about 0.1 s.
+        """
+        name = account_name(username)
+        key = f'account {name}'
+        async with self._turn:
+            user = self._users.find(name) or NOBODY
+            if self._throttle.wait(key) or not await asyncio.to_thread(user.has_password, password):
+                self._throttle.fail(key)
+                return None
+            self._throttle.forget(key)
+            return Caller(UserRole.User, user.name, user.role)
 
     def get_user(
         self,
@@ -41,18 +71,40 @@ class Users(UserManager):
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user, or None if the login is wrong or comes too soon after failures."""
+        """Return the user whose password was checked, or an anonymous user without a name."""
         if username is None:
             return Caller(UserRole.User, 'anonymous')
-        name = account_name(username)
-        key = f'account {name}'
-        text = password.decode(errors='replace') if isinstance(password, bytes) else password
-        user = self._users.find(name) or NOBODY
-        if self._throttle.wait(key) or not user.has_password(text or ''):
-            self._throttle.fail(key)
+        return _CHECKED.get()
+
+
+class _Processor(UaProcessor):
+    """Requests of a client.
+
+    asyncua lets each client open a channel without security, to ask for the endpoints. This class
+    refuses sessions in such a channel, unless that is an endpoint, too.
+    """
+
+    async def _process_message(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
+        if typeid == _CREATE and self._connection.security_policy.permissions is None:
+            raise ServiceError(ua.StatusCodes.BadSecurityModeRejected)
+        if typeid == _ACTIVATE:
+            _CHECKED.set(await self._check(header, body.copy()))
+        return await super()._process_message(typeid, header, sequence, body)
+
+    async def _check(self, header: Any, body: Any) -> Caller | None:
+        """Return the user of a request to activate a session, None without a valid password."""
+        token = struct_from_binary(ua.ActivateSessionParameters, body).UserIdentityToken
+        session = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
+        if session is None or not isinstance(token, ua.UserNameIdentityToken):
             return None
-        self._throttle.forget(key)
-        return Caller(UserRole.User, user.name, user.role)
+        with suppress(Exception):  # asyncua decrypts it again, and answers if it is invalid
+            name, password = self.iserver.decrypt_user_token(session, token)
+            return await self.iserver.user_manager.check(name, password)
+        return None
+
+
+# asyncua has no other way to choose the class that processes requests.
+binary_server_asyncio.UaProcessor = _Processor
 
 
 class Rights(SimpleRoleRuleset):

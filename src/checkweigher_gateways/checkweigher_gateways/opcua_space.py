@@ -13,6 +13,7 @@ from asyncua.common.manage_nodes import delete_nodes
 
 from checkweigher_core.records import NANOSECONDS, Alarm, Decision, Statistics, Verdict
 from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros.ports import VERDICT
 from checkweigher_gateways.lane_state import LaneState, PackState
 from checkweigher_gateways.nodesets import Namespaces, machines
 from checkweigher_production.recipes import Product
@@ -70,6 +71,7 @@ _ITEM_STATES = {
 }
 _MODES = {True: ('Processing', 5026), False: ('None', 5024)}
 _SEVERITY = 700
+_RECORDED = 'RegisteredWeight', 'RegisteredWeight.WeightId'  # variables with a history
 
 
 def _time(stamp: int | None) -> datetime | None:
@@ -87,6 +89,7 @@ class LaneSpace:
         self._pack_states: dict[str, ua.NodeId] = {}
         self._products: dict[str, Product] = {}
         self._alarms: dict[str, Alarm] = {}
+        self._history = server.iserver.history_manager.storage
 
     def _id(self, path: str = '') -> ua.NodeId:
         return ua.NodeId(f'{self.name}.{path}' if path else self.name, self._spaces.own)
@@ -147,7 +150,17 @@ class LaneSpace:
             await self._set(f'{path}.EngineeringUnits', _KILOGRAM)
             await self._set(f'{path}.TareMode', ua.Variant(0, ua.VariantType.Int32))
         await self._set('ProductionPreset.CurrentProducts', [''])
+        for path in _RECORDED:
+            await self._record(path)
         await self.update()
+
+    async def _record(self, path: str) -> None:
+        """Begin a history of a variable, with the values of as many items as the line keeps."""
+        node = self._node(path)
+        await node.write_attribute(ua.AttributeIds.Historizing, ua.DataValue(True))
+        for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
+            await node.set_attr_bit(attribute, ua.AccessLevel.HistoryRead)
+        await self._history.new_historized_node(node.nodeid, None, VERDICT.history.depth)
 
     async def add_method(
         self, path: str, call: Call, *arguments: str, space: int | None = None
@@ -174,6 +187,9 @@ class LaneSpace:
         data = ua.DataValue(variant, SourceTimestamp=_time(stamp) or datetime.now(UTC))
         if self._id(path) in self._server.iserver.aspace:
             await self._server.write_attribute_value(self._id(path), data)
+        # A subscription of the server to itself, as in asyncua, would miss masses that are equal.
+        if stamp is not None and path in _RECORDED:
+            await self._history.save_node_value(self._id(path), data)
 
     async def _weigh(self, path: str, mass: float, stamp: int | None = None) -> None:
         await self._set(path, ua.WeightType(Gross=mass, Net=mass, Tare=0.0), stamp)

@@ -78,7 +78,12 @@ Payload: Any = _payload_class()
 
 
 def encode(
-    metrics: Mapping[str, object], stamp: int, seq: int | None = None, *, historical: bool = False
+    metrics: Mapping[str, object],
+    stamp: int,
+    seq: int | None = None,
+    *,
+    at: int | None = None,
+    historical: bool = False,
 ) -> bytes:
     """Return an encoded payload.
 
@@ -87,9 +92,11 @@ def encode(
     metrics : mapping
         Values by metric name. NaN is encoded as null.
     stamp : int
-        Time of the values in ms since 1970.
+        Time of the message in ms since 1970. Hosts ignore messages that are older than the birth.
     seq : int, optional
         Sequence number from 0 to 255, or None for an NDEATH.
+    at : int, optional
+        Time of the values in ms since 1970, `stamp` by default.
     historical : bool
         Whether the values precede the birth message.
     """
@@ -98,7 +105,9 @@ def encode(
         payload.seq = seq
     for name, value in metrics.items():
         datatype, field = _TYPES[type(value)]
-        metric = payload.metrics.add(name=name, timestamp=stamp, datatype=datatype)
+        metric = payload.metrics.add(
+            name=name, timestamp=stamp if at is None else at, datatype=datatype
+        )
         if historical:
             metric.is_historical = True
         if isinstance(value, float) and math.isnan(value):
@@ -154,9 +163,10 @@ class EdgeNode:
         metrics: Mapping[str, object],
         stamp: int,
         *,
+        at: int | None = None,
         historical: bool = False,
     ) -> tuple[str, bytes]:
         """Return topic and payload of a DBIRTH, DDATA or DDEATH, with the next sequence number."""
         self._seq = (self._seq + 1) % NUMBERS
-        data = encode(metrics, stamp, self._seq, historical=historical)
+        data = encode(metrics, stamp, self._seq, at=at, historical=historical)
         return self.topic(kind, element(device)), data

@@ -4,8 +4,11 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 import signal
+import threading
 import time
 from typing import Any
 
@@ -14,9 +17,9 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from authority import Authority, Pair
 from gateway_process import LANE, PRODUCTS, Verdicts, gateway
 import pytest
-from running import PATIENCE
+from running import PATIENCE, free_port
 
-from checkweigher_core.records import Decision
+from checkweigher_core.records import Decision, Verdict, seconds
 from checkweigher_gateways.gateway import GatewayError
 from checkweigher_gateways.nodesets import default_folder
 from checkweigher_gateways.opcua import make
@@ -165,10 +168,7 @@ async def _work(url: str, verdicts: Verdicts) -> None:
                 True,
                 False,
             )
-            end = time.monotonic() + PATIENCE
-            while (await state.read_value()).Text != 'Held':
-                assert time.monotonic() < end
-                await asyncio.sleep(0.05)
+            await _shown(state, 'Held')
             condition = operator.get_node(alarm.NodeId)
             await condition.call_method(ua.NodeId(9111), alarm.EventId, ua.LocalizedText('seen'))
             await until(lambda: any(getattr(e, 'AckedState/Id', False) for e in heard.events))
@@ -198,28 +198,139 @@ async def _work(url: str, verdicts: Verdicts) -> None:
     assert noted[:2] == ['select product heavy: asked from OPC UA', 'select product heavy: done']
 
 
+async def _methods(node: Node) -> dict[str, tuple[Node, Node]]:
+    """Return each method below a node of the lane, and the object that has it, by its name."""
+    found: dict[str, tuple[Node, Node]] = {}
+    for child in await node.get_children():
+        if child.nodeid.NamespaceIndex == node.nodeid.NamespaceIndex:
+            if await child.read_node_class() == ua.NodeClass.Method:
+                found[str(child.nodeid.Identifier).removeprefix(f'{LANE}.')] = node, child
+            else:
+                found |= await _methods(child)
+    return found
+
+
+async def _try_methods(url: str) -> None:
+    """Check that no method is dead, and that those of PackML act or say why they do not."""
+    codes = ua.StatusCodes
+    async with Client(url, PATIENCE, PATIENCE) as client:
+        own = await client.get_namespace_index('urn:checkweigher')
+        lane = client.get_node(ua.NodeId(LANE, own))
+        methods = await _methods(lane)
+        assert len(methods) > 18
+        for owner, method in methods.values():
+            assert await refusal(owner.call_method(method)) == codes.BadUserAccessDenied
+        for number in (9027, 9028, 9029, 9113):
+            call = lane.call_method(ua.NodeId(number), b'', ua.LocalizedText(''))
+            assert await refusal(call) == codes.BadNotSupported
+        state = client.get_node(ua.NodeId(f'{LANE}.State.MachineState.CurrentState', own))
+        heard = Heard()
+        subscription = await client.create_subscription(50, heard)
+        scales = await client.get_namespace_index(SCALES)
+        await subscription.subscribe_events(lane, ua.NodeId(13, scales))
+        operator = Client(url, PATIENCE, PATIENCE)
+        operator.set_user('anna')
+        operator.set_password(PASSWORD)
+        async with operator:
+
+            async def call(name: str) -> None:
+                owner, method = methods[f'State.{name}']
+                await operator.get_node(owner.nodeid).call_method(method.nodeid)
+
+            execute = 'MachineState.ExecuteState'
+            for name, why in (
+                (f'{execute}.Hold', 'hold: a lane is held only by its own stop request'),
+                (f'{execute}.Suspend', 'suspend: a lane is never suspended'),
+                (f'{execute}.Unsuspend', 'unsuspend: a lane is never suspended'),
+                (f'{execute}.ToComplete', 'complete: a lane has no end of production'),
+            ):
+                assert await refusal(call(name)) == codes.BadInvalidState
+                await until(
+                    lambda why=why: any(e.Message.Text.startswith(why) for e in heard.events), why
+                )
+            for stop in ('MachineState.Stop', 'Abort'):
+                await call(stop)
+                await _shown(state, 'Stopped')
+                await call(f'{execute}.Start')
+                await _shown(state, 'Running')
+            for reset in (f'{execute}.Reset', f'{execute}.Unhold', 'MachineState.Reset', 'Clear'):
+                await call(reset)
+
+
+async def _shown(node: Node, text: str) -> None:
+    """Wait until a node has a text as its value."""
+    end = time.monotonic() + PATIENCE
+    while (await node.read_value()).Text != text:
+        assert time.monotonic() < end, text
+        await asyncio.sleep(0.05)
+
+
+async def _history(url: str, begin: Verdict, end: Verdict) -> list[int]:
+    """Return the numbers of the items from `begin` to `end` that the server has kept."""
+    since, until = (datetime.fromtimestamp(seconds(each.time), UTC) for each in (begin, end))
+    async with Client(url, PATIENCE, PATIENCE) as client:
+        own = await client.get_namespace_index('urn:checkweigher')
+        node = client.get_node(ua.NodeId(f'{LANE}.RegisteredWeight.WeightId', own))
+        latest = time.monotonic() + PATIENCE
+        while time.monotonic() < latest:
+            with suppress(ua.UaError):  # the server has no lane yet
+                if (await node.read_data_value()).SourceTimestamp >= until:
+                    break
+            await asyncio.sleep(0.1)
+        return [int(each.Value.Value) for each in await node.read_raw_history(since, until)]
+
+
 def test_the_encodings_of_a_name_are_one_account_at_the_login(tmp_path: Path):
     path = tmp_path / 'users'
     composed, decomposed = 'andr\u00e9', 'andre\u0301'
     write_users(path, {composed: User(composed, Role.OPERATOR, hash_password('x', PASSWORD))})
     server = Users(UserFile(path))
-    assert server.get_user(None, decomposed, PASSWORD) is not None
-    for name in (composed, decomposed, composed):
-        assert server.get_user(None, name, 'wrong') is None
-    # Three failures in all: the next attempt has to wait, also with the right password.
-    assert server.get_user(None, decomposed, PASSWORD) is None
+
+    async def run() -> None:
+        assert await server.check(decomposed, PASSWORD) is not None
+        for name in (composed, decomposed, composed):
+            assert await server.check(name, 'wrong') is None
+        # Three failures in all: the next attempt has to wait, also with the right password.
+        assert await server.check(decomposed, PASSWORD) is None
+
+    asyncio.run(run())
+
+
+def test_other_clients_are_served_while_a_password_is_checked(
+    users: Path, monkeypatch: pytest.MonkeyPatch
+):
+    served = threading.Event()
+    monkeypatch.setattr(User, 'has_password', lambda *_: served.wait(PATIENCE))
+    server = Users(UserFile(users))
+
+    async def serve() -> None:
+        served.set()
+
+    async def run() -> None:
+        user, _ = await asyncio.gather(server.check('anna', PASSWORD), serve())
+        assert user is not None
+
+    asyncio.run(run())
 
 
 @needs_nodesets
 def test_clients_see_the_items_and_work_on_the_lane(
     verdicts: Verdicts, tmp_path: Path, users: Path
 ):
-    with gateway('opcua', tmp_path, {'port': 0, 'users': str(users)}) as (process, url):
+    settings = {'port': free_port(), 'users': str(users)}
+    with gateway('opcua', tmp_path, settings) as (process, url):
         asyncio.run(_work(url, verdicts))
+        asyncio.run(_try_methods(url))
+        begin = verdicts.taken[-1]
         process.send_signal(signal.SIGSTOP)
         verdicts.go_on()
         process.kill()
         verdicts.go_on()
+    end = verdicts.taken[-1]
+    with gateway('opcua', tmp_path, settings) as (_, url):
+        items = asyncio.run(_history(url, begin, end))
+    weighed = [each.item_id for each in verdicts.taken if each.mass == each.mass]
+    assert items == [each for each in weighed if begin.item_id <= each <= end.item_id]
 
 
 async def _connected(url: str, pair: Pair, server: Path) -> str:
@@ -258,6 +369,15 @@ def test_only_clients_with_a_trusted_certificate_come_in(tmp_path: Path, users: 
         assert untrusted == ua.StatusCodes.BadCertificateUntrusted
         with pytest.raises(ua.UaError):
             await Client(url, PATIENCE, PATIENCE).connect()
+        # A client may ask for the endpoints without security, but not open a session.
+        open_client = Client(url, PATIENCE, PATIENCE)
+        await open_client.connect_socket()
+        await open_client.send_hello()
+        await open_client.open_secure_channel()
+        assert len(await open_client.get_endpoints()) == 6
+        mode = ua.StatusCodes.BadSecurityModeRejected
+        assert await refusal(open_client.create_session()) == mode
+        open_client.disconnect_socket()
         await made.close()
 
     asyncio.run(run())

@@ -36,9 +36,9 @@ def test_a_payload_is_that_of_the_specification(value: object, datatype: int, wi
 
 
 def test_values_of_before_the_birth_are_marked():
-    data = encode({'m': True}, 1, historical=True)
-    # is_historical = 5, and no sequence number
-    assert data == STAMP + metric(b'm', 11, bytes.fromhex('28 01 70 01'))
+    data = encode({'m': True}, 2, at=1, historical=True)
+    # A later timestamp of the message, is_historical = 5, and no sequence number
+    assert data == bytes.fromhex('08 02') + metric(b'm', 11, bytes.fromhex('28 01 70 01'))
 
 
 def test_what_is_no_payload_is_refused():
