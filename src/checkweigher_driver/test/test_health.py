@@ -60,7 +60,7 @@ def test_a_source_that_is_held_back_or_has_ended_owes_no_samples(running):
     [
         (lambda watch: watch.end('gone'), '', Level.ERROR, 'simulator failed: gone', 'cable'),
         (lambda watch: watch.stop(), '', Level.WARN, 'the driver is inactive', 'activate it'),
-        (lambda _: None, 'port is gone', Level.ERROR, 'port is gone', 'reset_stop_request'),
+        (lambda _: None, 'port is gone', Level.ERROR, 'port is gone', 'reset the stop'),
     ],
 )
 def test_a_source_that_is_not_well_says_so(running, change, trouble, level, text, hint):

@@ -31,9 +31,18 @@ def items(host: Host) -> list[int]:
     return [each.value('Item/Id') for each in host.of('DDATA') if 'Item/Id' in each.metrics]
 
 
-def items_sent(host: Host) -> int:
-    """Return the number in the store of the latest item that came as JSON."""
-    return int(host.json[OF_LANE][-1]['number'])
+def wait_until_delivered(host: Host, verdicts: Verdicts) -> None:
+    """Wait until the latest verdict has come, and the message that follows it.
+
+    If the connection breaks before that message, an item may come twice (docs/plant.md).
+    """
+
+    def delivered() -> bool:
+        sent = host.json[OF_LANE][-1]
+        follows = host.json['delivered'][-1]['number'] == sent['number']
+        return follows and bool(sent['item'] == verdicts.taken[-1].item_id)
+
+    wait_for(delivered)
 
 
 def check_item(host: Host, verdict: Verdict) -> None:
@@ -75,6 +84,7 @@ def test_each_item_comes_once_though_the_gateway_is_cut_off_and_killed(
             wait_for(lambda: host.json[f'{LANE}/answer'])
             assert host.json[f'{LANE}/answer'][0]['what'] == 'zero'
             # Hung and cut off, back, cut off again, then killed.
+            wait_until_delivered(host, verdicts)
             process.send_signal(signal.SIGSTOP)
             hung = verdicts.more(3)[0].item_id
             link.cut()
@@ -82,8 +92,7 @@ def test_each_item_comes_once_though_the_gateway_is_cut_off_and_killed(
             wait_for(lambda: host.of('NDEATH'))
             link.restore()
             wait_for(lambda: hung in items(host), f'item {hung}')
-            # An item comes twice if the connection breaks before the message that follows it.
-            wait_for(lambda: host.json['delivered'][-1]['number'] == items_sent(host))
+            wait_until_delivered(host, verdicts)
             link.cut()
             away = verdicts.more(3)[1].item_id
             process.kill()

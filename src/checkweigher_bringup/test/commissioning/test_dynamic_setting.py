@@ -186,6 +186,7 @@ def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path
         # The services before the actions begin the same, and do not wait for its end.
         by_service = technician.call(RecordPassesService, ports.RECORD_PASSES, mass=0.1, passes=3)
         assert by_service.success, by_service.message
+        technician.wait(lambda said: said.state == DynamicSetting.RECORDING)
         assert technician.call(Trigger, ports.TUNE_PASSES).message.startswith('busy')
         assert technician.call(Trigger, ports.CANCEL_PASSES).success
         technician.wait(lambda said: said.text.startswith('0 of 3') and not said.state)

@@ -9,9 +9,10 @@ from known_groups import groups_of
 import numpy as np
 import pytest
 
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.tuning.parameter_file import parameter_file
-from checkweigher_validation.tuning.tuner import TUNABLES, tune, untrained
+from checkweigher_validation.tuning.tuner import tune, untrained
 
 NEW_YEAR = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -31,7 +32,7 @@ def read(tmp_path):
     return through_a_file
 
 
-@pytest.mark.parametrize('name', TUNABLES)
+@pytest.mark.parametrize('name', ESTIMATORS)
 def test_what_was_tuned_comes_back(groups, read, name):
     tuned = tune(groups, [name], LineParameters(), budget=2, n_jobs=1)
     assert read(parameter_file(tuned, ['a bag'])) == tuned[name].parameters
