@@ -38,7 +38,7 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """Latest records of a lane, or None. `zero` is in kg relative to the calibration."""
+    """Latest records of a lane, None until received. `zero` is in kg from the calibration."""
 
     name: str
     verdict: Verdict | None = None

@@ -44,7 +44,7 @@ _COMMANDS = 'Command/Product', 'Command/Batch', 'Command/Zero'
 
 
 class MqttGateway(Gateway):
-    """Gateway that publishes each verdict by MQTT, if necessary after the broker has returned.
+    """MQTT gateway. Verdicts wait on the disk while the broker cannot be reached.
 
     The threads of paho only put events into a queue. Each connection has its own client, because
     the wills of the connections contain different numbers. An item is stored before it is

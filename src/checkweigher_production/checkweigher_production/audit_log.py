@@ -86,7 +86,7 @@ class Verification:
     """Result of verifying a log."""
 
     entries: tuple[Entry, ...]  # valid entries before the first fault
-    bad_line: int = 0  # number of the first faulty line from 1, or 0
+    bad_line: int = 0  # number of the first faulty line from 1, 0 if unknown or none
     problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut', or empty for a valid log
     reason: str = ''  # description of the fault
     torn: bytes = b''  # incomplete entry at the end
@@ -306,7 +306,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         os.close(self._file)
 
     def trouble(self) -> str:
-        """Return why no entry may be appended. The text is empty if the log is unchanged."""
+        """Return the reason why no entry may be appended, or an empty text."""
         own = os.fstat(self._file)
         try:
             there = self.path.stat()

@@ -173,7 +173,7 @@ class ProductionRecord:
         return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
-        """Return whether a name is that of the present batch or of a batch with counts."""
+        """Return whether a batch name is in use by the present batch or in the counts."""
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
