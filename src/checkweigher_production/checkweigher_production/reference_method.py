@@ -110,8 +110,8 @@ def reference_test(
     """Judge a batch by random samples.
 
     `masses` contains the net mass of each prepackage in kg, `nominal` is the nominal quantity in
-    kg, and `seed` is the seed of the random draw. If there are fewer than 100 prepackages, all of them
-    are tested.
+    kg, and `seed` is the seed of the random draw.
+    If there are fewer than 100 prepackages, all of them are tested.
 
     Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.

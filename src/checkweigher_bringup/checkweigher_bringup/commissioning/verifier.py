@@ -196,7 +196,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         self._publish(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
 
     def _publish(self, progress: VerificationProgress) -> Any:
-        """Publish the progress for those who come later, too, and return its message."""
+        """Publish the progress, also for late subscribers, and return its message."""
         progress = replace(progress, stamp=self.get_clock().now().nanoseconds)
         message = to_message(ports.VERIFICATION_PROGRESS, progress)
         self._publisher.publish(message)

@@ -25,7 +25,7 @@ MEANINGS = REVIEW, APPROVAL, RELEASE
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a person on the record of a batch or on an entry of the audit log."""
+    """Signature of a person on a batch record or an audit log entry."""
 
     batch: str | None  # name of the batch, None if an entry was signed
     meaning: str  # one of MEANINGS
@@ -56,7 +56,7 @@ class Signature:
 
 
 class Signer(NamedTuple):
-    """User who may sign, as the users' file has it."""
+    """User in the users file who may sign."""
 
     keys: tuple[str, ...]  # Ed25519 public keys, hexadecimal
     may_release: bool
@@ -117,9 +117,9 @@ def signature_faults(
 
 
 def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer]) -> Iterator[str]:
-    """Yield a sentence for each signature that was not made by a user who may sign so.
+    """Yield a sentence for each signature that its user was not allowed to make.
 
-    `signers` are the users by name.
+    `signers` contains the users by name.
     """
     for number, each in enumerate(signatures, 1):
         signer = signers.get(each.who)
@@ -130,7 +130,7 @@ def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer])
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why what has these signatures may not be released, or an empty text."""
+    """Return why these signatures do not permit a release, or an empty text."""
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
     return f'{persons} persons must have signed, but only {count} did' if count < persons else ''

@@ -41,7 +41,7 @@ IDENTITY = (
     'audit_log_calibration',  # of the calibration in the log before the first step
     'how',
 )
-_NEWER = {'audit_log_calibration': None}  # missing in bags of older versions
+_NEWER = {'audit_log_calibration': None}  # fields that are missing in bags of older versions
 OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
