@@ -41,7 +41,7 @@ _CREATE, _ACTIVATE = (
 class Users(UserManager):
     """User manager with the users file of the page. A client without a user name may only read.
 
-    asyncua admits such a client only if the server offers anonymous logins.
+    asyncua only admits a client without a name if the server offers anonymous logins.
     """
 
     def __init__(self, users: UserFile) -> None:

@@ -83,7 +83,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     """Node that records passes and trains estimators in child processes."""
 
     _child: subprocess.Popen[bytes] | None = None
-    _ended: Future  # result of the child process: whether it has succeeded, and a text
+    _ended: Future  # result of the child process: success and text
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         self._scratch = ExitStack()

@@ -217,7 +217,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             raise UserError(result.message)
 
     def _begin(self, text: str, publish: Callable[[VerificationProgress], object]) -> Future:
-        """Begin a verification. The result has its verdict and folder, or an error and ''."""
+        """Begin a verification. The result is verdict and folder, or an error and an empty text."""
         if self._busy:
             raise UserError(f'busy: a verification is running; cancel {ports.RUN_VERIFICATION}')
         try:

@@ -229,7 +229,7 @@ class LineBatches:
         self.write('reset', {'time': self._clock()})
 
     def begin(self) -> None:
-        """Begin or continue the record of the present batch, and end that of the batch before.
+        """Begin or continue the record of the present batch, and end the previous record.
 
         Raises `RecordError` if a record to be continued is not valid.
         """

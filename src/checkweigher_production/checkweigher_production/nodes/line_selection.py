@@ -160,7 +160,7 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Begin a batch, end the record of the previous batch, and return its statistics.
+        """Begin a batch, end the previous one, and return the statistics of the previous one.
 
         If an exception is raised, the previous batch continues.
         """

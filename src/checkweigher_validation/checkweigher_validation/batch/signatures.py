@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Electronic signatures on batches and on entries of the audit log (21 CFR 11.50 and 11.70).
+"""Electronic signatures on batches and audit log entries (21 CFR 11.50 and 11.70).
 
 A signature is an entry of the audit log. It contains the name of the person, the time, the meaning,
 and the SHA-256 of the record of a batch or of an entry such as a change of limits. It is signed
@@ -37,7 +37,7 @@ class Signature:
 
     @property
     def value(self) -> dict[str, str]:
-        """Value in the audit log. It has no batch if an entry was signed."""
+        """Value in the audit log, without a batch if an entry was signed."""
         return {name: text for name, text in asdict(self).items() if text is not None}
 
     def signed(self) -> bytes:
@@ -70,7 +70,7 @@ def public_hex(key: Ed25519PrivateKey) -> str:
 def sign(
     key: Ed25519PrivateKey, batch: str | None, meaning: str, who: str, time: str, sha256: str
 ) -> Signature:
-    """Return the signature of a person on the record of a batch, or on an entry without a batch."""
+    """Return the signature of a person on a batch record, or on an entry if `batch` is None."""
     unsigned = Signature(batch, meaning, who, time, sha256, public_hex(key))
     return replace(unsigned, signature=key.sign(unsigned.signed()).hex())
 

@@ -104,7 +104,7 @@ class Procedure:
 
 
 def digest_of(values: object) -> str:
-    """Return the SHA-256 of plain values, hexadecimal, which is the same for equal values."""
+    """Return the SHA-256 of plain values, hexadecimal. Equal values have the same digest."""
     text = json.dumps(values, sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(text.encode()).hexdigest()
 
