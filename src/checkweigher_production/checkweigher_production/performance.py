@@ -62,8 +62,8 @@ class PerformancePlan(Parameters):
     def due(self, last: int | None, began: int, *, in_batch: bool) -> int | None:
         """Return the time in ns at which the next test is due.
 
-        Returns None if no test is due before the next batch. Shifts begin by the local time of the
-        computer, also after a change to summer time.
+        Returns None if no test is due before the next batch. Shifts begin at local times of
+        the computer, which may change to summer time.
 
         Parameters
         ----------
