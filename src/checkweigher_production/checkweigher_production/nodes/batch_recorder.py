@@ -139,7 +139,7 @@ class LineBatches:
         elif self.selected is not None and (path.exists() or not interrupted):
             raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
         if before != batch and record_path(self._folder, before).exists():
-            self._reopen(writer, before)  # the record may lack its end, or the audit log its hash
+            self._reopen(writer, before)  # its end, or its entry in the audit log, may be missing
             self._open.pop(before, None)
         if goes_on:
             writer.end(self._clock())
