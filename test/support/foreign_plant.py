@@ -6,13 +6,13 @@ Each program prints one JSON object per line. A client of OPC UA takes the argum
 files of its certificate and key, USER, PASSWORD and COUNT, and prints:
 
 - ``nodes`` and ``needed``: names of the nodes of the lane, and those that its type makes mandatory;
-- ``select``: status of SelectProduct with the product ``heavy``; it ends here if COUNT is 0,
-  and goes on with the items if the status is not Good;
+- ``select``: status of SelectProduct with the product ``heavy``; the client ends after that if
+  COUNT is 0, and continues with the items if the status is not Good;
 - ``alarm`` and ``acknowledged``: reason of the next alarm, and status of its Acknowledge;
-- ``unhold``: status of Unhold, after it has selected the product ``light``;
-- ``item``: numbers of COUNT items, also of those that came while the gateway was away;
+- ``unhold``: status of Unhold, after the client has selected the product ``light``;
+- ``item``: numbers of COUNT items, including those weighed while the gateway did not run;
 - ``gross``: mass of the last item in kg;
-- ``refused``: why it could not go on.
+- ``refused``: reason why the client could not continue.
 
 A host of Sparkplug takes the arguments PORT, GROUP and NODE. It asks for a rebirth for each line of
 its input, and prints ``kind``, ``metrics`` and the names of the ``historical`` metrics of messages.
@@ -34,7 +34,7 @@ _HERE = ROOT / 'test/support'
 
 
 class Folder(NamedTuple):
-    """Programs in a language: folder, file that the build leaves, and words that build them."""
+    """Programs in one language: folder, a file that the build creates, and the build command."""
 
     name: str
     built: str
@@ -47,7 +47,7 @@ class Folder(NamedTuple):
 
     @property
     def missing(self) -> str:
-        """Why the programs cannot be built, empty if they can."""
+        """Reason why the programs cannot be built, or an empty text."""
         return '' if shutil.which(self.build[0]) else f'there is no {self.build[0]}'
 
     @property
@@ -56,7 +56,7 @@ class Folder(NamedTuple):
         return (self.path / self.built).exists()
 
     def make(self) -> None:
-        """Build the programs with the versions that are pinned."""
+        """Build the programs with the pinned versions of the libraries."""
         subprocess.run(self.build, cwd=self.path, check=True)
 
 
@@ -66,14 +66,14 @@ _RUST = Folder('plant_rust', 'target/release/opcua', ('cargo', 'build', '--relea
 
 
 class Program(NamedTuple):
-    """A program of a plant, with the name of its library."""
+    """Program of a plant, with the name of its library."""
 
     library: str
     folder: Folder
     name: str
 
     def words(self) -> list[str]:
-        """Return the words that run the program."""
+        """Return the command that runs the program."""
         folder = self.folder.path
         if self.folder is _NODE:
             return ['node', str(folder / self.name)]
@@ -95,7 +95,7 @@ HOSTS = (
 
 
 class Running:
-    """A program that runs, and what it has said."""
+    """Running program, with the objects that it has printed."""
 
     def __init__(self, program: Program, *arguments: object) -> None:
         self.said: list[dict[str, Any]] = []
@@ -113,11 +113,11 @@ class Running:
                 self.said.append(json.loads(line))
 
     def all(self, word: str) -> list[Any]:
-        """Return all values of a word that the program has said."""
+        """Return all values that the program has printed for a key."""
         return [each[word] for each in list(self.said) if word in each]
 
     def ended(self, timeout: float) -> int:
-        """Wait for the end, and return the exit status."""
+        """Wait until the program ends, and return its exit status."""
         status = self.process.wait(timeout)
         self._reader.join(timeout)
         return status

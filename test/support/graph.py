@@ -32,13 +32,13 @@ def call(node: Node, kind: Any, name: str, /, **values: object) -> Any:
 
 
 class Goal:
-    """A goal of an action that a node which spins has sent, with its feedback so far."""
+    """Goal of an action, sent by a spinning node, with its feedback so far."""
 
     def __init__(self, node: Node, kind: Any, name: str, /, **values: object) -> None:
         self._node, self._client = node, ActionClient(node, kind, name)
         wait_for(self._client.server_is_ready)
         self.feedback: list[Any] = []
-        # The executor sends it, so that it cannot hear the answer before it knows the goal.
+        # The executor sends the goal, so that the answer cannot arrive before the goal is known.
         self._end = node.executor.create_task(self._send, kind.Goal(**values))
 
     async def _send(self, goal: Any) -> Any:
@@ -71,7 +71,7 @@ class Goal:
         return str(self.result.message)
 
     def cancel(self) -> bool:
-        """Ask for its end, and return whether it was cancelled."""
+        """Request the cancellation of the goal, and return whether it was cancelled."""
         wait_for(lambda: hasattr(self, '_handle'))
         self._node.executor.create_task(self._handle.cancel_goal_async)
         return self.status == GoalStatus.STATUS_CANCELED

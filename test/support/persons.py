@@ -224,10 +224,10 @@ class Person:
 
 
 class Technician(Person):
-    """Somebody who commissions a machine."""
+    """Person who commissions a machine."""
 
     def commission(self, step: str) -> None:
-        """Open the page of the commissioning, if it is not open, at a step."""
+        """Open a step of the commissioning page."""
         if not self.text('.path'):
             self.open_menu()
             self.press('Commissioning', '.q-menu .q-item')
@@ -240,10 +240,10 @@ class Technician(Person):
         return next(each.text for each in tabs if each.text.startswith(step))
 
     def make(self, button: str) -> None:
-        """Press a button at the foot of the page, when it can be pressed."""
+        """Press a button at the foot of the page as soon as it is enabled."""
         self.until(lambda: self.clicked('.foot button:not(.disabled)', button))
 
     def said(self, *words: str) -> str:
-        """Wait until the outcome has some words, and return it."""
+        """Wait until the outcome contains some words, and return it."""
         self.until(lambda: all(word in self.text('.foot .result') for word in words))
         return self.text('.foot .result')

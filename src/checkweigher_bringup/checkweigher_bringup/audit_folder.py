@@ -27,9 +27,9 @@ BATCHES = 'batches'
 def faults_in(
     folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
-    """Yield a text for each file of a machine that is missing, unknown or not as it was written.
+    """Yield a text for each file of a machine that is missing, unknown or changed.
 
-    `keys` has the users by name, or is None if signatures are not compared with them.
+    `keys` contains the users by name, or is None if signatures are not compared with them.
     """
     entries = chain.entries
     if chain.fault:

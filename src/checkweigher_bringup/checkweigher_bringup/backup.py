@@ -87,7 +87,7 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
             raise UserError(f'{path}: is neither a file nor a folder, so it cannot be saved')
         if head_path(path) in heads:
             data, head_bytes[head_path(path)] = read_consistent(path)
-        elif path in heads:  # its log was read before, because the paths are sorted
+        elif path in heads:  # read with its log, which precedes it in the sorted paths
             data = head_bytes[path]
         else:
             yield from _add_file(tar, path, name)

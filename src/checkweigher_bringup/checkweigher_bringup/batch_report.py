@@ -29,15 +29,15 @@ def signers_of(users: Path) -> dict[str, Signer]:
 
 
 def records_in(source: Path) -> list[Path]:
-    """Return the paths of the records in a folder, or the path of a record itself."""
+    """Return the paths of the records in a folder, or the path itself if it is a record."""
     return sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
     """Yield the verdicts on an item in a record, or in all records in a folder.
 
-    Each verdict has the hash of its line. Raises `LineError` if there is none, or if a record with
-    one cannot be trusted.
+    Each verdict has the hash of its line. Raises `LineError` if there is no verdict, or if a
+    record that contains one cannot be trusted.
     """
     found, faults = 0, []
     for record in records_in(source):
@@ -110,7 +110,7 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 
 
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
-    """Yield whether a record agrees with the audit log, its faults, signatures and strays."""
+    """Yield lines on a record: its agreement with the audit log, faults, signatures, strays."""
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'
         agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'

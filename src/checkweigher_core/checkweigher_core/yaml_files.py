@@ -92,7 +92,7 @@ _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(_REAL), [*'-
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML writer that quotes the strings which `_Loader` would read as numbers."""
+    """YAML writer that quotes strings that `_Loader` would read as numbers."""
 
 
 _Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers

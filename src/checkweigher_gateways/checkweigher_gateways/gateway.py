@@ -51,7 +51,7 @@ class Gateway:
         raise NotImplementedError
 
     async def take(self, taken: Taken) -> None:
-        """Update the gateway by a record of a lane, or by diagnostics."""
+        """Update the gateway with a record of a lane, or with diagnostics."""
         raise NotImplementedError
 
     async def turn(self) -> None:

@@ -38,7 +38,7 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """Latest records of a lane, None before the first. `zero` is in kg relative to calibration."""
+    """Latest records of a lane, None until received. `zero` is in kg from the calibration."""
 
     name: str
     verdict: Verdict | None = None
@@ -91,7 +91,7 @@ class LaneStates:
         return self.lanes.setdefault(lane, LaneState(lane))
 
     def take(self, taken: Taken) -> None:
-        """Update the states by a record of a lane, or by diagnostics."""
+        """Update the states with a record of a lane, or with diagnostics."""
         if taken.port is DIAGNOSTICS:
             self._note(taken.record)
         elif taken.port is STOP_REQUEST:

@@ -30,7 +30,7 @@ class Taken(NamedTuple):
 
 
 class _Finder(PortNode):
-    """Node that publishes the diagnostics of the gateway, and lists the topics of the graph."""
+    """Node that publishes the diagnostics of the gateway, and searches the graph for lanes."""
 
     def __init__(
         self, name: str, namespace: str, diagnose: Callable[[float], Iterable[Finding]]

@@ -133,7 +133,7 @@ class Metrics(Gateway):
         return f'http{"s" * tls}://{its.host}:{self._server.server_port}/metrics'
 
     async def take(self, taken: Taken) -> None:
-        """Update the metrics by a record."""
+        """Update the metrics with a record."""
         lane, record = taken.lane, taken.record
         match record:
             case Verdict():
@@ -171,7 +171,7 @@ class Metrics(Gateway):
                 self._deviations.labels(lane).observe(verdict.mass / product.nominal - 1)
 
     def _note(self, message: Any) -> None:
-        """Update the metrics by diagnostics."""
+        """Update the metrics with diagnostics."""
         stamp = message.header.stamp
         for status in message.status:
             path, _, aspect = status.name.partition(': ')

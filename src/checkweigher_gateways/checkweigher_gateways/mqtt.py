@@ -44,7 +44,7 @@ _COMMANDS = 'Command/Product', 'Command/Batch', 'Command/Zero'
 
 
 class MqttGateway(Gateway):
-    """Gateway that publishes each verdict by MQTT, also after the broker was away.
+    """MQTT gateway. Verdicts wait on the disk while the broker cannot be reached.
 
     The threads of paho only put events into a queue. Each connection has its own client, because
     the wills of the connections contain different numbers. An item is stored before it is
@@ -60,7 +60,7 @@ class MqttGateway(Gateway):
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._client: Client | None = None
         self._edge: EdgeNode | None = None
-        self._asked = False  # whether the broker has the will of the edge node
+        self._asked = False  # whether the broker may have the will of the edge node
         self._trouble = 'not connected yet'
         self._retry_at = 0.0  # monotonic time in s of the next attempt to connect
         self._ready_at = math.inf  # monotonic time in s from which items may be sent
@@ -151,7 +151,7 @@ class MqttGateway(Gateway):
             case 'failed' | 'ended':
                 lost = 'no connection' if event == 'failed' else f'connection lost: {value}'
                 self._trouble = self._trouble or lost
-                # A client whose connection has failed makes no further attempt.
+                # The next attempt needs a new client, because this one does not reconnect.
                 self._ready_at, self._client = math.inf, None
                 self._retry_at = time.monotonic() + _RETRY
             case 'confirmed':
@@ -186,7 +186,7 @@ class MqttGateway(Gateway):
         return self._client.publish(topic, data, qos, retain).mid
 
     def _show(self, lane: LaneState) -> None:
-        """Publish the state of a lane if it has changed. Its first state is a DBIRTH."""
+        """Publish the state of a lane if it has changed. The first one is a DBIRTH."""
         now, before = _state(lane), self._shown.get(lane.name)
         if now == before:
             return
@@ -206,7 +206,7 @@ class MqttGateway(Gateway):
         return f'{self._root}/{element(lane)}/{name}'
 
     def _send(self) -> None:
-        """Publish waiting items, until `_WINDOW` items are not confirmed."""
+        """Publish waiting items, until `_WINDOW` items await confirmation."""
         room = _WINDOW - len(self._confirmations)
         for number, lane, body in list(self._store.after(self._sent, room)):
             content, self._sent = json.loads(body), number

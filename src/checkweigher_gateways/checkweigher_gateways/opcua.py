@@ -36,7 +36,7 @@ _POLICIES = [
     for policy in ('Basic256Sha256', 'Aes128Sha256RsaOaep', 'Aes256Sha256RsaPss')
     for mode in ('Sign', 'SignAndEncrypt')
 ]
-# Node numbers of methods of conditions.
+# Node numbers of the methods of condition types.
 _ACKNOWLEDGE, _REFRESH = 9111, (3875, 12912)
 _ENABLE, _DISABLE, _COMMENT, _CONFIRM = 9027, 9028, 9029, 9113
 
@@ -45,11 +45,11 @@ async def _refuse(why: str, services: LaneServices, *_: Any) -> str:
     raise ActionRefusedError(why)
 
 
-# Action, lowest role, function and arguments of each method, by the path of its browse names.
 _RECIPES = partial(_refuse, 'products are changed only in the recipe file')
 _HOLD = partial(_refuse, 'a lane is held only by its own stop request; call Stop')
 _SUSPEND = partial(_refuse, 'a lane is never suspended; without products it waits in Execute')
 _COMPLETE = partial(_refuse, 'a lane has no end of production; call NewBatch or Stop')
+# Action, lowest role, function and arguments of each method, by the path of its browse names.
 _METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
     'SetZero': ('zero', Role.OPERATOR, actions.zero, ()),
     'ProductionPreset.SelectProduct': (
@@ -96,7 +96,7 @@ _OWN_METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
 class OpcuaGateway(Gateway):
     """OPC UA server, which runs in the event loop of the gateway.
 
-    The line sends its latest verdicts again to a gateway that was restarted, for the history.
+    A restarted gateway receives the latest verdicts of the line again, for the history.
     """
 
     kept: ClassVar[bool] = True
@@ -158,7 +158,7 @@ class OpcuaGateway(Gateway):
         server.set_identity_tokens([*anonymous, ua.UserNameIdentityToken])
 
     async def take(self, taken: Taken) -> None:
-        """Update the nodes of a lane by a record."""
+        """Update the nodes of a lane with a record."""
         self._states.take(taken)
         if taken.port is DIAGNOSTICS:
             return

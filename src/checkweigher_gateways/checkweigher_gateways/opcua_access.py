@@ -39,9 +39,9 @@ _CREATE, _ACTIVATE = (
 
 
 class Users(UserManager):
-    """Logins with the users file of the page. A client without a user name may only read.
+    """User manager with the users file of the page. A client without a user name may only read.
 
-    asyncua admits such a client only if the server offers anonymous logins.
+    asyncua only admits a client without a name if the server offers anonymous logins.
     """
 
     def __init__(self, users: UserFile) -> None:
@@ -71,17 +71,17 @@ class Users(UserManager):
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user whose password was checked, or an anonymous user without a name."""
+        """Return the user whose password was checked, or an anonymous user if there is no name."""
         if username is None:
             return Caller(UserRole.User, 'anonymous')
         return _CHECKED.get()
 
 
 class _Processor(UaProcessor):
-    """Requests of a client.
+    """Processor of the requests of a client.
 
     asyncua lets each client open a channel without security, to ask for the endpoints. This class
-    refuses sessions in such a channel, unless that is an endpoint, too.
+    refuses sessions in such a channel, unless the server has an endpoint without security.
     """
 
     async def _process_message(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
@@ -92,12 +92,12 @@ class _Processor(UaProcessor):
         return await super()._process_message(typeid, header, sequence, body)
 
     async def _check(self, header: Any, body: Any) -> Caller | None:
-        """Return the user of a request to activate a session, None without a valid password."""
+        """Return the user who activates a session, or None if the password is not valid."""
         token = struct_from_binary(ua.ActivateSessionParameters, body).UserIdentityToken
         session = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
         if session is None or not isinstance(token, ua.UserNameIdentityToken):
             return None
-        with suppress(Exception):  # asyncua decrypts it again, and answers if it is invalid
+        with suppress(Exception):  # asyncua itself refuses an invalid token
             name, password = self.iserver.decrypt_user_token(session, token)
             return await self.iserver.user_manager.check(name, password)
         return None

@@ -98,7 +98,7 @@ class LaneSpace:
         return self._server.get_node(self._id(path))
 
     async def _add(self, path: str, kind: int) -> None:
-        """Add an object of a type of the Scales model, with only those nodes that are kept."""
+        """Add an object of a type in the Scales model, and delete the nodes not in `_KEPT`."""
         parent, _, name = path.rpartition('.')
         above = self._server.get_node(self._id(parent) if path else machines(self._spaces))
         own = ua.QualifiedName(name or self.name, self._spaces.own)
@@ -127,7 +127,7 @@ class LaneSpace:
         for child in await node.get_children():
             if child.nodeid.NamespaceIndex == self._spaces.own:
                 await self._delete(child)
-        # To delete references to the node, the server would search all of its nodes.
+        # References to the node are kept, because the server would search all nodes for them.
         session = self._server.iserver.isession
         await delete_nodes(session, [node], delete_target_references=False)
 
@@ -155,7 +155,7 @@ class LaneSpace:
         await self.update()
 
     async def _record(self, path: str) -> None:
-        """Begin a history of a variable, with the values of as many items as the line keeps."""
+        """Begin the history of a variable, for as many items as the verdict topic keeps."""
         node = self._node(path)
         await node.write_attribute(ua.AttributeIds.Historizing, ua.DataValue(True))
         for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
@@ -187,7 +187,7 @@ class LaneSpace:
         data = ua.DataValue(variant, SourceTimestamp=_time(stamp) or datetime.now(UTC))
         if self._id(path) in self._server.iserver.aspace:
             await self._server.write_attribute_value(self._id(path), data)
-        # A subscription of the server to itself, as in asyncua, would miss masses that are equal.
+        # The usual history of asyncua subscribes to the variable, and would miss equal masses.
         if stamp is not None and path in _RECORDED:
             await self._history.save_node_value(self._id(path), data)
 
@@ -199,7 +199,7 @@ class LaneSpace:
         await self._set(f'{path}.CurrentState.Id', ua.Variant(state, ua.VariantType.NodeId))
 
     async def update(self) -> None:
-        """Update the nodes by the present state of the lane."""
+        """Update the nodes with the present state of the lane."""
         state = self._state
         pack = state.pack_state
         for (path, _), name in zip(_MACHINES, _STATES[pack], strict=True):
@@ -230,7 +230,7 @@ class LaneSpace:
             await self._count(state.statistics)
 
     async def show_item(self, verdict: Verdict) -> None:
-        """Update the masses by an item, and send an event if the item is rejected."""
+        """Update the masses with an item, and send an event if the item is rejected."""
         stamp = verdict.time
         if math.isfinite(verdict.mass):
             item = str(verdict.item_id)

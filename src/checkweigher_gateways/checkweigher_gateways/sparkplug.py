@@ -131,7 +131,7 @@ def decode(data: bytes | bytearray) -> dict[str, Any]:
 
 
 def element(text: str) -> str:
-    """Return a text as a topic level, in which dots replace ``/``, ``+`` and ``#``."""
+    """Return a text as a topic level. Dots replace ``/``, ``+``, ``#`` and NUL."""
     return re.sub(r'[/+#\0]', '.', text) or 'lane'
 
 

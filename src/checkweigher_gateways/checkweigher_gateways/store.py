@@ -16,7 +16,7 @@ CREATE TABLE IF NOT EXISTS items (
 CREATE INDEX IF NOT EXISTS waiting ON items (number) WHERE sent = 0;
 CREATE TABLE IF NOT EXISTS state (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
-_KNOWN = 20_000  # number of latest items that are kept although they were sent
+_KNOWN = 20_000  # number of latest items that are kept after they were sent
 
 
 class Store:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of OPC UA and hosts of Sparkplug B by other makers, at the gateways of a line."""
+"""OPC UA clients and Sparkplug B hosts of other makers, connected to the gateways of a line."""
 
 from collections import Counter
 from contextlib import ExitStack
@@ -32,7 +32,7 @@ def need_built(program: Program) -> None:
 
 
 def check_client(client: Program, verdicts: Verdicts, folder: Path, kills: int) -> str:
-    """Check what a client sees and may do; the gateway is killed some times meanwhile."""
+    """Check what a client receives and may do, while the gateway is killed `kills` times."""
     plant, other = Authority(folder), Authority(folder, 'other')
     own = plant.pair('server', uri='urn:checkweigher')
     mine, stranger = (
@@ -102,7 +102,7 @@ def test_a_client_of_another_maker_over_kills(client: Program, verdicts: Verdict
 
 
 def check_host(host: Program, verdicts: Verdicts, folder: Path, cuts: int) -> str:
-    """Check what a host decodes; the gateway is cut off some times, and killed once."""
+    """Check what a host decodes, while the gateway is cut off `cuts` times and killed once."""
     with broker(folder) as its, running(host, its.port, 'plant', 'host1') as plant:
 
         def kinds(kind: str) -> int:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Gateways beside a line for long."""
+"""Endurance tests of the gateways beside a line."""
 
 from collections import Counter, defaultdict
 from contextlib import ExitStack, closing, suppress
@@ -84,14 +84,14 @@ def test_each_item_comes_once_while_broker_and_gateway_are_killed_again_and_agai
     doubled = sum(came[number] > 1 for number in numbers)
     assert [number for number in numbers if not came[number]] == []
     assert [number for number in numbers if not texts[number]] == []
-    # Items that were on their way when a connection broke may come twice.
+    # Items that were in transit when a connection broke may arrive twice.
     assert doubled <= kills
     assert max(memory) - min(memory) < 20_000
     print(f'{len(numbers)} items, {kills} kills, {doubled} twice, {max(memory) / 1000:.0f} MB')
 
 
 class Scraper:
-    """A reader of the metrics, every 2 s, with the items that each gateway has counted."""
+    """Reader of the metrics every 2 s, with the number of items that each gateway has counted."""
 
     def __init__(self, port: int) -> None:
         self.read: list[tuple[int, int]] = []  # items counted, time of the last item in ms
@@ -115,10 +115,10 @@ class Scraper:
                     self.read.append((int(count), round(1000 * last[0].value)))
 
     def check(self, verdicts: list[Verdict]) -> int:
-        """Check the counts between two reads of a gateway, and return the number of the reads."""
+        """Check the counts between reads of the same gateway, and return the number of reads."""
         place = {round(1000 * seconds(each.t3)): n for n, each in enumerate(verdicts) if each.t3}
         for (count, last), (more, later) in pairwise(self.read):
-            if more >= count:  # else it is another gateway
+            if more >= count:  # otherwise the gateway was restarted
                 assert more - count == place[later] - place[last]
         return len(self.read)
 
@@ -128,7 +128,7 @@ class Scraper:
 
 
 class Listener(PortNode):
-    """Verdicts of a lane, with the time in s from t3 until each came."""
+    """Verdicts of a lane, with the time in s from t3 to the arrival of each."""
 
     def __init__(self, lane: str) -> None:
         super().__init__('listener', namespace=f'/{lane}')
@@ -143,7 +143,7 @@ class Listener(PortNode):
 
 
 def plain(verdict: Verdict) -> tuple[object, ...]:
-    """Return what a verdict says of its item, without its times, and its mass in kg to 1 ug.
+    """Return number, mass in kg to 1 ug, decision and reasons of a verdict.
 
     The last digits of a mass depend on how the samples are divided into messages.
     """
@@ -155,7 +155,7 @@ def plain(verdict: Verdict) -> tuple[object, ...]:
 def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(tmp_path: Path):
     """Two lines with the same items, 200 per minute, one of them with all gateways.
 
-    Every 20 s a gateway is killed, or cut off for 8 s.
+    About every 25 s, a gateway is killed, or cut off for 8 s.
     """
     (milo,) = (each for each in CLIENTS if each.library == 'Eclipse Milo')
     build(milo)
@@ -220,7 +220,7 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
                 time.sleep(8.0)
                 links[kind].restore()
             kills += 1
-            time.sleep(20.0 + 0.05 * (kills % 6))  # at another moment of an item each time
+            time.sleep(20.0 + 0.05 * (kills % 6))  # varied, to hit other phases of an item
         last = busy.taken[-1].item_id
         wait_for(lambda: any(i['item'] >= last for i in host.json[f'{LANE}/verdict']), 'MQTT', 300)
         wait_for(lambda: max(map(int, client.all('item'))) >= last, 'OPC UA', 300)
@@ -237,7 +237,7 @@ def test_each_item_comes_once_through_all_gateways_and_the_line_does_not_notice(
     assert {number: opcua[number] for number in weighed} == dict.fromkeys(weighed, 1)
     for came in (sparkplug, texts):
         assert [number for number in taken if not came[number]] == []
-        # Items that were on their way when a connection broke may come twice.
+        # Items that were in transit when a connection broke may arrive twice.
         doubled = [number for number in taken if came[number] > 1]
         assert len(doubled) <= kills / 3
         print(f'{len(doubled)} twice by MQTT')

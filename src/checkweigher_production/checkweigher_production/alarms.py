@@ -36,8 +36,8 @@ def alarm_of(values: Mapping[str, Any]) -> Alarm:
 class AlarmList:
     """Alarms of a line, which are stored as entries of its audit log.
 
-    An entry is written when an alarm begins, ends or is acknowledged, and when the line is shut
-    down. If an alarm counts faults of items, an entry is written only when its count has doubled.
+    An entry is written when an alarm begins, recurs, ends or is acknowledged, and when the line is
+    shut down. If an item fault recurs, an entry is written only when its count has doubled.
     `clock` returns the time in ns. `publish` is called with all alarms after each change.
     """
 
@@ -80,8 +80,8 @@ class AlarmList:
     def set_stop(self, request: StopRequest | None) -> None:
         """Begin the alarm of a stop request, and end the alarms of all other stop requests.
 
-        None ends all of them. The reason NotReady is not an alarm, because it is also used when a
-        person stops the line.
+        If `request` is None, all of them end. The reason NotReady is not an alarm, because it is
+        also used when a person stops the line.
         """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None

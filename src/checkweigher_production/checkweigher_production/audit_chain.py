@@ -23,7 +23,7 @@ PREDECESSOR = 'predecessor'
 
 @dataclass(frozen=True, slots=True)
 class LogChain:
-    """Audit log with all logs before it, which are in the same folder."""
+    """Audit log with all earlier logs in the same folder."""
 
     logs: tuple[tuple[Path, Verification], ...]  # oldest first
     fault: str = ''  # reason why a log cannot be trusted or is missing, or empty
@@ -42,7 +42,7 @@ class LogChain:
 
 
 def read_chain(path: Path) -> LogChain:
-    """Read an audit log and the logs before it. Raises `AuditError` if `path` cannot be read."""
+    """Read an audit log and all earlier logs. Raises `AuditError` if `path` cannot be read."""
     logs: list[tuple[Path, Verification]] = [(path, read_log(path))]
     faults = []
     while True:
@@ -71,7 +71,7 @@ def _last_hash(found: Verification) -> str:
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
-    """Return name, number of entries, and last hash of the log that a log names, or None."""
+    """Return the file, number of entries and last hash of the previous log, or None."""
     for entry in entries[:1]:
         if (entry.kind, entry.subject) == (LOG, PREDECESSOR) and isinstance(entry.new, dict):
             return entry.new
@@ -84,7 +84,9 @@ def logs_in(folder: Path) -> list[Path]:
 
 
 def name_predecessor(log: AuditLog, time: str, source: str) -> None:
-    """Name the previous log of the node `source` in a new log. Other logs are not changed.
+    """Name the previous log of the node `source` in a new log.
+
+    A log that contains entries is left unchanged.
 
     Raises `AuditError` if the entry cannot be written.
     """
@@ -99,7 +101,7 @@ def name_predecessor(log: AuditLog, time: str, source: str) -> None:
 
 
 def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
-    """Yield time of the last entry, name, number of entries and last hash of each other log."""
+    """Yield last time, name, number of entries and last hash of each other log of `source`."""
     for other in logs_in(path.parent):
         with suppress(AuditError):
             entries = read_log(other).entries if other.name != path.name else ()

@@ -40,7 +40,7 @@ _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n
 
 
 class AuditError(ValueError):
-    """Error for an audit log that cannot be used. The message names the log and the fault."""
+    """Raised if an audit log cannot be used. The message names the log and the fault."""
 
 
 class LogInUseError(AuditError):
@@ -60,7 +60,7 @@ class Entry:
     new: Any
     previous: str  # SHA-256 of the previous entry, hexadecimal
     hash: str = ''  # SHA-256 of this entry, hexadecimal
-    who: str | None = None  # person, or 'graph:' and a node, or None in old logs
+    who: str | None = None  # person, 'claimed:NAME' or 'graph:NODE', or None in old logs
     why: str | None = None  # reason that the person has given, or None in old logs
 
     def line(self) -> bytes:
@@ -86,7 +86,7 @@ class Verification:
     """Result of verifying a log."""
 
     entries: tuple[Entry, ...]  # valid entries before the first fault
-    bad_line: int = 0  # number of the first faulty line from 1, or 0
+    bad_line: int = 0  # number of the first faulty line from 1, 0 if unknown or none
     problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut', or empty for a valid log
     reason: str = ''  # description of the fault
     torn: bytes = b''  # incomplete entry at the end
@@ -110,7 +110,7 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 
 def read_consistent(path: Path) -> tuple[bytes, bytes]:
-    """Return a log and its head, which is empty if it is missing, both of the same moment.
+    """Return the contents of a log and its head at the same time. A missing head is empty.
 
     Raises `AuditError` if the log cannot be read.
     """
@@ -137,7 +137,7 @@ def _read_head(path: Path) -> bytes:
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     """Verify the bytes of a log.
 
-    `head` are the bytes of `LOG.head`, which are empty if that file is missing. If `known_hash` is
+    `head` contains the bytes of `LOG.head`, or is empty if that file is missing. If `known_hash` is
     given, an entry must have this hash.
     """
     chain = _Chain()
@@ -161,7 +161,7 @@ class _FaultError(Exception):
 
 @dataclass
 class _Chain:
-    """Valid entries of a log so far."""
+    """Entries of a log that were found valid so far."""
 
     entries: list[Entry] = field(default_factory=list)
     line: int = 1  # number of the next line
@@ -306,7 +306,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         os.close(self._file)
 
     def trouble(self) -> str:
-        """Return why no entry may be appended. The text is empty if the log is unchanged."""
+        """Return the reason why no entry may be appended, or an empty text."""
         own = os.fstat(self._file)
         try:
             there = self.path.stat()
@@ -319,7 +319,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         if _read_head(self.path) != self._head:
             return f'{head_path(self.path)}: was changed, moved or deleted'
         if (own.st_mtime_ns, own.st_ctime_ns) != (self._state.st_mtime_ns, self._state.st_ctime_ns):
-            # The content decides, because a backup may change the times of a file.
+            # Compare the content, because a backup may change the times of a file.
             self._altered = f'{self.path}: was changed'
             with suppress(AuditError):
                 found = read_log(self.path)
@@ -354,7 +354,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
     def _finish(self, time: str, source: str) -> None:
-        """Complete the writing of the last entry, which a power loss or a kill interrupted."""
+        """Complete the last entry if a power loss or a kill has interrupted its writing."""
         if self._head != _head_line(self._count, self.last_hash):
             os.fsync(self._file)
             self._write_head(self._count, self.last_hash)

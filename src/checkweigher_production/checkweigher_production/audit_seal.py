@@ -83,7 +83,7 @@ def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
 
 
 def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
-    """Return the seals in a file after a check of their signatures.
+    """Check the signatures of the seals in a file, and return the seals.
 
     Raises `AuditError` if the file cannot be read or is empty, a signature was not made with the
     key, or a seal is missing.
@@ -109,7 +109,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
 
 
 def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return the first difference between a log and its seals as text, which may be empty."""
+    """Return a text on the first difference between a log and its seals, or an empty text."""
     for seal in seals:
         begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
         if seal.entries > len(entries):

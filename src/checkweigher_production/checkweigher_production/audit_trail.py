@@ -16,7 +16,7 @@ from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_production.audit_log import AuditError, AuditLog
 
-CLAIMED = 'claimed:'  # before the name of a person who has given no password
+CLAIMED = 'claimed:'  # prefix of a name that was not checked
 
 
 class Author(NamedTuple):
@@ -30,9 +30,10 @@ class Author(NamedTuple):
 class Authors:
     """Persons who are about to call services of the line.
 
-    A service request has no field for the name of a person. Therefore the web page announces the
-    person before a call, and withdraws the announcement after it. The audit log names this person
-    for all changes that the service makes in between. An announcement expires after `patience` s.
+    A service request has no field for the name of a person. Therefore the page or a gateway
+    announces the person before a call, and withdraws the announcement after it. The audit log names
+    this person for all changes that the service makes in between. An announcement expires after
+    `patience` s.
     In all methods, `now` is the time in s.
     """
 
@@ -46,13 +47,13 @@ class Authors:
         self._callers = others | dict.fromkeys(services, (author, now + self._patience))
 
     def of(self, service: str, otherwise: str, now: float) -> Author:
-        """Return the person who calls a service or, if no person is announced, a node."""
+        """Return the person who calls a service or, without one, the node `otherwise`."""
         author, until = self._callers.get(service, (None, now))
         return Author(f'graph:{otherwise}') if author is None or until < now else author
 
 
 class AuditTrail:
-    """Writer of changes to the audit log. States and parameters are written only if they differ.
+    """Writer of changes to the audit log. States and recipes are written only if they differ.
 
     `source` is the name of this node, and `clock` returns the time of an entry (ISO 8601, UTC). If
     `log` is None, the methods do not write anything.
@@ -158,7 +159,8 @@ class AuditTrail:
     def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
         """Write the parameters of a running node that are about to be set.
 
-        The value in use may differ from the last one in the log, as the limits of a product do.
+        Equal values are written as well, because the value in use may differ from the last one in
+        the log, for example after the selection of a product.
         """
         for name, value in values.items():
             old = self._parameters.get(node, {}).get(name)
@@ -177,7 +179,7 @@ class AuditTrail:
             self.state(RECIPE, name, recipe, by)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Write the beginning and the end of the fault ZeroOutOfRange."""
+        """Write an entry when the fault ZeroOutOfRange begins or ends."""
         out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
         # Only a verdict without any fault shows that the zero is within its range again.
         if out != self._zero_out_of_range and (out or not verdict.reasons):

@@ -15,7 +15,7 @@ from typing import Any
 from checkweigher_core.changes import SOFTWARE
 from checkweigher_production.audit_log import Entry, Verification
 
-_WIDEST = 40  # default of the largest number of characters
+_WIDEST = 40  # default largest number of characters of a text
 
 
 def conclusion(found: Verification) -> str:
@@ -41,7 +41,7 @@ def software_in(entries: Sequence[Entry]) -> str:
 
 
 def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield a sentence for each entry whose time is before that of the entry before it."""
+    """Yield a sentence for each entry that has an earlier time than the previous entry."""
     for before, entry in pairwise(entries):
         with suppress(ValueError, TypeError):
             back = datetime.fromisoformat(before.time) - datetime.fromisoformat(entry.time)
@@ -54,7 +54,7 @@ def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
     """Return name, old value and new value of each change in an entry.
 
-    If all values of an object are new, the only change is their number.
+    For an object without old values, a single change states the number of its values.
     """
     old, new = entry.old, entry.new
     if not isinstance(new, dict):
@@ -66,7 +66,7 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
 
 
 def shortened(value: Any, widest: int | None = _WIDEST) -> str:
-    """Return a value as printable text with at most `widest` characters, or in full if it is None.
+    """Return a value as printable text with at most `widest` characters (None: any number).
 
     The value None becomes a dash.
     """

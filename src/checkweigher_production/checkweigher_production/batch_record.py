@@ -9,8 +9,8 @@ and -Infinity. A separate thread writes and syncs the lines, so that production 
 the disk. If the disk is full, the thread retries until the lines are written. A record without an
 end is continued after a restart.
 
-The audit log has the length and the hash of a record whenever it was opened or closed. A record
-that is not as it was written then, or whose lines do not follow each other, is broken.
+The audit log contains the length and the hash of a record from each time that it was opened or
+closed. A record is broken if it contradicts the audit log, or if the hash of a line is wrong.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -54,7 +54,7 @@ _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 
 class RecordError(ValueError):
-    """Error for a record that cannot be used. The message names the file and the fault."""
+    """Raised if a record cannot be used. The message names the file and the fault."""
 
 
 def record_path(folder: Path, batch: str) -> Path:
@@ -69,7 +69,7 @@ def record_path(folder: Path, batch: str) -> Path:
 def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
     """Return the paths of the records without an end by batch, and the faults of invalid records.
 
-    Only the first line and the last line of each file are read.
+    Only the first line and the end of each file are read.
     """
     found: dict[str, Path] = {}
     faults = []
@@ -141,7 +141,7 @@ def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
 
 
 def _broken_line(data: bytes) -> str:
-    """Return the first line that is not as it was written, as text, which may be empty."""
+    """Return a text on the first line that was changed or states a fault, or an empty text."""
     digest, is_chained = hashlib.sha256(), False
     for number, line in enumerate(io.BytesIO(data[: data.rfind(b'\n') + 1]), 1):
         digest.update(line[:-_HASH_SIZE])
@@ -156,7 +156,7 @@ def _broken_line(data: bytes) -> str:
 
 
 def _contradicted(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return the first state in the audit log that a record contradicts, as text."""
+    """Return a text on the first contradiction to the audit log, or an empty text."""
     for state in states:
         size = len(data) if state.size < 0 else state.size
         when = f'{state.event} {state.time}'.strip()
@@ -203,8 +203,8 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
     """Yield kind and content of each line.
 
-    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds. The
-    exceptions are as in `read_lines`.
+    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds. Raises
+    `RecordError` as `read_lines` does, or if a value is not valid.
     """
     for number, values in enumerate(read_lines(path), 1):
         kind = values.pop('kind')
@@ -286,8 +286,8 @@ class RecordWriter:
     def resume(self, batch: str, time: str = '', states: Sequence[RecordState] = ()) -> None:
         """Continue the record of a batch, unless it has ended.
 
-        `states` are its states in the audit log. If the record is broken, a line with the time
-        `time` says so.
+        `states` contains its states in the audit log. If the record is broken, a line with the
+        fault and the time `time` is added.
         """
         self._submit(self._open, batch, CONTINUED, time, states)
 
@@ -296,7 +296,7 @@ class RecordWriter:
         self._submit(self._append, line_of(kind, values))
 
     def settle(self, patience: float) -> None:
-        """Wait until all earlier steps are done, but at most `patience` s, as on a full disk."""
+        """Wait at most `patience` s until all earlier steps are done; the disk may be full."""
         with suppress(TimeoutError):
             self._executor.submit(int).result(patience)
 
@@ -387,7 +387,7 @@ def line_of(kind: str, values: object) -> bytes:
 
 
 def _with_hash(line: bytes, before: 'hashlib._Hash') -> bytes:
-    """Return a line with the hash of the file up to there. `before` is that of the lines before."""
+    """Return a line with the hash of the file up to it. `before` is that of the earlier lines."""
     digest = before.copy()
     digest.update(line)
     return line + b',"hash":"%s"}\n' % digest.hexdigest().encode()

@@ -37,11 +37,11 @@ def control_chart(
 ) -> ControlChart | None:
     """Return the control chart of masses in kg, which are in chronological order.
 
-    Returns None if there are fewer than two subgroups of `SUBGROUP` masses. The masses of the
-    `reference` period, by default all masses, set the limits, so that these do not follow a process
-    that drifts. A limit has a distance of three standard deviations from the centre line. The
-    standard deviation of a mean or of a standard deviation of `SUBGROUP` values is estimated from
-    the mean of the standard deviations (A3 and B4 of ISO 7870-2, table 2).
+    Returns None if `masses` or `reference` contains fewer than two subgroups of `SUBGROUP` masses.
+    The masses of the `reference` period, by default all masses, set the limits, so that the limits
+    do not follow a process that drifts. A limit has a distance of three standard deviations from
+    the centre line. The standard deviation of a mean or of a standard deviation of `SUBGROUP`
+    values is estimated from the mean of the standard deviations (A3 and B4 of ISO 7870-2, table 2).
 
     Examples
     --------

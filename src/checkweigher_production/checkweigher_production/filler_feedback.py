@@ -80,7 +80,7 @@ class FillerController:
         if self._on_the_way:
             self._on_the_way -= 1
             return None
-        # A fault may have a mass, for example if the product contains metal.
+        # A fault is ignored although it may have a mass, for example if the product contains metal.
         if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
             self._masses.append(verdict.mass - self._tare)
         if len(self._masses) < self._parameters.subgroup:

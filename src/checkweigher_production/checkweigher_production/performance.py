@@ -62,8 +62,8 @@ class PerformancePlan(Parameters):
     def due(self, last: int | None, began: int, *, in_batch: bool) -> int | None:
         """Return the time in ns at which the next test is due.
 
-        Returns None if no test is due before the next batch. Shifts begin by the local time of the
-        computer, also after a change to summer time.
+        Returns None if no test is due before the next batch. Shifts begin at local times of
+        the computer, which may change to summer time.
 
         Parameters
         ----------
@@ -112,8 +112,8 @@ _NEVER = LastTest(0, '', '', passed=True)  # value before the first test
 class PerformanceTests:
     """State of the performance test of the selected product.
 
-    `plan` has the rules of the recipe, or is None if the recipe requires no test. Times are in ns
-    of the system clock.
+    `plan` contains the rules of the recipe, or is None if the recipe requires no test. Times
+    are in ns of the system clock.
     """
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class PerformanceTests:
         return self.state.state is PerformanceState.RUNNING
 
     def remember(self, product: str, last: LastTest) -> None:
-        """Add the last test of a product from the audit log, unless a later test is known."""
+        """Add the last test of a product from the audit log, unless one is known."""
         self._known.setdefault(product, (last, last if last.passed else None))
 
     def select(self, product: str, batch: str, plan: PerformancePlan | None, now: int) -> None:
@@ -160,7 +160,7 @@ class PerformanceTests:
         self.advance(now)
 
     def take(self, verdict: Verdict, now: int) -> LastTest | None:
-        """Process a verdict. Return the test if the item completes it, otherwise None."""
+        """Add a pass of the test product. Return the test if it is completed, otherwise None."""
         plan, test = self.plan, self.state
         if plan is None or not self.wanted or Reason.PERFORMANCE_TEST not in verdict.reasons:
             return None
@@ -216,7 +216,7 @@ class PerformanceTests:
 
 
 def passes(plan: PerformancePlan, errors: tuple[float, ...]) -> bool:
-    """Return whether there are enough errors, and each of them (in kg) is within the limit."""
+    """Return whether all passes were made, and each error in kg is within the limit."""
     return len(errors) >= plan.passes and all(abs(each) <= plan.limit for each in errors)
 
 

@@ -7,8 +7,8 @@ least the nominal quantity, at most 2.5 % of the prepackages are below TU1 = nom
 is below TU2 = nominal - 2 TNE. A TNE that is given in percent is rounded up to the next 0.1 g
 (2.4).
 
-Nothing here is type-approved for legal metrology. The module `reference_method` has the reference
-test of Annex II.
+Nothing here is type-approved for legal metrology. The module `reference_method` contains the
+reference test of Annex II.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,9 +24,9 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # range of nominal quantities in kg
 _TARE_SAMPLE, _SMALL_TARE = 25, 0.05  # packages; tare relative to the nominal quantity
-_STEP = 1e-4  # step in kg to which a TNE in percent is rounded up.
+_STEP = 1e-4  # step in kg to which a TNE in percent is rounded up
 
-# Each row has the largest nominal quantity in kg, and two summands of the TNE: the first one is
+# Each row contains the largest nominal quantity in kg, and two summands of the TNE: the first is
 # relative to the nominal quantity, and the second one is in kg.
 _ROWS = (
     (0.05, 0.09, 0.0),
@@ -130,10 +130,10 @@ def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
 
 @dataclass(frozen=True, slots=True)
 class TareControl:
-    """Sample of empty packages, whose mean may be the tare of all packages. Masses are in kg.
+    """Sample of empty packages, from which a tare is determined. Masses are in kg.
 
-    The rule is that of Portaria Inmetro 248 of 17 July 2008 (Brazil, also of Mercosur): the mean
-    of 25 packages is the tare if it is below 5 % of the nominal quantity, or if the standard
+    The rule is from Portaria Inmetro 248 of 17 July 2008 (Brazil and Mercosur). The mean of at
+    least 25 packages is the tare if it is below 5 % of the nominal quantity, or if the standard
     deviation is at most a quarter of the tolerable negative error.
     """
 
@@ -152,7 +152,7 @@ class TareControl:
 
     @property
     def refusal(self) -> str:
-        """Reason why the mean may not be the tare, or an empty text."""
+        """Reason why the mean must not be used as the tare, or an empty text."""
         if len(self.masses) < _TARE_SAMPLE:
             return f'{len(self.masses)} empty packages, {_TARE_SAMPLE} are needed'
         if self.mean < _SMALL_TARE * self.nominal:

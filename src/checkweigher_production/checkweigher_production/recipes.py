@@ -60,7 +60,7 @@ NODES: dict[str, type[Parameters]] = {
     'identifier': IdentifierParameters,
     'reject': RejectParameters,
 }
-_OWN = (*LIMITS, 'needs_product')  # parameters of the reject node that the section may not set
+_OWN = (*LIMITS, 'needs_product')  # parameters of the reject node that a recipe must not set
 _LARGEST_MASS = 1e4  # kg
 _LARGEST_ERROR = 0.1  # largest limit of a performance test, relative to the mass
 
@@ -69,7 +69,7 @@ Changes = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Guard(Parameters):
-    """Guard band, which narrows the limits by the deviation that is stated for each mass."""
+    """Parameters of the guard band, which narrows the limits by the deviation of each mass."""
 
     node: ClassVar[str] = 'guard'
 
@@ -100,8 +100,8 @@ class Product(Settings):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
     )
-    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. The record of a batch has
-    # the limits at the beginning of the batch.
+    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. A batch record contains the
+    # limits that applied when the batch began.
     tu1: float = parameter(math.nan, 'TU1, instead of that of 76/211/EEC', unit='kg', minimum=0)
     tu2: float = parameter(math.nan, 'TU2, instead of that of 76/211/EEC', unit='kg', minimum=0)
     length: tuple[float, float] = parameter(
@@ -169,7 +169,7 @@ class Product(Settings):
         if math.isfinite(self.tu1_quota):
             if math.isnan(self.tu1):
                 raise SettingsError('76/211/EEC has no TU1 for this nominal weight', 'tu1_quota')
-            # The record of a batch has the mass of TU2 instead of its name.
+            # A batch record contains the mass of TU2 instead of its name.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
                 raise SettingsError(
@@ -212,9 +212,9 @@ class Product(Settings):
         """Return why a scale cannot resolve the tolerances of the recipe, or '' if it can.
 
         `std_dev` is the stated standard deviation of a mass in kg, or NaN. Twice this deviation may
-        be at most a fifth of the tolerable negative error, as German FPackV (Annex 7, 1 b) has it
-        for the error of a scale. Three deviations, or the guard band if it is wider, must leave
-        nominal within the limits.
+        be at most a fifth of the tolerable negative error, as German FPackV (Annex 7, 1 b)
+        requires of the error of a scale. Three deviations, or the guard band if it is wider, may be
+        at most the distance of the nearer limit from nominal.
         """
         fifth = (self.nominal - self.tu1) / 5
         if 2 * std_dev > fifth:
@@ -250,7 +250,7 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 
 def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the keys that a recipe file gives for each product, by the names of the products.
+    """Return the keys of each recipe in a recipe file, by product name.
 
     Raises `SettingsError` if a recipe is not valid.
     """
@@ -261,7 +261,7 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
     """Add a product to a recipe file, replace its recipe, or remove it if `keys` is None.
 
     Comments in the file are lost. Raises `SettingsError` if a recipe is not valid, and
-    `OutputError` if the file cannot be written. The file is then unchanged.
+    `OutputError` if the file cannot be written. In both cases, the file is unchanged.
     """
     with _locked(path):
         content = _content(path)
@@ -280,10 +280,10 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
 
 
 def replace_recipes(path: Path, text: str) -> None:
-    """Replace a recipe file by a text, with its comments.
+    """Replace the content of a recipe file by a text, which may contain comments.
 
     Raises `SettingsError` if a recipe is not valid, and `OutputError` if the file cannot be
-    written. The file is then unchanged.
+    written. In both cases, the file is unchanged.
     """
     read_settings(text, RecipeFile)
     with _locked(path):

@@ -41,12 +41,12 @@ class SamplingPlan(Enum):
     """Plan for drawing samples from a batch."""
 
     DOUBLE = 'double'  # 76/211/EEC, Annex II
-    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87.
+    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87
 
 
-# Each row has the largest size of a batch. After that, for the first sample and for both samples
-# together, the row has the size of the sample, the largest number of defective prepackages with
-# which the batch is accepted, and the smallest number with which the batch is rejected.
+# Each row contains the largest batch size and, for the first sample and for both samples together,
+# the sample size, the largest number of defective prepackages with which the batch is accepted, and
+# the smallest number with which the batch is rejected.
 _CONTENTS = {
     SamplingPlan.DOUBLE: (
         (500, ((30, 1, 3), (60, 4, 5))),
@@ -59,7 +59,7 @@ _CONTENTS = {
         (math.inf, ((125, 7, 8),)),
     ),
 }
-# Each row has the largest size of a batch, the size of the sample, and k.
+# Each row contains the largest batch size, the sample size, and k.
 _MEANS = {
     SamplingPlan.DOUBLE: ((500, 30, 0.503), (math.inf, 50, 0.379)),
     SamplingPlan.SINGLE: ((500, 50, 0.379), (3_200, 80, 0.295), (math.inf, 125, 0.234)),
@@ -109,9 +109,9 @@ def reference_test(
 ) -> ReferenceTest:
     """Judge a batch by random samples.
 
-    `masses` are the contents of all prepackages in kg, `nominal` is the nominal quantity in kg, and
-    `seed` is the seed of the random draw. If there are fewer than 100 prepackages, all of them are
-    tested.
+    `masses` contains the net mass of each prepackage in kg, `nominal` is the nominal quantity in
+    kg, and `seed` is the seed of the random draw.
+    If there are fewer than 100 prepackages, all of them are tested.
 
     Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.

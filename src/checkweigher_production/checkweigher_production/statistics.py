@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of production for each product and batch.
+"""Production statistics for each product and batch.
 
-All items are counted by decision and reason. Mean, standard deviation, giveaway, and the fractions
-below TU1 and TU2 are computed from the accepted items. A mass is the mass of the
-contents without tare. Times are the time stamps of the samples.
+All items are counted by decision and reason. Mean, standard deviation, giveaway, and the numbers
+below TU1 and TU2 are computed from the accepted items. A mass is the mass of the contents without
+tare. Times are the time stamps of the samples.
 """
 
 from collections import Counter, deque
@@ -19,7 +19,7 @@ from checkweigher_production.prepackages import ROUNDING
 from checkweigher_production.recipes import Product
 
 _MINUTE = 60 * NANOSECONDS
-_LATEST = 25  # number of masses whose median of the stated deviations is that of the scale
+_LATEST = 25  # number of latest masses whose stated deviations are used
 _NO_PRODUCT = Product('', math.nan)
 # Verdicts with these reasons may belong to the previous stream.
 _OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
@@ -35,7 +35,7 @@ class ProductionStatistics:
         self._masses = RunningMoments()  # masses of the accepted items in kg
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        self._stamp: int | None = None  # largest t3 in ns.
+        self._stamp: int | None = None  # largest t3 in ns
         # Smallest t3 and largest t3 in ns, and number of t3, since the start of the stream.
         self._timed: tuple[int, int, int] | None = None
 
@@ -60,7 +60,7 @@ class ProductionStatistics:
         self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
-        """Count an item whose length or speed is outside the limits; return whether one is."""
+        """Count an item if its length or speed is outside the limits; return whether it is."""
         if self.product is None:
             return False
         # An unknown value (NaN) is not counted, because such an item has another fault.
@@ -142,8 +142,8 @@ class ProductionRecord:
         """Count an item for the product and batch of its verdict; return whether it was new.
 
         A restarted node receives verdicts again. An item is new if the number of items in its
-        verdict, which counts the items of the batch, exceeds that of all earlier verdicts. A
-        verdict without a product has no such number: its item is new if its number and times are.
+        verdict, which counts the items of the batch, exceeds that of all earlier verdicts. An
+        item without a product is new if no recent one has the same item number and times.
         """
         key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
@@ -165,7 +165,7 @@ class ProductionRecord:
 
     @property
     def std_dev(self) -> float:
-        """Median of the stated standard deviations of the latest masses in kg, NaN without any."""
+        """Median of the stated standard deviations of the latest masses in kg, or NaN if none."""
         return median(self._std_devs) if self._std_devs else math.nan
 
     def summary(self) -> Statistics:
@@ -173,11 +173,11 @@ class ProductionRecord:
         return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
-        """Return whether a name is that of the present batch or of a batch with counts."""
+        """Return whether a batch name is in use by the present batch or in the counts."""
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
-        """Measure the throughput of all products and batches anew."""
+        """Restart the measurement of the throughput of all products and batches."""
         for each in self._all.values():
             each.begin_stream()
 

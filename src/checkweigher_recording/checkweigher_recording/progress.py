@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a long computation, with the time that is left: a bar, or lines for a program."""
+"""Progress of a long computation with its remaining time, as a bar or as lines of text."""
 
 from collections.abc import Callable, Iterable, Iterator, Sized
 import math
@@ -57,7 +57,7 @@ def with_progress(
         return items
     from tqdm import tqdm  # imported late, because the import is slow
 
-    # The time left follows from the mean speed, because the latest items may be unlike the others.
+    # The remaining time is based on the mean speed, because the speed of single items varies.
     bar = tqdm(
         items,
         doing,

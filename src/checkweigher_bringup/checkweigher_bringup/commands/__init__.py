@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 Option = tuple[Any, ...]  # usage, kind, help and default of an option, see `_add`
-REQUIRED = {'required': True}  # in place of the default of an option that must be given
+REQUIRED = {'required': True}  # for an option that must be given, instead of a default
 
 PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
 NAMESPACE: Option = ('--namespace NAME', str, 'namespace of the lane', '')

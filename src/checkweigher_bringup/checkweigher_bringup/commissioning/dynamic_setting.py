@@ -83,7 +83,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     """Node that records passes and trains estimators in child processes."""
 
     _child: subprocess.Popen[bytes] | None = None
-    _ended: Future  # result of the child process: whether it has succeeded, and a text
+    _ended: Future  # result of the child process: success and text
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         self._scratch = ExitStack()
@@ -199,13 +199,13 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return f'training has begun; {ports.DYNAMIC_SETTING.name} reports its end'
 
     def _end(self) -> None:
-        """End recording or training. Recorded passes are kept."""
+        """End the recording or the training. Recorded passes are kept."""
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
 
     def _cancel(self, request: Any, response: Any) -> str:
-        """Discard learned parameters or, while recording or training, end that."""
+        """Discard the learned parameters, or end a recording or training in progress."""
         if self._child is not None:
             self._end()
             return 'recording or training ends; passes that were weighed are kept'
@@ -352,7 +352,7 @@ def _tell_nobody(**_: object) -> None:
 
 
 async def _success(ended: Future) -> str:
-    """Return the text of the result of a child process, or raise `UserError` if it has failed."""
+    """Return the text of a child process, or raise `UserError` if the process has failed."""
     succeeded, text = await ended
     if not succeeded:
         raise UserError(text)

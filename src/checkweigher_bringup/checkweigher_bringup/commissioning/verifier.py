@@ -196,7 +196,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         self._publish(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
 
     def _publish(self, progress: VerificationProgress) -> Any:
-        """Publish the progress for those who come later, too, and return its message."""
+        """Publish the progress, also for late subscribers, and return its message."""
         progress = replace(progress, stamp=self.get_clock().now().nanoseconds)
         message = to_message(ports.VERIFICATION_PROGRESS, progress)
         self._publisher.publish(message)
@@ -217,7 +217,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             raise UserError(result.message)
 
     def _begin(self, text: str, publish: Callable[[VerificationProgress], object]) -> Future:
-        """Begin a verification. The result has its verdict and folder, or an error and ''."""
+        """Begin a verification. The result is verdict and folder, or an error and an empty text."""
         if self._busy:
             raise UserError(f'busy: a verification is running; cancel {ports.RUN_VERIFICATION}')
         try:

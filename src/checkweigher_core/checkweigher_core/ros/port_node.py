@@ -145,7 +145,7 @@ class PortNode(Node):
         return super().create_service(srv_type, srv_name, guarded, callback_group=group, **options)
 
     def warn_of(self, service: str, action: str) -> None:
-        """Log that a service is deprecated, because an action does the same."""
+        """Log that a service is deprecated, because an action replaces it."""
         self.get_logger().warning(f'the service {service} is deprecated: use the action {action}')
 
     def create_action(
@@ -159,7 +159,7 @@ class PortNode(Node):
 
         The coroutine function `work` is called with the goal, the result to fill in, and a function
         that publishes the feedback given by its keyword arguments. It raises `ValueError` with the
-        reason of a refusal or failure, which becomes the message of the result. The function
+        reason of a refusal or failure, which becomes the message in the result. The function
         `cancel` makes it end early.
         """
         own, end = locked(work), locked(cancel)

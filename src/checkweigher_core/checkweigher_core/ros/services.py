@@ -64,7 +64,7 @@ class Action(NamedTuple):
     kind: str  # ROS name of the type
     server: str  # node with the server
     callers: tuple[str, ...]  # nodes with clients
-    text: str  # what is done
+    text: str  # description of its effect
 
 
 # fmt: off

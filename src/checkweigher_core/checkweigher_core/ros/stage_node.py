@@ -161,7 +161,7 @@ class StageNode(PortNode, Generic[P]):
     def _as_declared(self, given: Parameter) -> Parameter | None:
         """Return a change in the type of its parameter, None if the value stays the same.
 
-        The value in use may differ from that of the parameter, as the limits of a product do.
+        The value in use may differ from the parameter, for example for the limits of a product.
         """
         if not self.has_parameter(given.name):
             return given

@@ -126,7 +126,7 @@ class CalibrationServices:
                 self._answer((True, f'{text}; {len(session.points)} read by now', found))
 
     def _publish_progress(self, cell: LoadCell, reading: RestReading | None) -> None:
-        """Publish the reading of the latest samples, which changes twice a second."""
+        """Publish the reading of the latest samples if it is new."""
         found = None if reading is None else reading.latest
         if self._tell is None or reading is None or found is None or found is self._told:
             return

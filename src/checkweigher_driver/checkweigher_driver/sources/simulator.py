@@ -16,7 +16,7 @@ from checkweigher_driver.sources import Source
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
-_LAST_WORDS = 0.5  # time in s in which the driver answers who kills it
+_LAST_WORDS = 0.5  # time in s in which the driver can still answer the request that kills it
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,8 @@ class LineBatches:
     def open(self, note: Callable[[RecordState], object]) -> None:
         """Begin to write to the records. `note` writes a state of a record to the audit log.
 
-        A line must not follow a stop before the log knows that the record continues. Otherwise a
-        kill would leave a line that looks as if it had been added while the line was off.
+        The audit log must state that the record continues before an event is added. Otherwise,
+        after a kill, the event would look as if it had been added while the machine was off.
         """
         self._note = note
         self._note_states()
@@ -117,7 +117,7 @@ class LineBatches:
     def _batch_in_progress(self, first: str) -> str:
         """Return the only batch without an end or, if there is none, the batch `first`.
 
-        Raises `RecordError` if the batch in progress is uncertain.
+        Raises `RecordError` if the batch in progress is uncertain, or the batch `first` has ended.
         """
         if len(self._open) > 1 or self._left_out:
             several = '; '.join([*map(str, self._open.values()), *self._left_out])
@@ -139,7 +139,7 @@ class LineBatches:
         elif self.selected is not None and (path.exists() or not interrupted):
             raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
         if before != batch and record_path(self._folder, before).exists():
-            self._reopen(writer, before)  # the record may lack its end, or the audit log its hash
+            self._reopen(writer, before)  # its end, or its entry in the audit log, may be missing
             self._open.pop(before, None)
         if goes_on:
             writer.end(self._clock())
@@ -229,7 +229,7 @@ class LineBatches:
         self.write('reset', {'time': self._clock()})
 
     def begin(self) -> None:
-        """Begin or continue the record of the present batch, and end that of the batch before.
+        """Begin or continue the record of the present batch, and end the previous record.
 
         Raises `RecordError` if a record to be continued is not valid.
         """

@@ -64,8 +64,7 @@ class LineAudit:
         last = log.entries[-1].time if log is not None and log.entries else ''
         if last > (now := clock()):
             self.trail.saw(changes.CLOCK, 'start', last, now)  # the clock was set back since then
-        # For each kind of change: its subject, the node that makes it, and the service to request
-        # it.
+        # Subject, node and service of each kind of change that a node makes on request.
         self._asked = {
             changes.ZERO: (ports.ZERO, 'segmenter', ports.ZERO),
             changes.LEARNED: (f'{self._namespace}/identifier', 'identifier', ports.FORGET_LEARNED),
@@ -74,7 +73,7 @@ class LineAudit:
         }
 
     def awaits(self, nodes: set[str]) -> bool:
-        """Return whether the log lacks the parameters of some nodes; they must not be set then."""
+        """Return whether parameters of `nodes` must not be set, because the log lacks them."""
         return self._log is not None and not self._unread.isdisjoint(nodes)
 
     def add_started(self, nodes: set[str]) -> None:
@@ -179,7 +178,7 @@ class LineAudit:
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
     def watch_clock(self, reference: str) -> None:
-        """Write steps and changes of the reference of the clock. `reference` may be empty."""
+        """Write the steps of the clock and changes of its reference. `reference` may be empty."""
         if step := self._steps.step():
             self.trail.saw(changes.CLOCK, 'step', None, {'seconds': round(step, 3)})
         if reference:
@@ -188,8 +187,8 @@ class LineAudit:
     def claimed_by(self, service: str, who: str, why: str) -> Author:
         """Return the person who calls a service.
 
-        A person whom the page or a gateway has announced has given a password. The name in a
-        request, `who`, is only a claim.
+        A person whom the page or a gateway has announced is trusted. The name in a request, `who`,
+        is only a claim.
         """
         announced = self._authors.of(service, '', time.monotonic())
         if not announced.who.startswith('graph:'):
@@ -197,7 +196,7 @@ class LineAudit:
         return Author(f'{CLAIMED}{name}' if (name := one_line(who)) else '', one_line(why))
 
     def write_state(self, state: RecordState) -> None:
-        """Write the state of the record of a batch. The hash of an ended record never changes."""
+        """Write the state of a batch record. After its end, only a fault is written."""
         last = self.trail.last(changes.RECORD, state.batch)
         if state.broken or not has_ended(last):
             self.trail.saw_state(changes.RECORD, state.batch, state.value)

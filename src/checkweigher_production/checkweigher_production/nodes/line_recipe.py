@@ -80,10 +80,10 @@ class LineRecipe:
         `waits` is True, it is also put on the line.
         """
         first, self.in_use = self.in_use is None, product
-        # When this node starts, the reject node may have a product with other limits.
+        # When this node starts, it adopts the product of the reject node with its limits.
         if product.product and (first or product.stamp == self.on_line.stamp):
             self.on_line = self.selected = product
-        elif first and not self.on_line.stamp:  # no product was selected meanwhile
+        elif first and not self.on_line.stamp:  # no product was selected since the start
             self.selected = resumed
             self.put(None if waits else resumed)
         if product.stamp == self.on_line.stamp and not self._taken.done():
@@ -137,7 +137,7 @@ class LineRecipe:
             )
 
     async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
-        """Return the values before the first recipe of the parameters that recipes have changed."""
+        """Return the original value of each parameter that a recipe has changed or is to change."""
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
             if not self.line.ready(node):

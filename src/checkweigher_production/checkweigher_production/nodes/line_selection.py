@@ -65,7 +65,11 @@ class LineSelection:
         self._begun = not self.file  # whether the selection at the start is completed
 
     async def select(self, name: str, by: Author) -> None:
-        """Select a product. If an exception is raised, the selection is unchanged."""
+        """Select a product.
+
+        If a node refuses, the previous product remains selected, or no product if parameters were
+        already set.
+        """
         products, product = find(self.file, name)
         if self.batches.doubt:
             raise SettingsError(self.batches.doubt)
@@ -74,7 +78,7 @@ class LineSelection:
         # The entry is written first, because a change without an entry must not be made.
         before, wanted = production.product, product.on_line(production.batch)
         trail.note(changes.SELECTION, 'product', _audited(self.recipe.in_use), _audited(wanted), by)
-        # Items may be judged by the new recipe before all its parameters are set.
+        # The product changes first, because its limits may apply before all parameters are set.
         self.batches.use(product)
         try:
             await self.recipe.set(product, wanted, partial(self.audit.announce, by=by))
@@ -156,7 +160,7 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Begin a batch, end the record of the previous batch, and return its statistics.
+        """Begin a batch, end the previous one, and return the statistics of the previous one.
 
         If an exception is raised, the previous batch continues.
         """
@@ -165,7 +169,7 @@ class LineSelection:
         if not name or is_known or not self.batches.may_begin(name):
             raise RecordError(f'batch {name!r}: a name that was not used before is needed')
         production = self.batches.production
-        # Items that are judged until the new batch begins belong to this one.
+        # These statistics also count the items up to the beginning of the new batch.
         ended = production.current
         self._end_count(changes.BATCH, name, by)
         before, production.batch = production.batch, name
@@ -203,7 +207,7 @@ class LineSelection:
                 yield BatchResult(0, state.batch, record, state.sha256)
 
     def _other_limits(self) -> str:
-        """Return how the limits in use differ from those of the recipe, or ''."""
+        """Return a text if the limits in use differ from those of the recipe, otherwise ''."""
         product, in_use = self.batches.production.product, self.recipe.in_use
         if product is None or in_use is None or in_use.product != product.name:
             return ''

@@ -42,7 +42,7 @@ class LineTest:
         self._rejecting = False  # whether the reject node was set to reject all items
 
     def select(self, product: Product, batch: str) -> None:
-        """Process the selection of a product or batch."""
+        """Continue with the performance test of a newly selected product or batch."""
         if (entry := self.trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
         self._tests.select(product.name, batch, product.test, self.clock())
@@ -75,7 +75,7 @@ class LineTest:
         return 'the performance test was broken off'
 
     def take(self, verdict: Verdict) -> None:
-        """Process a verdict. During a test, it is a pass of the test product."""
+        """Add a verdict as a pass of the test product if a test is running."""
         before, plan = self._tests.state, self._tests.plan
         ended = self._tests.take(verdict, self.clock())
         if ended is not None and plan is not None:

@@ -64,7 +64,7 @@ class BeltTravel:
     gap : float
         Free belt between two products in m, or 0 for the spacing of the line.
     by_hand : list of float
-        Masses in kg of products put by hand, which take the next places of products, also without
+        Masses in kg of products put on the infeed by hand, which take the next places, also without
         feed. A mass of 0 stands for that of the other products.
     """
 
@@ -99,7 +99,7 @@ class BeltTravel:
         self._planned = 0
         self._next = 0.0  # travel in m at which the next product enters
         self._knots = 0
-        self._shift = 0.0  # travel in m by which gaps have moved the places of products
+        self._shift = 0.0  # travel in m by which changed gaps have shifted the products
         self._impacts: deque[float] = deque(maxlen=_IMPACTS)
         # The travel at any time is interpolated linearly between these points.
         self._times = [-1.0, line.lead_in]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What an operator may do to a simulated machine, to its belt and to its photo-eyes."""
+"""Manipulations of a simulated machine by an operator: its products, belt and photo-eyes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from checkweigher_recording.simulation.belt_travel import Pass
 
 CAPACITY = 7.2  # capacity of the load cell in kg
 _HEAVIEST = 2 * CAPACITY
-_FLICKERS = 6  # switches of a dirty eye at each edge
-_FLICKER = 0.002  # time between two of them in s
+_FLICKERS = 6  # additional switches of a dirty eye at each edge
+_FLICKER = 0.002  # time between two switches of a dirty eye in s
 
 
 def _place(eye: str) -> float:
@@ -82,7 +82,7 @@ class OperationParameters(Parameters):
 
     @property
     def lead(self) -> float:
-        """Distance in m by which an eye sees a product before it reaches the end of the belt."""
+        """Largest distance in m by which an eye is displaced against the belt direction."""
         return max(0.0, -self.infeed_place, -self.outfeed_place)
 
     def switches(self, entry: Pass) -> Iterator[tuple[float, Eye, bool]]:

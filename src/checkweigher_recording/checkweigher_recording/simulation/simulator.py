@@ -338,7 +338,7 @@ class _Machine:
         `first` must be the end of the previous call. If the line ends before `end`, there are fewer
         samples. The passes contain the times that the photo-eyes report.
         """
-        # An eye before the end of the belt sees a product early.
+        # An eye that is displaced against the belt direction sees a product earlier.
         until = end / self._parameters.sample_rate + self._lead / self._belt.speed
         new = self._belt.plan(self._middle(first), until)
         if self._belt.last_exit is not None:

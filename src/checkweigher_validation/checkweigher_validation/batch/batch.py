@@ -38,7 +38,7 @@ from checkweigher_validation.batch.signatures import Signature, signature_faults
 
 _UNKNOWN = 'the audit log does not know this batch'
 _NO_LOG = 'there is no audit log to compare the record with; give it with --log'
-_MOST_FAULTS = 3  # largest number of faults in the counts of a record that are reported
+_MOST_FAULTS = 3  # largest number of reported faults in the counts of a record
 
 
 class BatchError(ValueError):
@@ -216,7 +216,7 @@ def read_record(path: Path) -> Batch:
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
     """Read the record of a batch, and compare it with the audit log.
 
-    If `log` is None, the audit log is that of the machine whose folder has the record. The name of
+    If `log` is None, the log is that of the machine whose folder contains the record. The name of
     a log in the record is not used, because a forger of the record would name a forged log. Raises
     `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
     """
@@ -228,12 +228,12 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
 
 
 def own_log(record: Path) -> Path:
-    """Return the path of the audit log of the machine whose folder has a record."""
+    """Return the path of the audit log of the machine whose folder contains a record."""
     return record.resolve().parents[1] / LOG_FILE
 
 
 def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterator[str]:
-    """Yield the reasons why a record cannot be trusted that need no audit log."""
+    """Yield reasons why a record cannot be trusted, as far as found without an audit log."""
     if record_path(path.parent, batch).name != path.name:
         yield f'it is the record of batch {one_line(batch)!r}, but has the name of another record'
     yield from islice(count_faults(events), _MOST_FAULTS)

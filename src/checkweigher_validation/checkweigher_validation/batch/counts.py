@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of the items in the record of a batch with the counts in its verdicts."""
+"""Comparison of the items in a batch record with the counts in its verdicts."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

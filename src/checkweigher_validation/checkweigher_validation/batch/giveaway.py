@@ -32,7 +32,7 @@ class Giveaway:
 
 
 def local_time(stamp: int) -> datetime:
-    """Return a time in ns as local time of the computer, also after a change to summer time."""
+    """Return a time in ns as local time of the computer, with the UTC offset at that time."""
     return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone()
 
 
@@ -47,7 +47,7 @@ def month(stamp: int) -> str:
 
 
 def shift(stamp: int, begins: Sequence[time]) -> str:
-    """Return day and time at which the shift of a time in ns began."""
+    """Return the day and time at which the shift that contains a time in ns began."""
     moment = local_time(stamp)
     before = [each for each in begins if each <= moment.time()]
     began = moment.date() if before else moment.date() - timedelta(1)
@@ -78,7 +78,7 @@ def giveaway(batches: Iterable[Batch], period: Period, price: float = math.nan) 
 
 
 def _accepted(batches: Iterable[Batch]) -> Iterator[tuple[Product, BatchItem]]:
-    """Yield each accepted item, with its product, of the products with a nominal mass."""
+    """Yield the accepted items of the products with a nominal mass, each with its product."""
     for part in (part for batch in batches for part in batch.parts):
         if math.isfinite(part.product.nominal):
             accepted = (item for item in part.items if item.decision is Decision.ACCEPT)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Electronic signatures on batches and on entries of the audit log (21 CFR 11.50 and 11.70).
+"""Electronic signatures on batches and audit log entries (21 CFR 11.50 and 11.70).
 
 A signature is an entry of the audit log. It contains the name of the person, the time, the meaning,
 and the SHA-256 of the record of a batch or of an entry such as a change of limits. It is signed
@@ -25,7 +25,7 @@ MEANINGS = REVIEW, APPROVAL, RELEASE
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a person on the record of a batch or on an entry of the audit log."""
+    """Signature of a person on a batch record or an audit log entry."""
 
     batch: str | None  # name of the batch, None if an entry was signed
     meaning: str  # one of MEANINGS
@@ -37,7 +37,7 @@ class Signature:
 
     @property
     def value(self) -> dict[str, str]:
-        """Value in the audit log. It has no batch if an entry was signed."""
+        """Value in the audit log, without a batch if an entry was signed."""
         return {name: text for name, text in asdict(self).items() if text is not None}
 
     def signed(self) -> bytes:
@@ -56,7 +56,7 @@ class Signature:
 
 
 class Signer(NamedTuple):
-    """User who may sign, as the users' file has it."""
+    """User in the users file who may sign."""
 
     keys: tuple[str, ...]  # Ed25519 public keys, hexadecimal
     may_release: bool
@@ -70,7 +70,7 @@ def public_hex(key: Ed25519PrivateKey) -> str:
 def sign(
     key: Ed25519PrivateKey, batch: str | None, meaning: str, who: str, time: str, sha256: str
 ) -> Signature:
-    """Return the signature of a person on the record of a batch, or on an entry without a batch."""
+    """Return the signature of a person on a batch record, or on an entry if `batch` is None."""
     unsigned = Signature(batch, meaning, who, time, sha256, public_hex(key))
     return replace(unsigned, signature=key.sign(unsigned.signed()).hex())
 
@@ -117,9 +117,9 @@ def signature_faults(
 
 
 def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer]) -> Iterator[str]:
-    """Yield a sentence for each signature that was not made by a user who may sign so.
+    """Yield a sentence for each signature that its user was not allowed to make.
 
-    `signers` are the users by name.
+    `signers` contains the users by name.
     """
     for number, each in enumerate(signatures, 1):
         signer = signers.get(each.who)
@@ -130,7 +130,7 @@ def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer])
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why what has these signatures may not be released, or an empty text."""
+    """Return why these signatures do not permit a release, or an empty text."""
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
     return f'{persons} persons must have signed, but only {count} did' if count < persons else ''

@@ -34,16 +34,16 @@ from checkweigher_validation.batch.signatures import (
 from checkweigher_validation.verification.kept_files import verification_faults
 from checkweigher_validation.verification.plan import VERIFICATIONS
 
-_MOST = 3  # largest number of changes of an entry in its title
+_MOST = 3  # largest number of changes in the title of an entry
 
 
 class SigningError(ValueError):
-    """Error for a signature that is refused. The message has the reason."""
+    """Raised if a signature is refused. The message states the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Signable:
-    """Record of a batch, or entry of the audit log, that a person may sign."""
+    """Batch record or audit log entry that a person may sign."""
 
     title: str
     subject: str  # subject of its signatures in the audit log
@@ -55,7 +55,7 @@ class Signable:
     def signature(self, key: Ed25519PrivateKey, meaning: str, who: str, time: str) -> Signature:
         """Return the signature of a person.
 
-        Raises `SigningError` if it is a release that lacks the signatures of others.
+        Raises `SigningError` if the signature is a release, and signatures of others are missing.
         """
         made = sign(key, self.batch, meaning, who, time, self.sha256)
         lacks = lacking((*self.signatures, made), self.persons)
@@ -65,10 +65,10 @@ class Signable:
 
 
 def signable_batch(record: Path, log: Path | None = None) -> Signable:
-    """Return a batch by its record.
+    """Return the batch of a record.
 
-    Raises `SigningError` if the batch has not ended or the record cannot be trusted, and the errors
-    of `read_recorded`.
+    Raises `SigningError` if the batch has not ended or the record cannot be trusted, and the
+    exceptions of `read_recorded`.
     """
     batch = read_recorded(record, log)
     title = f'batch {one_line(batch.name)}'
@@ -82,8 +82,8 @@ def signable_batch(record: Path, log: Path | None = None) -> Signable:
 def signable_entry(log: Path, digest: str) -> Signable:
     """Return the entry with a hash in an audit log.
 
-    Raises `SigningError` if there is none that may be signed, or if the log or the files of the
-    verification are not as they were.
+    Raises `SigningError` if no such entry may be signed, or if the log or the files of the
+    verification were changed.
     """
     chain = read_chain(log)
     if chain.fault:
@@ -120,7 +120,7 @@ def signable_entries(entries: Sequence[Entry]) -> list[Signable]:
 def _may_be_signed(entries: Sequence[Entry]) -> Iterator[tuple[Entry, int]]:
     """Yield the entries that may be signed, each with `release_by` of its recipe.
 
-    If a recipe was changed, the larger number holds, so that nobody can lower it alone.
+    If a recipe was changed, the larger number applies, so that no single person can lower it.
     """
     asked: dict[str, int] = {}  # number of persons by product
     product = ''
@@ -151,7 +151,7 @@ def entry_signature_faults(
 ) -> Iterator[str]:
     """Yield a sentence for each signature on an entry that is void.
 
-    `keys` has the users by name, or is None if they are not compared.
+    `keys` contains the users by name, or is None if they are not compared.
     """
     known = set[str]()
     for each in signable_entries(entries):

@@ -58,7 +58,7 @@ class PassModel:
 def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
     """Return the Gauss-Markov bound of the standard deviation of a mass in kg.
 
-    `parameters` contain the machine, the belt speed and the lengths. Their products are not used.
+    `parameters` contains the machine, the belt speed and the lengths. Its products are not used.
     `mass` is the mass of the product in kg. An estimate may use the signal from `before` s before
     t1 up to t3. The zero is assumed to be known exactly.
     """

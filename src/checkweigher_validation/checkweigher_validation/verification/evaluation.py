@@ -307,7 +307,7 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
-    """Yield a sentence if the samples are from another device than plan or audit log have.
+    """Yield a sentence if the device of the samples is not that of the plan or the audit log.
 
     The samples have the serial number of the load cell or, if it is digital, of its amplifier.
     """

@@ -14,7 +14,7 @@ _NO_ERROR = StepKind.OUTSIDE, StepKind.REPEATABILITY  # steps whose error has no
 
 
 class Expected(NamedTuple):
-    """Uncertainty that the error of a step will have, and the limit of the error, in kg."""
+    """Expected uncertainty of the error of a step, and the error limit, in kg."""
 
     step: Step
     uncertainty: float  # expanded uncertainty, k = 2
@@ -27,9 +27,9 @@ class Expected(NamedTuple):
 
 
 def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
-    """Yield the expected uncertainty of each step of a plan with a load and a limit of the error.
+    """Yield the expected uncertainty of each step that has a load and an error limit.
 
-    It combines the certificate of the load and, for passes, the scatter of their mean. `std_dev`
+    It combines the uncertainty of the load and, for passes, the scatter of their mean. `std_dev`
     is the standard deviation of a pass in kg, or 0 if it is not known.
     """
     own = plan.accuracy_class

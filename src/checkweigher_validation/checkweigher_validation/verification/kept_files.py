@@ -12,7 +12,7 @@ from checkweigher_recording.bags.results import mcap_digest
 
 
 def verification_faults(folder: Path, values: Any) -> Iterator[str]:
-    """Yield what differs in the folder of a verification from its entry in the audit log."""
+    """Yield the differences between the folder of a verification and its audit log entry."""
     what = f'verification {folder.name}'
     if not isinstance(values, dict):
         yield f'{what}: its entry in the audit log cannot be used'
@@ -26,7 +26,7 @@ def verification_faults(folder: Path, values: Any) -> Iterator[str]:
 
 
 def file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
-    """Yield the files, by name with their SHA-256 digests, that are missing or were changed."""
+    """Yield a fault for each file that is missing or has another SHA-256 digest than stated."""
     for name, digest in files.items() if isinstance(files, dict) else ():
         path = folder / Path(name).name
         if not path.is_file():

@@ -41,7 +41,7 @@ IDENTITY = (
     'audit_log_calibration',  # of the calibration in the log before the first step
     'how',
 )
-_NEWER = {'audit_log_calibration': None}  # missing in bags of older versions
+_NEWER = {'audit_log_calibration': None}  # fields that are missing in bags of older versions
 OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
@@ -104,7 +104,7 @@ class Procedure:
 
 
 def digest_of(values: object) -> str:
-    """Return the SHA-256 of plain values, hexadecimal, which is the same for equal values."""
+    """Return the SHA-256 of plain values, hexadecimal. Equal values have the same digest."""
     text = json.dumps(values, sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -7,9 +7,10 @@ from typing import Any
 
 
 def write_claim(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
-    """Write an entry to an audit log, by the line if the line has it open.
+    """Write an entry to an audit log, through the line if it has the log open.
 
-    The person `who` is written as a claim. Raises `AuditError` or `UserError` if that fails.
+    The name `who` is written as a claim. Raises `AuditError` or `UserError` if the entry is
+    not written.
     """
     import time
 

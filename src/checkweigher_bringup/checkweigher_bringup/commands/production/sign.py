@@ -34,7 +34,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check password and what is to be signed, and write the signature to the audit log."""
+    """Check the password and the document, and write the signature to the audit log."""
     from checkweigher_bringup.commands.production import write_claim
     from checkweigher_core.changes import PERSON, SIGNATURE
     from checkweigher_validation.batch.signing import SigningError
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _found(arguments: argparse.Namespace) -> tuple[Path, Callable[[], 'Signable']]:
-    """Return the audit log, and a function that reads what is to be signed."""
+    """Return the audit log, and a function that reads the document to be signed."""
     from functools import partial
 
     from checkweigher_core.changes import VERIFICATION

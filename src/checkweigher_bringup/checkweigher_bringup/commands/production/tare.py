@@ -25,7 +25,7 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Print and record the sample, and write its mean into the recipe if it is accepted.
 
-    Returns 1 if the mean may not be the tare, otherwise 0.
+    Returns 1 if the mean must not be used as the tare, otherwise 0.
     """
     from checkweigher_bringup.commands.production import write_claim
     from checkweigher_core.changes import TARE

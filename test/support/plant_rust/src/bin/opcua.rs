@@ -1,7 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
 
-//! A client of async-opcua, for the protocol in `opcua_clients.py`.
+//! A client of async-opcua, for the protocol in `foreign_plant.py`.
 
 use std::error::Error as StdError;
 use std::sync::Arc;

@@ -60,7 +60,7 @@ import org.eclipse.milo.opcua.stack.core.types.structured.SimpleAttributeOperand
 import org.eclipse.milo.opcua.stack.core.util.EndpointUtil;
 import org.slf4j.LoggerFactory;
 
-/** A client of Eclipse Milo, for the protocol in {@code opcua_clients.py}. */
+/** A client of Eclipse Milo, for the protocol in {@code foreign_plant.py}. */
 public class OpcuaClient {
   private static final String SCALES = "http://opcfoundation.org/UA/Scales/V2/";
   private static final NodeId ACKNOWLEDGE = NodeId.parse("i=9111");

@@ -29,7 +29,7 @@ import org.eclipse.tahu.mqtt.MqttServerName;
 import org.eclipse.tahu.mqtt.MqttServerUrl;
 import org.slf4j.LoggerFactory;
 
-/** A host of Eclipse Tahu, for the protocol in {@code sparkplug_hosts.py}. */
+/** A host of Eclipse Tahu, for the protocol in {@code foreign_plant.py}. */
 public class SparkplugHost implements HostApplicationEventHandler {
   private static final ObjectMapper JSON = new ObjectMapper();
 
