@@ -8,6 +8,7 @@ import subprocess
 from typing import Any
 
 from checkweigher_msgs.srv import NewBatch
+from full_disk import file_size_limit
 from graph import wait_for
 from product_line import RECIPES, TU1_GROSS, Line
 import pytest
@@ -71,6 +72,22 @@ def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(line: Line):
     assert [(e.old, e.new) for e in denoise][-1:] == [(2048, 1024)]
     (refused,) = line.entries('refused')
     assert refused.old == 'half_trained'
+
+
+def test_a_selection_that_the_log_has_no_room_for_leaves_the_product_before(line: Line):
+    assert line.select('nuts').success
+    line.judge(0.2)
+    before, room, noted = line.parameters(), 0, 0
+    while noted < 2:  # until the entry of the selection fits, and no entry of its parameters
+        room += 100
+        with file_size_limit(line.log.stat().st_size + room):
+            answer = line.select('crisps')
+        assert not answer.success, room
+        assert 'No space left' in answer.message
+        noted = len(line.entries('selection'))
+    assert line.parameters() == before
+    assert line.judge(0.18).decision == 2  # UNDER: nuts are still on the line
+    assert line.statistics[-1].product == 'nuts'
 
 
 def test_a_line_that_could_not_go_back_accepts_nothing(line: Line):

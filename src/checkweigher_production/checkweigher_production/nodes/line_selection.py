@@ -82,7 +82,7 @@ class LineSelection:
         self.batches.use(product)
         try:
             await self.recipe.set(product, wanted, partial(self.audit.announce, by=by))
-        except RefusedError as error:
+        except (AuditError, RefusedError) as error:
             self.batches.use(before if self.recipe.on_line.product else None)
             trail.saw(changes.REFUSED, 'product', name, str(error), by)
             raise
