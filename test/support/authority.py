@@ -42,6 +42,8 @@ class Authority:
             x509.DNSName('localhost'),
             x509.IPAddress(ip_address('127.0.0.1')),
         ]
+        subject = x509.SubjectKeyIdentifier.from_public_key(own.public_key())
+        issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key())
         made = (
             x509.CertificateBuilder()
             .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]))
@@ -53,6 +55,10 @@ class Authority:
             .add_extension(x509.SubjectAlternativeName(here), critical=False)
             .add_extension(x509.BasicConstraints(ca=key is None, path_length=None), critical=True)
             .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+            .add_extension(_key_usage(signs=key is None), critical=True)
+            # Python 3.13 and later demand both identifiers (RFC 5280, 4.2.1.1 and 4.2.1.2).
+            .add_extension(subject, critical=False)
+            .add_extension(issuer, critical=False)
             .sign(self._key, hashes.SHA256())
         )
         files = Pair(self._folder / f'{name}.pem', self._folder / f'{name}.key.pem')
@@ -61,3 +67,18 @@ class Authority:
         files.key.chmod(0o600)
         files.certificate.write_bytes(made.public_bytes(Encoding.PEM))
         return files
+
+
+def _key_usage(signs: bool) -> x509.KeyUsage:
+    """Return the usages of the key of an authority, or of a server or client of OPC UA or MQTT."""
+    return x509.KeyUsage(
+        digital_signature=True,
+        content_commitment=True,
+        key_encipherment=True,
+        data_encipherment=True,
+        key_agreement=False,
+        key_cert_sign=signs,
+        crl_sign=signs,
+        encipher_only=False,
+        decipher_only=False,
+    )

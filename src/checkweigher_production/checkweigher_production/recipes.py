@@ -28,7 +28,7 @@ limits for the reject node.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 from pathlib import Path
 from statistics import NormalDist
@@ -128,6 +128,14 @@ class Product(Settings):
     release_by: int = parameter(
         1, 'number of persons who must have signed when a batch is released', minimum=1, maximum=2
     )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Product):
+            return NotImplemented
+        # As in dataclasses before Python 3.13: two recipes with the NaN of "not set" are equal.
+        names = [each.name for each in fields(self) if each.compare]
+        own, others = ([getattr(each, name) for name in names] for each in (self, other))
+        return own == others
 
     def __post_init__(self) -> None:
         own = _parameters(self.parameters)
