@@ -37,8 +37,8 @@ class Trainee(Technician):
         self.close()
 
     def read(self, load: float) -> None:
-        """Read a load when it has come to rest, until it is read."""
-        self.until(lambda: self.fits(load) and self.text('.now').endswith('at rest'))
+        """Read a load when it is on the belt, until it is at rest and read."""
+        self.until(lambda: self.fits(load))
         self.until_done('Read the load', f'{load:g} g: ' if load else 'empty belt: ')
 
     def until_done(self, button: str, word: str) -> None:
