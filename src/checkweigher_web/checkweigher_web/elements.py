@@ -19,7 +19,7 @@ Cell = str | tuple[str, str]  # text of a cell, or the text and the address of i
 
 
 def panel(title: str, name: str = '') -> Element:
-    """Add a panel with a heading and the CSS class `name` to the page."""
+    """Add a panel with a heading and the CSS class `name` to the page, and return it."""
     panel = ui.element('section').classes(f'panel {name}').props(f'aria-label="{title}"')
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)

@@ -228,7 +228,7 @@ class Lane:
         return RawSignal(cell, blocks, edges) if cell is not None and blocks else None
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, and with raw samples for a fault or without a window."""
+        """Return an item with its window, and raw samples for a fault or without a window."""
         (windows,) = self._of(WeighWindow)
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
         return with_window(item, window, self._signal())
