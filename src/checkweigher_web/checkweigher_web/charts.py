@@ -132,7 +132,7 @@ def stacked(labels: Mapping[str, float]) -> dict[str, int]:
 
     `labels` maps each label to the position of its middle in px, in increasing order.
     """
-    ends, levels = list[float](), dict[str, int]()  # right end of the last label of each level
+    ends, levels = list[float](), dict[str, int]()  # right end in px of each level
     for name, at in labels.items():
         half = _CHARACTER * (len(name) + 1) / 2
         free = [level for level, end in enumerate(ends) if end <= at - half]

@@ -50,8 +50,8 @@ def history_of(
 ) -> History:
     """Return the history of items, which are given as verdicts and zeros in kg.
 
-    `noise` contains times in ns and standard deviations of the empty belt in g. `changes` are
-    changes that the verdicts do not show.
+    `noise` contains times in ns and standard deviations of the empty belt in g. `changes`
+    contains the changes that the verdicts do not show.
     """
     timed = [each for each in items if each[0].time]
     verdicts = [verdict for verdict, _ in timed]

@@ -242,7 +242,7 @@ class Lane:
         return [each for each in known if (each.t3 or 0) < end][-count:]
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest signal without an item, shape (n,), in kg, minus its mean.
+        """Return the longest signal of the empty belt, shape (n,), in kg, minus its mean.
 
         `item` is ignored, because only the latest samples are held.
         """

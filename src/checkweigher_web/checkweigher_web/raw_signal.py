@@ -51,7 +51,7 @@ class RawSignal:
         return Stretch(time[inside], counts[inside], among)
 
     def empty_belt(self, since: int, until: int) -> NDArray[np.float64]:
-        """Return the longest signal without an item, shape (n,), in kg, minus its mean.
+        """Return the longest signal of the empty belt, shape (n,), in kg, minus its mean.
 
         The signal is between the stamps `since` and `until` in ns.
         """

@@ -134,7 +134,7 @@ class Shift:
         return history_of(zip(verdicts, zeros, strict=False))
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest signal without an item before `item`, shape (n,), in kg."""
+        """Return the longest signal of the empty belt before `item`, shape (n,), in kg."""
         stamp = None if item is None else item.verdict.time
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
 

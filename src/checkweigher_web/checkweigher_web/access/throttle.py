@@ -27,7 +27,7 @@ class Throttle:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: dict[str, tuple[int, float]] = {}  # count, time of the last failure
+        self._failures: dict[str, tuple[int, float]] = {}  # number, and time of the latest
 
     def wait(self, *keys: str) -> float:
         """Return the time in s until the next attempt with these keys is allowed."""

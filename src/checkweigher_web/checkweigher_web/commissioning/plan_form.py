@@ -96,8 +96,8 @@ def with_value(text: str, path: tuple[str, ...], value: str) -> str:
 def with_test(text: str, key: str, *, made: bool) -> str:
     """Return the text of a plan with or without a test.
 
-    An added test has the section of the example plan, with a reference mass and a speed of this
-    plan.
+    An added test is a copy of the test in the example plan, with a reference mass and a speed of
+    this plan.
     """
     plan = _sections(text)
     plan.pop(key, None)

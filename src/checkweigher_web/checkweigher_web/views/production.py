@@ -118,7 +118,7 @@ def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[Rule]:
     if known is None or not math.isfinite(known.nominal):
         return []
     tally = BatchTally() if latest is None else BatchTally.of(latest)
-    if tally.key != (known.product, known.batch):  # No item of this batch has passed yet.
+    if tally.key != (known.product, known.batch):  # Begin at 0 before the first item of this batch.
         tally = BatchTally(known.product, known.batch)
     none_below = f'{_kept(not known.below_tu2)}{known.below_tu2} accepted'
     return [

@@ -23,7 +23,7 @@ from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
-_MANAGED = 'reject', 'driver'  # in the order in which they start
+_MANAGED = 'reject', 'driver'  # nodes in the order of their activation
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
 _STEPS = {
     State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
