@@ -88,7 +88,7 @@ def test_the_scale_has_the_limits_and_the_items_of_the_same_batch():
     assert places == pytest.approx(limits, abs=1e-4)
     assert scale['accepted'] == [places[1], places[3]]
     assert scale['at'] == pytest.approx((155 - low) / width, abs=1e-4)
-    assert scale['dots'] == [[1.0, 'ACCEPT']]  # beyond the scale; others have no mass or another batch
+    assert scale['dots'] == [[1.0, 'ACCEPT']]  # beyond the scale; others are not shown
 
 
 def test_a_driver_in_an_unknown_state_is_not_said_to_weigh():
