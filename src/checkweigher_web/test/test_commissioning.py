@@ -37,7 +37,7 @@ class Trainee(Technician):
         self.close()
 
     def read(self, load: float) -> None:
-        """Wait until a load in g is at rest, and read it."""
+        """Read a load when it has come to rest, until it is read."""
         self.until(lambda: self.fits(load) and self.text('.now').endswith('at rest'))
         self.until_done('Read the load', f'{load:g} g: ' if load else 'empty belt: ')
 
