@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the figures, as options of the JavaScript library ECharts."""
+"""Parts of figures as options of the JavaScript library ECharts."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Options = dict[str, Any]
 
-# Colours by the names of variables in page.css, which the browser looks up in its theme. Lines also
+# Colours as names of variables in page.css, which the browser looks up in its theme. Lines also
 # differ in width and dash, because some users cannot distinguish the colours.
 RAW, DENOISED, LEVEL, REFERENCE = '--raw', '--blue', '--green', '--violet'
 OTHERS = '--line'
@@ -20,7 +20,7 @@ _MAX_POINTS = 1200
 # Width of a figure on a phone, and sizes of its labels, in px.
 _NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
 _GAP = 18  # distance in px between charts with one time axis
-_ABOVE = 4  # layer of the symbols, which is above layer 3 with the lines
+_ABOVE = 4  # layer of the symbols, above the lines in layer 3
 
 
 def nothing(text: str) -> Options:
@@ -30,7 +30,7 @@ def nothing(text: str) -> Options:
 
 
 def figure(series: list[Options], x_name: str, y_name: str) -> Options:
-    """Return a figure with these series, whose axes cover the range of the data."""
+    """Return a figure with these series. Its axes cover the range of the data."""
     axis = {'type': 'value', 'axisLine': {'onZero': False}}
     return {
         'animation': False,
@@ -49,7 +49,7 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
 
 
 def legend(series: Iterable[Options]) -> Options:
-    """Return the legend of these series, in which a line is a line as it is drawn."""
+    """Return the legend of these series, with the drawn width and dash of each line."""
     data = [
         {'name': each['name'], 'itemStyle': {'opacity': int(each['type'] != 'line')}}
         for each in series
@@ -88,7 +88,7 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
 
 
 def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
-    """Return red areas. Each span has the name, the start and the end of an area on the x axis."""
+    """Return red areas. Each span is the name, the start and the end of an area on the x axis."""
     return {
         'silent': True,
         'itemStyle': {'color': ALARM, 'opacity': 0.15},
@@ -98,7 +98,7 @@ def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
 
 
 def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
-    """Return labelled dotted lines across a figure. `places` has their positions on the axis."""
+    """Return labelled dotted lines across a figure. `places` maps labels to axis positions."""
     return {
         'symbol': 'none',
         'silent': True,
@@ -128,11 +128,11 @@ def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
 
 
 def stacked(labels: Mapping[str, float]) -> dict[str, int]:
-    """Return the level of each label of a stack in which labels do not overlap, from 0.
+    """Return a level from 0 for each label, so that labels on the same level do not overlap.
 
-    `labels` has the position in px of the middle of each label, in increasing order.
+    `labels` maps each label to the position of its middle in px, in increasing order.
     """
-    ends, levels = list[float](), dict[str, int]()  # right end of the last label of each level
+    ends, levels = list[float](), dict[str, int]()  # right end in px of each level
     for name, at in labels.items():
         half = _CHARACTER * (len(name) + 1) / 2
         free = [level for level, end in enumerate(ends) if end <= at - half]
@@ -142,7 +142,7 @@ def stacked(labels: Mapping[str, float]) -> dict[str, int]:
 
 
 def local_times(stamps: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
-    """Return stamps (n,) in ns as positions on a time axis, in ms of the local time of the line."""
+    """Return stamps (n,) in ns as positions on a time axis, which are local times in ms."""
     found = np.asarray(stamps, np.float64) / 1e6
     return found + (_ahead(found[-1] / 1e3) if len(found) else 0.0)
 
@@ -153,7 +153,7 @@ def stamp_of(position: float) -> int:
 
 
 def _ahead(seconds: float) -> float:
-    """Return how far the local time is ahead of UTC in ms. A browser may have another time zone."""
+    """Return the offset of the local time of the line from UTC in ms."""
     offset = datetime.fromtimestamp(seconds).astimezone().utcoffset()
     return 0.0 if offset is None else 1e3 * offset.total_seconds()
 
@@ -163,10 +163,10 @@ def rows(
     heights: Mapping[str, int],
     ends: Sequence[float] | NDArray[Any],
 ) -> Options:
-    """Return a figure with rows of series one above the other, which share one time axis.
+    """Return a figure with rows of series that share one time axis.
 
-    `heights` has the heights of the rows in px by their names. A row whose name has no unit has no
-    axis of its own. The time axis begins and ends at `ends`, and a slider selects a part of it.
+    `heights` maps the names of the rows to their heights in px. A row whose name contains no unit
+    shows no value axis. The time axis begins and ends at `ends`, and a slider selects a part of it.
     """
     top = _GAP
     figure: Options = {'grid': [], 'xAxis': [], 'yAxis': [], 'series': []}
@@ -188,7 +188,7 @@ def rows(
     inside = {'type': 'inside', 'zoomOnMouseWheel': 'ctrl', 'moveOnMouseWheel': False}
     slider = {'type': 'slider', 'height': 24, 'bottom': 6, 'showDataShadow': False}
     return figure | {
-        'height': top + 55,  # px, with the labels of the time axis and the slider
+        'height': top + 55,  # px, including the slider and the labels of the time axis
         'animation': False,
         'useUTC': True,
         'tooltip': {'trigger': 'axis'},

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures and tables of a lane, which are made once for all viewers."""
+"""Caches of figures and tables, which are made once for all viewers."""
 
 from collections.abc import Callable, Hashable
 import time
@@ -15,21 +15,21 @@ T = TypeVar('T')
 class Made:
     """Cache of objects that all viewers share, so that twenty viewers cost little more than one.
 
-    Only the thread of the page may use the cache.
+    Only the page thread may use the cache.
     """
 
     def __init__(self) -> None:
         self._made: dict[Hashable, tuple[object, Any]] = {}
 
     def once(self, name: Hashable, state: object, make: Callable[[], T]) -> T:
-        """Return the object with a name, and make it again if `state` has changed."""
+        """Return the object with a name, which is made again if `state` has changed."""
         known = self._made.get(name)
         if known is None or known[0] != state:
             known = self._made[name] = state, make()
         return known[1]
 
     def each_second(self, name: Hashable, make: Callable[[], T]) -> T:
-        """Return the object with a name, and make it again in each second."""
+        """Return the object with a name, which is made again at most once per second."""
         return self.once(name, int(time.monotonic()), make)
 
 
@@ -41,7 +41,7 @@ class Drawing(Made):
         self.lane = lane
 
     def items(self, *, only_faults: bool = False) -> list[ShownItem]:
-        """Return the items or only the faults, without their signals, the latest first."""
+        """Return the items, or only the faults, without their signals, the latest first."""
         make = self.lane.faults if only_faults else self.lane.items
         return self.once(('items', only_faults), self.lane.version, make)
 
@@ -50,7 +50,7 @@ class Drawing(Made):
         return next(iter(self.items()), None)
 
     def of_items(self) -> object:
-        """Return the latest item, the product and the batch, on which figures of items depend."""
+        """Return a value that changes with the latest item, the product and the batch."""
         return self.once('state', self.lane.version, self._of_items)
 
     def _of_items(self) -> object:
@@ -61,6 +61,6 @@ class Drawing(Made):
 def row_key(item: ShownItem) -> str:
     """Return the key of an item as text, because JavaScript would round a stamp in ns.
 
-    Items without times differ by their numbers.
+    The key contains the item number, so that keys of items without times differ, too.
     """
     return f'{item.verdict.item_id}/{item.key[0]}/{item.key[1]}'

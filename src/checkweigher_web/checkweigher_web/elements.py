@@ -19,7 +19,7 @@ Cell = str | tuple[str, str]  # text of a cell, or the text and the address of i
 
 
 def panel(title: str, name: str = '') -> Element:
-    """Return a part of the page with a heading and the CSS class `name`."""
+    """Add a panel with a heading and the CSS class `name` to the page, and return it."""
     panel = ui.element('section').classes(f'panel {name}').props(f'aria-label="{title}"')
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
@@ -27,7 +27,7 @@ def panel(title: str, name: str = '') -> Element:
 
 
 def heading(text: str) -> Element:
-    """Return the main heading of a page."""
+    """Add the main heading of a page."""
     label = ui.label(text).classes('title')
     label.tag = 'h1'
     return label
@@ -41,8 +41,8 @@ def menu_entry(text: str, click: Callable[[], object]) -> Element:
 class _FromText(ui.element):
     """Element that shows the JSON text in its property `_of`.
 
-    NiceGUI compares the properties of an element for each viewer. One text is cheaper to compare
-    than a large number of cells or options.
+    NiceGUI compares the properties of an element for each viewer, and one text is cheaper to
+    compare than many cells or options.
     """
 
     _of = 'rows'
@@ -54,7 +54,7 @@ class _FromText(ui.element):
 
 
 class Figure(_FromText, ui.echart, component='figure.js'):
-    """Figure that ECharts, which `ui.echart` loads, draws from options in JSON.
+    """Figure that ECharts draws from options in JSON. `ui.echart` loads ECharts.
 
     A `linked` figure has a time axis. It emits `span` with both ends of the selected part, or null
     for the whole axis, and `at` with the time of a click.
@@ -73,7 +73,7 @@ class Figure(_FromText, ui.echart, component='figure.js'):
 
 
 class ItemList(_FromText, component='items.js'):
-    """List of items. If the viewer chooses a row, `choose` is called with the key of the row.
+    """List of items, which calls `choose` with the key of a row that the viewer has chosen.
 
     Screen readers read `verb` before the first cell of a row.
     """
@@ -103,7 +103,7 @@ class Lines(_FromText, component='lines.js'):
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """Age, clock and theme of the page, which the browser greys while it receives no beats."""
+    """Age, clock and theme of the page. Without beats, the browser greys the page."""
 
     def beat(self, age: float, wakes: str = '') -> None:
         """Send a beat with the age in s of the state that the browser shows.
@@ -117,12 +117,15 @@ class Pulse(ui.element, component='pulse.js'):
 
 
 class Reading(_FromText, component='reading.js'):
-    """Mass and verdict of an item, with a scale, that are read from a distance."""
+    """Large display of the mass and verdict of an item, with a scale."""
 
     _of = 'text'
 
     def show(self, text: str, age: float | None, *, still: bool) -> None:
-        """Show a reading in JSON that is `age` s old, or a recorded one without an age."""
+        """Show a reading in JSON, with its age in s or None for a recorded item.
+
+        The reading is grey if `still` is true, because the lane does not weigh.
+        """
         if self.props.get('text') != text:
             self.props['age'] = -1 if age is None else round(age, 1)
         self.show_text(text)
@@ -130,7 +133,7 @@ class Reading(_FromText, component='reading.js'):
 
 
 class Production(_FromText, component='production.js'):
-    """Figures with their course over time, and bars of rules."""
+    """Production figures with their course over time, and bars of the packers' rules."""
 
     _of = 'text'
 

@@ -1,7 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// A figure of ECharts. Its options come as one text, which the server makes once for all viewers.
-// Colours in them are names of CSS variables, so that each browser draws them in its own theme.
+// Figure of ECharts. Its options are one text, which the server makes once for all viewers.
+// Colours are names of CSS variables, so that each browser draws them in its own theme.
 import { echarts } from "nicegui-echart";
 
 export default {
@@ -31,7 +31,7 @@ export default {
   },
   methods: {
     draw() {
-      if (!this.$el.clientWidth) return; // ECharts asks for a size when it begins.
+      if (!this.$el.clientWidth) return; // ECharts needs a size at the start.
       this.shown = this.text;
       const colours = {}, colour = name => (colours[name] ??= this.colour(name));
       if (this.theme !== colour("--card")) {
@@ -53,7 +53,7 @@ export default {
     },
     link() {
       this.chart.on("datazoom", () => {
-        clearTimeout(this.settled); // A person who drags is not done yet.
+        clearTimeout(this.settled); // Wait until the user has stopped dragging.
         this.settled = setTimeout(() => {
           const { start, end, startValue, endValue } = this.chart.getOption().dataZoom[0];
           this.zoom = start > 0 || end < 100 ? { startValue, endValue } : undefined;

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The header of each page, with the state of the lane, the user, the clock and the menu."""
+"""Header of each page, with the state of the lane, the user, the clock and the menu."""
 
 from collections.abc import Callable, Sequence
 from datetime import datetime
@@ -34,9 +34,9 @@ def header(
 ) -> None:
     """Show the header of a page with its title, the state of its lane and a menu.
 
-    `look` is the state of the viewer of a running lane. `others` returns whether there are other
-    lanes, which the header links to. `work` adds entries to the menu. The browser greys the page
-    while the lane is silent or the server does not answer.
+    `look` is the state of the viewer of a running lane. The header shows a link to all lanes while
+    `others` returns true. `work` adds entries to the menu. The browser greys the page while the
+    lane is silent or the server does not answer.
     """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
@@ -70,8 +70,8 @@ def header(
 class _Facts:
     """State of a lane in the header: product, batch, whether it weighs, alarms, diagnostics."""
 
-    silence = 0.0  # time in s since the last diagnostics of the lane
-    wakes = ''  # text that changes with each item and each alarm
+    silence = 0.0  # longest time in s without diagnostics of a node that weighs
+    wakes = ''  # text whose changes wake a dimmed screen
 
     def __init__(self, look: Look) -> None:
         self._look = look
@@ -111,7 +111,7 @@ def _level(error: object, warning: object) -> str:
 
 
 def hint_to_users(access: Access) -> None:
-    """Show how to add a user if the page has no users."""
+    """Show how to add the first user if the page has no users."""
     if not access.users.now():
         with ui.element('aside').classes('hint'):
             ui.label(_HOW_TO_ACT)

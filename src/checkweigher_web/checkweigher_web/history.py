@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items of the last hour or of a recorded shift over time, and their means in intervals."""
+"""Items of a lane or a recorded shift over time, and their means in intervals."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ Change = tuple[int, str]  # stamp in ns, and a text on what changed
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Items in the order of their verdicts. Items without a time are left out.
+    """Items with a time, in the order of their verdicts.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class History:
     noise : array of shape (m, 2)
         Times in ns, and standard deviations of the empty belt in g.
     changes : tuple of (int, str)
-        Changes of product, batch and limits, and actions of persons.
+        Changes of product, batch, limits and zero, and actions of users, in order of time.
     """
 
     stamps: NDArray[np.int64]
@@ -48,10 +48,10 @@ def history_of(
     noise: Iterable[tuple[int, float]] = (),
     changes: Iterable[Change] = (),
 ) -> History:
-    """Return the history of items with their zeros in kg.
+    """Return the history of items, which are given as verdicts and zeros in kg.
 
-    `noise` has times in ns and standard deviations of the empty belt in g. `changes` are those that
-    the verdicts do not show.
+    `noise` contains times in ns and standard deviations of the empty belt in g. `changes`
+    contains the changes that the verdicts do not show.
     """
     timed = [each for each in items if each[0].time]
     verdicts = [verdict for verdict, _ in timed]
@@ -71,7 +71,7 @@ def _stamp_of(verdict: Verdict) -> int:
 
 
 def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
-    """Yield the changes of product, batch and limits from one item to the next."""
+    """Yield the change of product, batch or limits between two successive items."""
     for one, other in pairwise(verdicts):
         if one.product != other.product:
             yield _stamp_of(other), f'product {other.product or "none"}'
@@ -89,9 +89,10 @@ def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
 class Intervals:
     """Means of a history in intervals of equal length, as arrays of shape (k,).
 
-    `times` has the middle of each interval in ns. `rates` are in items per minute, `rejects` is the
-    fraction of rejected items. Means, standard deviations and zeros are in g. Values of an interval
-    without items are NaN.
+    `times` contains the middle of each interval in ns. `rates` are in items per minute, and
+    `rejects` is the fraction of items that were not accepted. `means` and `std_devs` are those of
+    the accepted items in g, and `zeros` are in g. The rate of an interval without items is 0, and
+    its other values are NaN.
     """
 
     times: NDArray[Any]

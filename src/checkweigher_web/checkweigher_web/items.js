@@ -1,8 +1,9 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// The list of items. Its rows come as one text, which the server makes once for all viewers:
-// a key, the number of the item, the decision, and the texts of the other columns. Recipes and users
-// are such lists as well, with their names as numbers and without a decision. The list is one stop of the tabulator key; arrows lead from item to item in it.
+// List of items, recipes or users. Its rows are one text, which the server makes once for all
+// viewers. A row is a key, an item number, a decision, and the texts of the other columns. Recipes
+// and users have a name as number and no decision. The Tab key enters the list at one row, and the
+// arrow keys move between the rows.
 export default {
   template: `
     <table class="plain">
@@ -28,7 +29,7 @@ export default {
     list() {
       return JSON.parse(this.rows);
     },
-    // The chosen item, or the latest one, is where the tabulator key leads.
+    // The Tab key leads to the chosen row, or to the first row.
     stop() {
       return (this.list.find(row => row[0] === this.chosen) ?? this.list[0])?.[0];
     },

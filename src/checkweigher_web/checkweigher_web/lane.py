@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The latest records of a lane: items with their signals, and messages of the nodes."""
+"""Latest records of a lane: items with their signals, and messages of the nodes."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -41,15 +41,15 @@ from checkweigher_web.raw_signal import RawSignal, Stretch
 # Key of an item: t1 and t3 in ns. The number of an item is not unique, because a lane may count
 # from 1 again after a restart.
 Key = tuple[int | None, int | None]
-MAX_ITEMS = 500  # items that are listed
-_MAX_HOUR = 7200  # items and zeros of the last hour
+MAX_ITEMS = 500  # maximum number of listed items
+_MAX_HOUR = 7200  # maximum number of verdicts, estimates and noise values for the last hour
 _MAX_WINDOWS = 50
-_MAX_OVER = 20  # alarms that are over
+_MAX_OVER = 20  # maximum number of alarms that are over
 _MAX_EDGES = 400
-SHOWN = 20.0  # duration in s of the samples that the views need
+SHOWN = 20.0  # duration in s of the samples for the views
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
 _PARTS = 6  # number of parts of the latest second whose loads are compared
-_AROUND = 3 * NANOSECONDS // 10  # time in ns before the first and after the last edge of an item
+_AROUND = 3 * NANOSECONDS // 10  # margin in ns before the first and after the last edge of an item
 
 
 Span = tuple[int, int]  # start and end in ns
@@ -57,7 +57,7 @@ Span = tuple[int, int]  # start and end in ns
 
 @dataclass(frozen=True, slots=True)
 class BeltNoise:
-    """Standard deviation of the empty belt in g at `stamp`, as the diagnostics have it."""
+    """Standard deviation of the empty belt in g, from diagnostics that arrived at `stamp`."""
 
     stamp: int
     grams: float
@@ -65,7 +65,7 @@ class BeltNoise:
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """Action that a person did on the page at `stamp`."""
+    """Action that a user performed on the page at `stamp`."""
 
     stamp: int
     who: str
@@ -74,7 +74,7 @@ class Deed:
 
 @dataclass(frozen=True, slots=True)
 class ShownItem:
-    """An item as the page shows it. Values that have not arrived are None or NaN."""
+    """Item as the page shows it. Values that have not arrived are None or NaN."""
 
     verdict: Verdict
     estimate: MassEstimate | None = None
@@ -99,10 +99,10 @@ class ShownItem:
 
 
 class Lane:
-    """The latest records of a lane, with the samples of the last `held` s.
+    """Latest records of a lane, with the samples of the last `held` s.
 
-    The thread of ROS adds records, and the thread of the page reads them. `version` increases with
-    each record that a page shows.
+    The ROS thread adds records, and the page thread reads them. `version` increases with each
+    record other than samples and belt noise.
     """
 
     def __init__(self, name: str, held: float = SHOWN) -> None:
@@ -114,7 +114,7 @@ class Lane:
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
         self.alarms: tuple[Alarm, ...] = ()
-        self.over: tuple[Alarm, ...] = ()  # alarms that have left the list
+        self.over: tuple[Alarm, ...] = ()  # alarms that are no longer in the list
         self.load_cell: LoadCell | None = None
         self.zero: ZeroChange | None = None
         self.series = MassSeries()
@@ -153,10 +153,10 @@ class Lane:
                     self.zero = record
                 case StopRequest() | None:
                     self.stop = record
-                case LoadCell():  # A source publishes this record before its samples.
+                case LoadCell():  # A source publishes it before a new stream of samples.
                     self.load_cell = record
                     self._begin_stream()
-                case BeltNoise():  # It comes each second, and no view waits for it.
+                case BeltNoise():  # Noise alone must not update the views each second.
                     return
             self.version += 1
 
@@ -175,27 +175,27 @@ class Lane:
             blocks.popleft()
 
     def _begin_stream(self) -> None:
-        """Drop samples, edges and reference masses, as a new stream may have earlier stamps."""
+        """Drop samples, edges and reference masses. A new stream may have earlier stamps."""
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
 
     def forget_signals(self) -> None:
-        """Drop samples and windows, because the page does not receive them without a viewer."""
+        """Drop samples and windows, because the page receives none without a viewer."""
         with self._lock:
             self._blocks.clear()
             self._latest[WeighWindow].clear()
 
     def items(self, span: Span | None = None) -> list[ShownItem]:
-        """Return the items of a span without their signals, the latest item first.
+        """Return all items or those of a span without their signals, the latest item first.
 
-        At most `MAX_ITEMS` items are returned, by default the latest ones.
+        Only the latest `MAX_ITEMS` of these items are returned.
         """
         verdicts, estimates, edges, references = self._of(Verdict, MassEstimate, EyeEdge, Reference)
-        if span is None:  # The estimate of an item is older than its verdict, but not by many.
+        if span is None:  # The latest estimates suffice for the latest verdicts.
             estimates = estimates[-2 * MAX_ITEMS :]
         else:
             verdicts = tuple(each for each in verdicts if is_within(each, span))
-        # A lane that begins again may repeat its latest verdicts.
+        # A restarted lane may repeat its latest verdicts.
         latest = {(each.item_id, _key(each)): each for each in verdicts[-MAX_ITEMS:]}
         by_key = {_key(estimate): estimate for estimate in estimates}
         results = [(verdict, by_key.get(_key(verdict))) for verdict in latest.values()]
@@ -207,7 +207,7 @@ class Lane:
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
-        """Return the items, the noise and the changes of the last hour."""
+        """Return the items, the noise and the changes, which cover about an hour."""
         verdicts, estimates, noise, deeds, zeros = self._of(
             Verdict, MassEstimate, BeltNoise, Deed, ZeroChange
         )
@@ -228,7 +228,7 @@ class Lane:
         return RawSignal(cell, blocks, edges) if cell is not None and blocks else None
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, or a fault with the samples around it."""
+        """Return an item with its window, and raw samples for a fault or without a window."""
         (windows,) = self._of(WeighWindow)
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
         return with_window(item, window, self._signal())
@@ -242,9 +242,9 @@ class Lane:
         return [each for each in known if (each.t3 or 0) < end][-count:]
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest part of the signal without an item, shape (n,), in kg.
+        """Return the longest signal of the empty belt, shape (n,), in kg, minus its mean.
 
-        The present signal does not depend on the chosen `item`.
+        `item` is ignored, because only the latest samples are held.
         """
         signal = self._signal()
         if signal is None:
@@ -253,7 +253,7 @@ class Lane:
         return signal.empty_belt(end - round(SHOWN * NANOSECONDS), end)
 
     def load(self) -> tuple[float, float]:
-        """Return the present load on the belt and its largest change within 1 s, in kg.
+        """Return the present load on the belt and its range within the latest 1 s, in kg.
 
         Both are NaN without samples.
         """
@@ -289,7 +289,7 @@ def is_within(verdict: Verdict, span: Span) -> bool:
 def joined(
     results: Iterable[tuple[Verdict, MassEstimate | None]], joiner: ResultJoiner
 ) -> Iterator[ShownItem]:
-    """Yield the item of each verdict and estimate. The results are in the order of the line."""
+    """Yield the item of each verdict and estimate, which are in the order of the line."""
     speed = math.nan
     for verdict, estimate in results:
         nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
@@ -300,7 +300,7 @@ def joined(
 
 
 def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal | None) -> ShownItem:
-    """Return an item with its window. An item without a window, or a fault, has raw samples."""
+    """Return an item with its window, and with raw samples for a fault or without a window."""
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
     if signal is None or not item.times or (weighed and window is not None and len(window.counts)):

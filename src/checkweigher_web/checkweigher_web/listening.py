@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes by which the page receives the records of lanes. Signals come only for viewers."""
+"""Nodes that receive the records of lanes, and the signals of a lane only for viewers."""
 
 from collections.abc import Callable
 import math
@@ -16,7 +16,7 @@ from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_web.lane import SHOWN, BeltNoise, Lane
 
 _LOOK_PERIOD = 0.5  # s
-_NOISE = 'segmenter: Belt noise'  # name of its status
+_NOISE = 'segmenter: Belt noise'  # status name after the namespace
 
 
 class _Listener(PortNode):
@@ -27,16 +27,16 @@ class _Listener(PortNode):
 
 
 class Watch:
-    """The running lanes, which are found by their topics of verdicts.
+    """Running lanes, which are found by their verdict topics.
 
     A thread looks for lanes, and subscribes to the signals of a lane while `viewers` returns a
-    number above 0 for it. The executor of the nodes cannot do that, because it cannot change its
-    own nodes. A lane holds the samples of the last `held` s.
+    number above 0 for it. This needs a thread, because an executor cannot change its own nodes
+    while it runs them. A lane holds the samples of the last `held` s.
 
     Attributes
     ----------
     lanes : dict of str to Lane
-        Lanes by namespace, which may be ''. Lanes that have ended are kept.
+        Lanes by namespace, which may be ''. Lanes that have ended are included.
     board : StatusBoard
         Diagnostics of all lanes.
     only : str or None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The masses of one product in one batch, for the histogram and the control charts."""
+"""Masses of one product in one batch, for the histogram and the control charts."""
 
 from dataclasses import dataclass, replace
 import math
@@ -13,10 +13,10 @@ MAX_MASSES = 500
 
 @dataclass(frozen=True, slots=True)
 class MassSeries:
-    """The latest masses of the accepted items since the product or the batch last changed.
+    """Latest masses of the accepted items since the last change of product or batch.
 
     The first item of the series begins a subgroup of the control chart. A series that exceeds
-    `MAX_MASSES` drops its first subgroup, so that each item stays in its subgroup.
+    `MAX_MASSES` by a subgroup drops its first subgroup, so that each item stays in its subgroup.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class MassSeries:
     stamps : tuple of int
         Times of the items in ns.
     reference : tuple of float
-        First masses of the series in kg, by which the control chart sets its limits.
+        First masses of the series in kg, which determine the limits of the control chart.
     """
 
     product: str = ''

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of all lanes, with a row for each lane and a link to the page of the lane."""
+"""Page of all lanes, with a row for each lane and a link to the page of the lane."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class LaneView:
 
 
 class Overview(Made):
-    """The rows of all lanes, which are made once a second for all viewers."""
+    """Rows of all lanes, which are made at most once per second for all viewers."""
 
     def __init__(self, watch: Watch) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ def show_overview(lanes: Overview) -> None:
 
     def update() -> None:
         if lanes.only() is not None:
-            ui.navigate.reload()  # The address then shows the page of the only lane.
+            ui.navigate.reload()  # The same address then shows the page of the only lane.
         shown = lanes.views()
         headline.set_text(_headline(shown))
         table.show(view.cells for view in shown)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a lane or of a recorded shift, which shows its views and keeps them up to date."""
+"""Page of a lane or of a recorded shift, with views that are kept up to date."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ from checkweigher_web.shift import Shift
 from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import FAST, SLOW, Look, View
 
-_WHOLE = '--tablet: 2; --desk: 12'  # columns of the panel
+_WHOLE = '--tablet: 2; --desk: 12'  # width of the panel in columns
 _PERIOD = 0.5  # period of the updates of the progress in s
 
 

@@ -1,7 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Figures of the production, each with its course over time, and bars of the rules for the batch. A
-// bar is full where a rule leaves nothing more. All comes as one text, made once for all viewers.
+// Production figures with their course over time, and bars of the rules for the batch. A bar is full
+// if the margin of its rule is used up. The server makes the text once for all viewers.
 export default {
   template: `
     <div class="figures">

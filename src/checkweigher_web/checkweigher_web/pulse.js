@@ -1,17 +1,18 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// The screen itself: the age of what it shows, its clock, its theme and its full size. Without a
-// beat of the server the browser greys the page by itself.
-const LATE = 3000; // ms, three periods of the server
-const APART = 5000; // ms between the clocks of browser and line that a person should know of
-const IDLE = 600000; // ms without an item, an alarm or a touch after which a full screen is dimmed
+// Age, clock, theme and full-screen mode of the page. Without beats of the server, the browser
+// greys the page.
+const LATE = 3000; // age in ms from which the page is grey: three periods of the server
+const APART = 5000; // clock difference in ms between browser and line from which the page shows it
+const IDLE = 600000; // time in ms without items, alarms and touches until a full screen is dimmed
 const THEME = "checkweigher-theme";
 
 export default {
   template: `
     <div><div class="late" role="alert">{{ text }}</div>
     <div class="apart" role="status">{{ apart }}</div></div>`,
-  // Age in s and time (with text) of what is shown, time of the line in ms, and what wakes a screen.
+  // Age of the state in s and its time as text, time of the line in ms, and a text that wakes the
+  // screen when it changes.
   props: { beat: Number, age: { type: Number, default: 0 }, since: String, now: Number,
            wakes: String },
   data: () => ({ came: performance.now(), touched: performance.now(), text: "", apart: "" }),

@@ -30,7 +30,7 @@ class RawSignal:
     edges: Sequence[EyeEdge]
 
     def between(self, begin: int, end: int) -> tuple[SampleBlock, ...]:
-        """Return the blocks with the samples from `begin` to `end` in ns."""
+        """Return the blocks that contain the samples from `begin` to `end` in ns."""
         stamps = BlockColumns.of(self.blocks).stamps
         first = max(int(np.searchsorted(stamps, begin, 'right')) - 1, 0)
         return tuple(self.blocks[first : int(np.searchsorted(stamps, end, 'right'))])
@@ -51,9 +51,9 @@ class RawSignal:
         return Stretch(time[inside], counts[inside], among)
 
     def empty_belt(self, since: int, until: int) -> NDArray[np.float64]:
-        """Return the longest part without an item, shape (n,), in kg, after removing its mean.
+        """Return the longest signal of the empty belt, shape (n,), in kg, minus its mean.
 
-        The part lies between the stamps `since` and `until` in ns.
+        The signal is between the stamps `since` and `until` in ns.
         """
         blocks = self.between(since, until)
         edges = sorted((e for e in self.edges if e.stamp <= until), key=lambda edge: edge.stamp)

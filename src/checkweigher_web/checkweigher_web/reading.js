@@ -1,8 +1,8 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// The reading that is seen from two metres: mass, verdict in word and shape, its age, and a scale
-// with this item and those before it. What it shows comes as one text, made once for all viewers.
-const OLD = 10; // s after which a reading says nothing of what is on the belt
+// Large display: mass, verdict as word and shape, age, and a scale with this item and the items
+// before it. The server makes the text once for all viewers.
+const OLD = 10; // age in s from which a reading is grey
 const SHAPES = {
   ACCEPT: "M12 2a10 10 0 1 0 0 20a10 10 0 1 0 0-20M7 12.5l3.5 3.5l6.5-7.5",
   UNDER: "M2 4h20L12 22z",
@@ -32,7 +32,7 @@ export default {
       <div class="about">{{ item.about }}</div>
       <div class="why" v-if="item.why">{{ item.why }}</div>
     </div>`,
-  // Age in s, below 0 where it has none, and whether the line stands.
+  // Age in s, or -1 without an age, and whether the line stands.
   props: { text: { type: String, default: "{}" }, age: { type: Number, default: -1 },
            still: Boolean },
   data: () => ({ came: performance.now(), now: performance.now() }),

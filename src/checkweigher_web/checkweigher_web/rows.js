@@ -1,7 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// A table whose rows come as one text: the cells of each row, column by column. A cell is a text,
-// or a text and the address that it links to. A row that begins with a level has its colour there.
+// Table whose rows are one text in JSON. A cell is a text, or a text and the address of its link. A
+// level in the first cell is shown in its colour.
 const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
 
 export default {

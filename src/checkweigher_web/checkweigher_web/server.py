@@ -53,11 +53,11 @@ from checkweigher_web.work.services import Workshop
 
 HUNG = 30.0  # time in s after which the process ends if the event loop hangs
 _LOOK_PERIOD = 1.0  # s
-_PATIENCE = 15.0  # longest time in s in which the nodes of a lane answer before a page is shown
+_PATIENCE = 15.0  # maximum time in s to wait for the nodes of a lane before the page is shown
 _AWAY = 15.0  # time in s for which the server keeps the page of a browser that is offline
 _LARGEST_MESSAGE = 1 << 20  # maximum size of a message from a browser in bytes
 _REPORT = '/report'
-# Content policy for a file of unknown origin. The file must not run scripts or load other files.
+# Content security policy of reports, which must not run scripts or load other files.
 REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; "
     "base-uri 'none'; form-action 'none'; sandbox"
@@ -110,7 +110,7 @@ def serve_shift(site: Site, shift: Shift, report: Path | None = None) -> None:
     site : Site
         Address and users. For port 0, the system chooses a free port.
     shift : Shift
-        Shift, which is weighed while the page is served.
+        Shift to show, which is weighed while the page is served.
     report : Path, optional
         HTML report of the command `evaluate`, to which the page has a link.
 
@@ -238,11 +238,11 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     )
     bind_events(access)
     log_in_lines()
-    # The process ends unless the event loop calls this function again in time.
+    # The process ends unless the event loop calls this function again within `HUNG` s.
     alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
-    # The address is printed last, because a caller may then send signals to the server.
+    # Print the address last, because a caller that has read it may send signals to the server.
     code = access.first_code
     first = f'; no user yet: log in with the code {code} to make the first one' if code else ''
     nicegui.on_startup(lambda: print(f'page: {site.address}{first}', file=sys.stderr, flush=True))
@@ -257,7 +257,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         ssl_keyfile=site.key,
         ws_max_size=_LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # Compression would take most of the processor time.
-        # Without a reverse proxy, a client could forge its address by X-Forwarded-For.
+        # Trust X-Forwarded-For only from a reverse proxy. A client could forge its address.
         proxy_headers=bool(site.origin),
     )
     uvicorn.Server(config).run(sockets=[listener])
@@ -271,7 +271,7 @@ def main() -> None:
     parser.add_argument('--key', type=Path)
     try:
         serve(Site(**vars(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
-    except KeyboardInterrupt:  # uvicorn raises the signal again after a regular end.
+    except KeyboardInterrupt:  # uvicorn raises SIGINT again after a regular end.
         pass
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)

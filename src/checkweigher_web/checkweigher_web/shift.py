@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded shift, with the items in memory and the samples in files."""
+"""Recorded shift, with the items in memory and the samples in files."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
@@ -34,14 +34,14 @@ from checkweigher_web.lane import ShownItem, Span, is_within, joined, with_windo
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
-_BELT = 20 * NANOSECONDS  # time in ns before an item in which the empty belt is searched
+_BELT = 20 * NANOSECONDS  # time in ns before an item that is searched for the empty belt
 _AROUND = NANOSECONDS  # margin in ns around a window, whose stamp is not exact
 
-_Cut = tuple[WeighWindow, int]  # window without its samples, and the number of the samples
+_Cut = tuple[WeighWindow, int]  # window without its samples, and their number
 
 
 class Shift:
-    """The items of a recording, which are shown like a lane. A thread weighs the recording once.
+    """Items of a recording, which are shown like a lane. A thread weighs the recording once.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Shift:
     stop = filler = None
     alarms: tuple[Alarm, ...] = ()
     over: tuple[Alarm, ...] = ()
-    judged = math.nan  # The items are not of now.
+    judged = math.nan  # recorded items have no age
 
     def __init__(self, recording: Recording, parameters: LineParameters, name: str = '') -> None:
         self.name = name
@@ -77,7 +77,7 @@ class Shift:
         self.end = int(blocks.stamps[-1])
 
     def index(self) -> None:
-        """Weigh the recording. The views already show the items that are weighed."""
+        """Weigh the recording. The views show each item as soon as it is weighed."""
         joiner = ResultJoiner(self.recording.edges, self.recording.references)
         for item in joined(self._results(), joiner):
             self._counts.add(item.verdict)
@@ -110,7 +110,7 @@ class Shift:
 
     @property
     def version(self) -> int:
-        """Number of the items that were weighed so far."""
+        """Number of items that were weighed so far."""
         return len(self._items)
 
     @property
@@ -119,7 +119,7 @@ class Shift:
         return self._counts.summary()
 
     def items(self, span: Span | None = None) -> list[ShownItem]:
-        """Return the items of a span without their signals, the latest item first."""
+        """Return all items or those of a span without their signals, the latest item first."""
         found = self._items[::-1]
         return found if span is None else [each for each in found if is_within(each.verdict, span)]
 
@@ -128,25 +128,25 @@ class Shift:
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
-        """Return the items of the whole recording."""
+        """Return the items that were weighed so far, without noise or actions."""
         zeros = (math.nan if each.estimate is None else each.estimate.zero for each in self._items)
         verdicts = (each.verdict for each in self._items)
         return history_of(zip(verdicts, zeros, strict=False))
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest part without an item before `item`, shape (n,), in kg."""
+        """Return the longest signal of the empty belt before `item`, shape (n,), in kg."""
         stamp = None if item is None else item.verdict.time
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, or a fault with the samples around it."""
+        """Return an item with its window, and with raw samples for a fault or without a window."""
         cut = self._cuts[self._items.index(item)]
         window = None if cut is None else self._read(*cut)
         window = None if window is None else self._denoiser.denoise(window)
         return with_window(item, window, self.signal)
 
     def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
-        """Return the windows of the latest items before an item."""
+        """Return the windows of at most `count` items before an item."""
         place = self._items.index(item)
         cuts = [cut for cut in self._cuts[:place] if cut is not None][-count:]
         return [window for cut in cuts if (window := self._read(*cut)) is not None]
@@ -166,7 +166,7 @@ class Shift:
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:
-    """Return blocks in unnamed files, which the system removes when this process ends."""
+    """Return blocks in temporary files, which the system removes when this process ends."""
     columns = BlockColumns.of(blocks)
     return BlockColumns(*(_on_disk_column(getattr(columns, f.name)) for f in fields(columns)))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts for verdicts, masses, times and reasons."""
+"""Texts for verdicts, reasons, masses and times."""
 
 from datetime import UTC, datetime
 import math
@@ -41,7 +41,7 @@ def clock(stamp: int | None) -> str:
 
 
 def grams(mass: float, unit: str = '', digits: int = 3) -> str:
-    """Return the text for a mass in kg as a number of grams."""
+    """Return the text for a mass in kg, in g."""
     return number(GRAMS * mass, digits, unit)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of the page have in common."""
+"""Fixtures for the tests of the page."""
 
 from collections.abc import Iterator
 
@@ -11,6 +11,6 @@ from selenium.webdriver import Chrome
 
 @pytest.fixture(scope='module')
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    """Open a browser, once for all tests of a module."""
+    """Open one browser for all tests of a module."""
     with open_browser(tmp_path_factory.mktemp('browser')) as driver:
         yield driver

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The audit log of a running line on the page, whole, sealed and tampered with, in a browser."""
+"""Audit log of a running line on the page, intact and modified, in a real browser."""
 
 from pathlib import Path
 
@@ -35,12 +35,12 @@ def test_a_change_is_seen_in_the_log_and_so_is_a_byte_that_was_changed(tmp_path:
         log = line.folder / 'audit.log'
         anna = Person(browser, line)
         anna.log_in('anna')
-        anna.until(lambda: 'FAULT' in anna.text('.decision'))  # there is no product yet
+        anna.until(lambda: 'FAULT' in anna.text('.decision'))  # no product is selected yet
         anna.does('Product', '✓', 'Select', choice=SCRIPT, Reason='spring')
         anna.open('Audit log')
         anna.until(lambda: anna.text('.conclusion').startswith('✓ the chain is whole: '))
         assert anna.text('.seals').startswith(f'There are no seals in {seals_path(log)}')
-        # The name of the product is a script, and shown as a text.
+        # The product name is a script, which the page shows as text.
         selected = [row for row in rows_of(anna) if row[3] == 'selection']
         assert [(row[2], row[5]) for row in selected] == [('anna', 'spring')]
         assert SCRIPT in selected[0][4]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""From a new line to a calibrated, tuned one that runs, by nothing but the page."""
+"""Commissioning of a new line on the page, from zero to trained parameters."""
 
 from pathlib import Path
 import re
@@ -12,8 +12,8 @@ import yaml
 
 from checkweigher_production.audit_log import read_log
 
-MASS, SPEED = 200.0, 60.0  # g, m/min; the speed is that of the machine after a new start, too
-SENSITIVITY = 500_000  # counts per kg, of the machine
+MASS, SPEED = 200.0, 60.0  # g, m/min; the simulated line has this speed after a restart, too
+SENSITIVITY = 500_000  # counts/kg of the simulated load cell
 VALUES = {
     'driver': {'calibration.duration': 0.5, 'simulator.seed': 3},
     'dynamic_setting': {'estimator': 'tvlpf', 'budget': 4},
@@ -24,7 +24,7 @@ class Trainee(Technician):
     """Somebody who commissions a simulated machine."""
 
     def set_machine(self, *, feed: bool, load: str = '') -> None:
-        """Set the switches of the machine, and what stands on its belt."""
+        """Set the feed of the machine, and the load on its belt in g."""
         self.open('Simulated machine')
         box = '.dialog .q-checkbox'
         if (self.attribute(box, 'aria-checked') == 'true') != feed:
@@ -42,7 +42,10 @@ class Trainee(Technician):
         self.until_done('Read the load', f'{load:g} g: ' if load else 'empty belt: ')
 
     def until_done(self, button: str, word: str) -> None:
-        """Press a button until it is done: it is refused while a product passed a moment ago."""
+        """Press a button until the result contains `word`.
+
+        The action is refused for some time after a product has passed.
+        """
 
         def done() -> bool:
             self.make(button)
@@ -61,7 +64,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
     with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
         ben = Trainee(browser, line)
         ben.log_in('ben')
-        ben.until(lambda: 'FAULT' in ben.text('.decision'))  # there is no product yet
+        ben.until(lambda: 'FAULT' in ben.text('.decision'))  # no product is selected yet
 
         ben.set_machine(feed=False)
         ben.commission('1 Zero')
@@ -73,14 +76,14 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.set_machine(feed=False, load=f'{MASS:g}')
         ben.fill('Mass on the belt', f'{MASS:g}')
         ben.read(MASS)
-        browser.refresh()  # what was read is there when the page is opened again
+        browser.refresh()  # a reloaded page shows the earlier readings
         ben.commission('2 Static')
         ben.until(lambda: ben.text('.stage.static tbody').startswith('empty belt'))
         ben.set_machine(feed=False)
         ben.until_done('Write calibration', 'Deviations')
         cell = yaml.safe_load((line.folder / 'cell.yaml').read_text())['/**/driver']
         found = cell['ros__parameters']['simulator']['counts_per_kg']
-        assert found == pytest.approx(SENSITIVITY, rel=0.01)  # read in half a second
+        assert found == pytest.approx(SENSITIVITY, rel=0.01)  # each reading takes 0.5 s
 
         ben.set_machine(feed=True)
         ben.commission('3 Dynamic')
@@ -106,10 +109,10 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until_done('Set the limits', 'the limits are 190 g and none')
         ben.until(lambda: '✓' in ben.standing('4 Limits'))
         browser.get(f'http://127.0.0.1:{line.port}/')
-        # The line weighs by what was trained, and with the calibration.
+        # The line uses the trained parameters and the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))
         ben.until(lambda: 'FAULT' in ben.text('.decision'))
-        # The line that has ended asked for a stop, the one in its place says that there is none.
+        # The line that ended requested a stop, and the new line withdraws the request.
         ben.until(lambda: not ben.text('.stop'))
         ben.does('Product', '✓', 'Select', choice='crisps_150g')
         ben.until(lambda: 'OVER' in ben.text('.decision'))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page knows of a lane, on the records of a simulated line."""
+"""Records of a lane on the page, from a simulated line."""
 
 from dataclasses import replace
 
@@ -70,7 +70,7 @@ def test_numbers_that_begin_again_do_not_mix_items(lane: Lane):
 def test_the_empty_belt_is_the_longest_time_without_an_item(lane: Lane, recording: Recording):
     force = lane.empty_belt()
     cell = recording.load_cell
-    # The simulation leads in with 2 s.
+    # The simulation begins with an empty belt for 2 s.
     assert len(force) / cell.sample_rate == pytest.approx(2, abs=0.2)
     assert np.std(force) < 0.01
 
@@ -81,7 +81,7 @@ def test_the_longest_gap_begins_when_an_item_has_left():
     passes = [EyeEdge(*edge) for edge in (enters, *between, leaves)]
     assert longest_gap(passes, 0, 100) == (40, 100)
     assert longest_gap(passes, 0, 45) == (0, 10)
-    # An item that has not left yet: the belt is not empty.
+    # The item has not left yet, so the belt is not empty.
     assert longest_gap(passes[:1], 0, 100) == (0, 10)
 
 
@@ -142,7 +142,7 @@ def test_the_load_has_its_change_within_a_second(recording: Recording):
     lane, cell = Lane('line'), recording.load_cell
     lane.take(cell)
     assert np.isnan(lane.load()).all()
-    count = round(cell.sample_rate / 10)  # samples of a block
+    count = round(cell.sample_rate / 10)  # samples per block
     for number in range(40):
         load = 0.1 if number < 25 else 0.3
         counts = np.full(count, round(cell.zero_counts + load * cell.counts_per_kg), np.int32)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The masses of histogram and control chart are of one product and batch, in lasting subgroups."""
+"""Masses of histogram and control chart: one product and batch, in fixed subgroups."""
 
 from checkweigher_core.records import Decision, Verdict
 from checkweigher_production.control_chart import REFERENCE, SUBGROUP
@@ -9,7 +9,7 @@ from checkweigher_web.mass_series import MAX_MASSES, MassSeries
 
 
 def verdict(number: int, decision: Decision = Decision.ACCEPT, batch: str = 'L1') -> Verdict:
-    """Return a verdict on an item whose mass in kg is its number."""
+    """Return the verdict on an item whose mass in kg equals its number."""
     return Verdict(number, number, decision, mass=float(number), product='crisps', batch=batch)
 
 
@@ -22,7 +22,7 @@ def groups_of(series: MassSeries) -> list[tuple[float, ...]]:
 def test_an_item_stays_in_its_subgroup_however_many_come_after_it():
     lane, groups = Lane(''), set[tuple[float, ...]]()
     for number in range(2 * MAX_MASSES + 3):
-        # Rejected ones shift nothing either, though they push others out of the list of items.
+        # Rejected items do not shift the subgroups, although they shorten the item list.
         if number % 7 == 0:
             lane.take(verdict(10_000 + number, Decision.UNDER))
         lane.take(verdict(number))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The overview of all lanes in a real browser, and lanes and servers that fall silent."""
+"""Page of all lanes in a real browser, also with silent lanes and servers."""
 
 from collections.abc import Iterator
 from operator import itemgetter
@@ -27,7 +27,7 @@ lanes:
 """
 VALUES: dict[str, dict[str, dict[str, object]]] = {
     'good': {'driver': {'simulator': {'count': 0, 'masses': [0.15]}}},
-    # Each item is too heavy, and the first one stops the line.
+    # Each item is too heavy, so that the first item stops the line.
     'ill': {
         'driver': {'simulator': {'count': 0}},
         'reject': {'upper_limit': 0.01, 'max_rejects_in_a_row': 1},
@@ -61,16 +61,16 @@ def lanes_of(browser: Chrome) -> list[list[str]]:
 
 
 def open_overview(browser: Chrome, port: int) -> list[list[str]]:
-    """Open the page until one lane judges items and the other has stopped; return the rows."""
+    """Open the page, wait until one lane weighs and the other has stopped, and return the rows."""
     browser.get(f'http://127.0.0.1:{port}/')
 
     def weighs() -> list[list[str]]:
         rows = lanes_of(browser)
         if len(rows) < 2:
-            browser.get(f'http://127.0.0.1:{port}/')  # only one was found until then
+            browser.get(f'http://127.0.0.1:{port}/')  # the page of a single lane was loaded
             return []
         good, ill = sorted(rows, key=itemgetter(LANE))
-        # On a busy machine an item may have no mass in time.
+        # On a busy machine, the mass of an item may come too late.
         judged, named = sum(map(int, good[COUNTS])), good[PRODUCT] == 'crisps_150g'
         stopped = ill[STATE] == 'ERROR'
         return rows if stopped and judged > 2 and named and good[RATE] != '–' else []
@@ -83,7 +83,7 @@ def test_each_lane_has_its_row_the_worst_first(browser: Chrome, port: int):
     rows = open_overview(browser, port)
     good, ill = sorted(rows, key=itemgetter(LANE))
     assert ill[STATE] == 'ERROR'
-    # On a busy machine a verdict may be late, which is an ERROR of the other lane as well.
+    # On a busy machine, a late verdict may also be an ERROR of the other lane.
     assert rows[0] == ill or good[STATE] == 'ERROR'
     assert ' → ' in ill[-1]  # what to check
     assert good[LANE : PRODUCT + 1] == ['good', socket.gethostname(), 'crisps_150g']
@@ -127,7 +127,7 @@ def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path
         return text_of(browser, 'body.stale .late')
 
     with line_of(tmp_path / 'line.yaml', VALUES['good']) as line, served() as (page, port):
-        browser.get(f'http://127.0.0.1:{port}/lane/')  # others may linger in the domain
+        browser.get(f'http://127.0.0.1:{port}/lane/')  # earlier lanes may still exist
         until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
         until(browser, lambda: not note())
         silent = child_of(line.pid)
@@ -136,5 +136,5 @@ def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path
             until(browser, lambda: re.match(r'No news since \d\d:\d\d:\d\d, for ', note()))
             assert shortcomings(browser) == []
             os.kill(process, ending)
-            if process == silent:  # it is started again
+            if process == silent:  # the launch restarts the process
                 until(browser, lambda: not note())

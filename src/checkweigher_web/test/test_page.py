@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page in a real browser, Debian's Chromium, on a line that runs."""
+"""Page of a running line in a real browser."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,7 +55,7 @@ def port(folder: Path) -> Iterator[int]:
 def test_an_item_is_shown_with_mass_verdict_and_signal(browser: Chrome, port: int):
     browser.get(f'http://127.0.0.1:{port}/')
     until(browser, lambda: len(rows_of(browser)) >= 6)
-    # On a busy machine an item may have no mass in time.
+    # On a busy machine, the mass of an item may come too late.
     weighed = [row for row in rows_of(browser) if 'FAULT' not in row[-1]]
     number, _, mass, _, reference, verdict = weighed[0]
     assert int(number) > 0
@@ -120,7 +120,7 @@ def test_a_clock_that_differs_from_that_of_the_line_is_told(browser: Chrome, por
 def test_a_reading_is_grey_when_no_item_follows_it(browser: Chrome, port: int):
     browser.get(f'http://127.0.0.1:{port}/')
     until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
-    # The next item comes within a second, which is more than a minute for this browser.
+    # Items come each second, which is more than a minute for the clock of this browser.
     browser.execute_script(
         'const now = performance.now.bind(performance); performance.now = () => 100 * now()'
     )
@@ -131,7 +131,7 @@ def test_a_reading_is_grey_when_no_item_follows_it(browser: Chrome, port: int):
 def test_signals_are_taken_only_while_somebody_looks(browser: Chrome, port: int):
     with spinning():
         nodes = Node('watcher').get_node_names
-        browser.get('about:blank')  # whichever test came before
+        browser.get('about:blank')  # close the page of an earlier test
         until(browser, lambda: 'page_results' in nodes())
         until(browser, lambda: 'page_signals' not in nodes())
         browser.get(f'http://127.0.0.1:{port}/')
@@ -177,7 +177,7 @@ def test_an_item_of_the_running_line_is_kept(
     said: list[str] = []
 
     def kept() -> bool:
-        """Try it with the latest item: the page has to have held what that needs."""
+        """Keep the latest item, and return whether the page held its samples."""
         anna.press('keep this item', '.signal')
         anna.press('Keep')
         anna.until(lambda: anna.text('.dialog .result'))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Many viewers, a flood of requests and a page that dies: what they cost the line."""
+"""Effect of many viewers, many requests and a killed page on the line."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -23,11 +23,11 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
 
-LANE = ('--namespace', '')  # the page of one lane, also before that runs
-SHORT, MANY = 4, 20  # viewers
-AMID = 10  # verdicts
-PAUSE = 0.2  # s between two requests of a flood
-MEASURED = 20.0  # s
+LANE = ('--namespace', '')  # the page shows this lane even before it runs
+SHORT, MANY = 4, 20  # numbers of viewers
+AMID = 10  # number of verdicts until the page is killed
+PAUSE = 0.2  # time between two requests in s
+MEASURED = 20.0  # duration of a measurement in s
 
 
 def take_verdicts(spinner: Spinner, take: Callable[[Verdict], object]) -> None:
@@ -38,7 +38,7 @@ def take_verdicts(spinner: Spinner, take: Callable[[Verdict], object]) -> None:
 
 @contextmanager
 def flooded(port: int) -> Iterator[None]:
-    """Ask for the page over and over: each time the server makes all its views."""
+    """Request the page repeatedly, so that the server makes all views each time."""
     ended = threading.Event()
 
     def ask() -> None:
@@ -84,12 +84,12 @@ def test_a_page_that_is_flooded_and_then_killed_costs_the_line_nothing(
 
 
 def processor_time(process: int) -> float:
-    """Return the processor time of a process, s; that of its children is theirs."""
+    """Return the processor time of a process in s, without its children."""
     fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / 100
 
 
-# Notes when a browser has the number of an item first, ms since 1970.
+# Script that stores the time in ms at which the browser first shows each item.
 NOTE_ITEMS = """
 window.seen = {};
 new MutationObserver(() => {
@@ -101,7 +101,10 @@ new MutationObserver(() => {
 
 
 class Clock:
-    """When each item was judged, s; of two clocks, for a browser has none that never steps."""
+    """Times in s of the verdicts by the monotonic clock.
+
+    `apart` is the difference to the system clock, which browsers use.
+    """
 
     def __init__(self) -> None:
         self.judged: dict[int, float] = {}
@@ -117,7 +120,7 @@ class Clock:
 
 @contextmanager
 def judged_line(folder: Path, clock: Clock) -> Iterator[int]:
-    """Run an endless line whose verdicts `clock` takes, and give its process."""
+    """Run an endless line whose verdicts `clock` receives, and yield its process identifier."""
     values = {'driver': {'simulator': {'count': 0, 'seed': 3}}}
     with line_of(folder / 'line.yaml', values) as line, spinning() as spinner:
         take_verdicts(spinner, clock.judge)
@@ -135,7 +138,7 @@ def said_of(name: str, delays: Sequence[float]) -> str:
 
 @pytest.mark.soak
 def test_processor_and_delay_of_the_page(tmp_path: Path):
-    """Measure an endless line with 0, 1 and 20 viewers: sockets, which cost no browser's time."""
+    """Measure a line with 0, 1 and 20 viewers, which are sockets without browsers."""
     clock = Clock()
     with judged_line(tmp_path, clock) as line, served(*LANE) as (page, port):
         for count in (0, 1, MANY):
@@ -157,7 +160,7 @@ def test_processor_and_delay_of_the_page(tmp_path: Path):
 @pytest.mark.soak
 @needs_browser
 def test_delay_in_a_browser_beside_other_viewers(tmp_path: Path):
-    """Measure until a real browser shows an item, alone and beside 20 others."""
+    """Measure the delay of items in a real browser, alone and with 20 other viewers."""
     clock = Clock()
     with (
         judged_line(tmp_path, clock),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a recorded shift in a real browser: strip, filter, faults, at any width, by keys."""
+"""Page of a recorded shift in a real browser, also by keys and at any width."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -53,7 +53,7 @@ def opened(port: int, browser: Chrome) -> Chrome:
 
 @pytest.fixture
 def page(opened: Chrome) -> Chrome:
-    """Return the page at its last item, with all items listed."""
+    """Return the page with its last item chosen and all items listed."""
     opened.set_window_size(1600, 1000)
     opened.refresh()
     until(opened, lambda: numbers(opened) == [*range(ITEMS, 0, -1)])
@@ -81,7 +81,7 @@ def test_arrows_and_clicks_in_the_strip_move_through_the_items(page: Chrome):
         strip.send_keys(key)
         shows(page, number)
     until(page, lambda: text_of(page, '.mass').endswith(' g'))
-    # A click at the right end of the strip shows the last item.
+    # A click at the right end of the figure chooses the last item.
     until(page, lambda: page.find_elements(By.CSS_SELECTOR, '.hour canvas'))
     right, top = strip.size['width'] // 2 - 24, 35 - strip.size['height'] // 2
     ActionChains(page).move_to_element_with_offset(strip, right, top).click().perform()
@@ -91,7 +91,7 @@ def test_arrows_and_clicks_in_the_strip_move_through_the_items(page: Chrome):
 def test_a_part_of_the_time_that_is_selected_is_what_the_list_shows(page: Chrome):
     strip = page.find_element(By.CSS_SELECTOR, '.hour .chart')
     until(page, lambda: page.find_elements(By.CSS_SELECTOR, '.hour canvas'))
-    # The left handle of the slider, below the charts, to the middle.
+    # Drag the left handle of the slider below the charts to the middle.
     left, bottom = 71 - strip.size['width'] // 2, strip.size['height'] // 2 - 18
     half = strip.size['width'] // 2 - 45
     drag = ActionChains(page).move_to_element_with_offset(strip, left, bottom).click_and_hold()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The rules of a batch on the page, and the report when the batch has ended, in a real browser."""
+"""Batch rules, batch report and signatures on the page, in a real browser."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ RECIPE = {
     'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True,
     'filler': {'max_correction': 0.004, 'subgroup': 2},
 }  # fmt: skip
-BATCH = '.L 1/2'  # a name that is no name of a file, and begins as a hidden one
+BATCH = '.L 1/2'  # not a valid file name, and with the dot of a hidden file
 VALUES = {'driver': {'simulator.masses': [0.152]}}
 
 
@@ -28,11 +28,11 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
     ):
         anna = Person(browser, line)
         anna.log_in('anna')
-        anna.until(lambda: 'FAULT' in anna.text('.decision'))  # there is no product yet
+        anna.until(lambda: 'FAULT' in anna.text('.decision'))  # no product is selected yet
         anna.does('Product', '✓', 'Select', choice='crisps')
         anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
         anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))
-        # 152 g, 2 g too much: each step goes down.
+        # The products are 2 g too heavy, so each correction is negative.
         anna.until(lambda: 'filler correction, g -' in ' '.join(anna.text('.production').split()))
         for batch in (BATCH, 'L2'):
             anna.does('New batch', '✓', 'Begin', Batch=batch)
@@ -73,7 +73,7 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         assert 'a release needs a technician' in sign(what, 'release', PASSWORD, '✗')
         assert 'batch L2 has not ended yet' in sign('batch L2', 'review', PASSWORD, '✗')
         assert f'review of {what} signed by anna' in sign(what, 'review', PASSWORD, '✓')
-        # A signature does not end the session, and the next one is chosen by who has signed.
+        # A signature does not end the session, and the choice names the signers.
         sign(f'{what} (review by anna)', 'approval', PASSWORD, '✓')
         entries = read_log(log).entries
         signed = signatures_in(entries, BATCH)

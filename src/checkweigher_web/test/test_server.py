@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page as a process of its own, over its real port."""
+"""Server of the page as a separate process with a real port."""
 
 from collections.abc import Callable, Iterator
 import re
@@ -66,7 +66,7 @@ def test_a_browser_that_leaves_while_it_loads_is_not_worth_a_word():
     with served() as (process, port):
         assets = re.findall(r'"(/_nicegui/[^"]+)"', get_text(port))
         assert len(assets) > 10
-        for path in assets[:12]:  # what the page may say of them fits into the pipe
+        for path in assets[:12]:  # error messages for these fit into the pipe
             with socket.create_connection(('127.0.0.1', port), timeout=PATIENCE) as left:
                 left.sendall(f'GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n'.encode())
         assert get(port).status == 200
@@ -83,7 +83,7 @@ def test_a_page_that_hangs_costs_the_line_nothing(rows: Callable[..., list[dict[
 
 
 def test_the_executable_of_the_launch_file_ends_in_order_by_ctrl_c():
-    """On a port of its own: that of the launch file may be taken here."""
+    """The test chooses a free port, because the default port may be in use."""
     code = (
         'from functools import partial; from checkweigher_web import server; '
         'server.Site = partial(server.Site, port=0); server.main()'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded shift gives the items and windows of the line, and reads samples only on demand."""
+"""Items, windows and samples of a recorded shift, compared with the line."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.shift import Shift
 
 PARAMETERS = LineParameters()
-FAULTS = [3, 7]  # places
+FAULTS = [3, 7]  # indices of the faults
 
 
 @pytest.fixture(scope='module')
@@ -60,7 +60,7 @@ def test_a_window_is_read_as_it_was_cut(shift: Shift, recording: Recording):
     for place in (0, 5, 9):
         expected = windows[place]
         denoised, found = denoiser.denoise(expected), shift.with_signals(items[place]).window
-        np.testing.assert_array_equal(found.denoised, denoised.denoised)  # NaN outside
+        np.testing.assert_array_equal(found.denoised, denoised.denoised)  # both are NaN outside
         nothing = np.zeros(0)
         assert replace(found, denoised=nothing) == replace(denoised, denoised=nothing)
 

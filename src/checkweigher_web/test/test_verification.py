@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A verification of a simulated line by the page alone, in a real browser."""
+"""Verification of a simulated line on the page, in a real browser."""
 
 import json
 from pathlib import Path
@@ -34,7 +34,7 @@ class Inspector(Technician):
 
 
 def take_plan(ben: Inspector, path: Path) -> None:
-    """Take a plan from a file of the browser's machine, one that is wrong first."""
+    """Upload a wrong plan, which is refused, and then a correct plan."""
     ben.until(lambda: ben.browser.find_elements(By.CSS_SELECTOR, '.verify input[type=file]'))
     upload = ben.browser.find_element(By.CSS_SELECTOR, '.verify input[type=file]')
     wrong = path.with_name('wrong.yaml')
@@ -57,9 +57,9 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         browser.get(f'http://127.0.0.1:{line.port}/commissioning/')
         ben.until(lambda: browser.current_url.endswith('/login'))
         ben.log_in('ben')
-        ben.until(lambda: 'FAULT' in ben.text('.decision'))  # there is no product yet
+        ben.until(lambda: 'FAULT' in ben.text('.decision'))  # no product is selected yet
         ben.commission('5 Verify')
-        assert 'operator' not in ben.text('.verify .form')  # no key, but its words
+        assert 'operator' not in ben.text('.verify .form')  # labels, not keys
         take_plan(ben, tmp_path / 'plan.yaml')
         check_all_widths(browser)
         ben.make('Begin')
@@ -72,7 +72,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         ben.make('Skip')
         ben.said('✗', 'say why')
         browser.refresh()
-        ben.commission('5 Verify')  # it goes on without its page
+        ben.commission('5 Verify')  # the verification continues without the page
         ben.sees('Step 6 of 9, zero, reading 2: Do this', 'Leave the belt empty')
         ben.fill(REASON, 'no weights')
         ben.make('Skip')
@@ -100,7 +100,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
 
 
 def check_report(line: Line, folder: Path, link: str, scratch: Path) -> None:
-    """Hold the report to what was done, and to the one that its bag gives again."""
+    """Compare the report with the steps on the page, and with a report from the bag."""
     report = json.loads((folder / 'report.json').read_text())
     made = [(step['name'], step['verdict']) for step in report['steps']]
     assert made[5:] == [

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A person works on a running line by the page alone, in a real browser."""
+"""Actions of users on a running line, on the page in a real browser."""
 
 from pathlib import Path
 import re
@@ -10,7 +10,7 @@ from persons import SCRIPT, Person, Technician, new_line
 
 from checkweigher_production.audit_log import read_log
 
-EMPTY = 600.0  # s, of the simulated belt before the first product
+EMPTY = 600.0  # duration in s of the empty belt before the first product
 
 
 @needs_browser
@@ -25,7 +25,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.log_in('anna')
         assert 'Commissioning' not in person.entries()
         assert re.search(r'zeroed at -?[\d.]+ g from', person.does('Zero', '✓'))
-        # The diagnostics come from the driver, once a second.
+        # The driver publishes diagnostics once per second, so the page needs a moment.
         inactive = 'the driver is inactive'
         assert 'has stopped' in person.does('Stop', '✓')
         person.until(lambda: inactive in person.text('[aria-label=Diagnostics]'))
@@ -35,7 +35,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         assert 'no stop was requested' in person.does('Reset stop', '✓', 'Reset')
         assert 'L1' in person.does('New batch', '✓', 'Begin', Batch='L1')
         assert 'not used before' in person.does('New batch', '✗', 'Begin', Batch='L1')
-        # A recipe whose name is a script, and which asks for a reason from then on.
+        # The product name is a script. Its recipe requires a reason for each later action.
         assert SCRIPT in person.does('Product', '✓', 'Select', choice=SCRIPT)
         person.log_out()
         used = "batch 'L1': a name that was not used before is needed"
@@ -74,7 +74,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.fill('Reason', 'new load cell')
         person.make('Read the load')
         person.said('✓ empty belt: ')
-        # The browser loses its page: what was read is there when it comes back.
+        # A reloaded page shows the earlier readings.
         browser.refresh()
         person.commission('2 Static')
         person.until(lambda: 'empty belt' in person.text('.stage.static tbody'))
@@ -91,7 +91,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
 
 @needs_browser
 def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
-    # After the second item nothing passes any more, so nothing asks for the stop again.
+    # Only two items pass, so that no later item requests the stop again.
     values = {
         'driver': {'simulator.masses': [0.2], 'simulator.count': 2},
         'reject': {'max_rejects_in_a_row': 2},
@@ -105,7 +105,7 @@ def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
 
         person.until(lambda: stop().startswith('STOP TooManyRejects: '))
         assert 'TooManyRejects reset' in person.does('Reset stop', '✓', 'Reset')
-        # The stop and the faults, for no product is selected, stay until somebody has seen them.
+        # The alarms of the stop and of the faults last until a user acknowledges them.
         person.until(lambda: 'stop TooManyRejects' in person.text('[aria-label=Alarms]'))
         assert '2 alarms ack' in person.does('Acknowledge alarms', '✓')
         person.until(lambda: '0 not acknowledged' in person.text('[aria-label=Alarms]'))

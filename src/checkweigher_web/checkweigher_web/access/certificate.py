@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Functions to make a self-signed certificate for the page, and to check a certificate."""
+"""Creation of a self-signed certificate for the page, and check of a certificate."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -21,13 +21,13 @@ _VALID = timedelta(days=825)  # longest validity that browsers accept
 
 
 class CertificateError(ValueError):
-    """A certificate or key that cannot be used. The message is one line."""
+    """Raised if a certificate or key cannot be used. The message is one line."""
 
 
 def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
     """Write a self-signed certificate for host names and addresses, and its private key.
 
-    Returns the SHA-256 fingerprint, which a user compares with that in the browser. Raises
+    Returns the SHA-256 fingerprint, which a user compares with the one in the browser. Raises
     `CertificateError` for an invalid name, and `OutputError` if a file already exists or cannot be
     written.
     """
@@ -45,7 +45,7 @@ def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
         .issuer_name(subject)
         .public_key(secret.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))  # The clock of a browser may be slow.
+        .not_valid_before(now - timedelta(hours=1))  # A browser clock may be slow.
         .not_valid_after(now + _VALID)
         .add_extension(alternatives, critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -74,7 +74,7 @@ def check_pair(certificate: Path, key: Path) -> None:
                 status = os.stat(file.fileno())
         except OSError as error:
             raise CertificateError(f'{path}: {error.strerror or error}') from None
-    # The group of a key may read it if root owns the key, as Debian does for the group ssl-cert.
+    # If root owns the key, its group may read it, like the group ssl-cert of Debian.
     mode = 0o640 if status.st_uid == 0 != os.geteuid() else 0o600
     if status.st_mode & 0o777 & ~mode:
         raise CertificateError(

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Guard of the page, which refuses requests without a login and from other web sites."""
+"""Guard of the page, which refuses requests without a login or from other web sites."""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,8 +21,8 @@ from checkweigher_web.access.throttle import Throttle
 from checkweigher_web.access.users import Role, UserFile, default_users
 
 # The policy allows unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into
-# its pages and compiles templates of Vue in the browser. Scripts in attributes are forbidden, and
-# so are data from and to other sites.
+# its pages and compiles Vue templates in the browser. It forbids scripts in attributes, and data
+# from and to other sites.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
@@ -37,7 +37,7 @@ PLAIN_POLICY = (
 HEADERS = {
     'X-Content-Type-Options': 'nosniff',
     'X-Frame-Options': 'DENY',
-    # Without a referrer, browsers send `Origin: null` with forms, which `Guard` refuses.
+    # Without a referrer, browsers send forms with `Origin: null`, which `Guard` would refuse.
     'Referrer-Policy': 'same-origin',
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cross-Origin-Resource-Policy': 'same-origin',
@@ -47,7 +47,7 @@ LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
 _SESSION = 'checkweigher.session'  # key in the scope of a request
-_UNANSWERED = 'No response returned.'  # message of Starlette if the browser has disconnected
+_UNANSWERED = 'No response returned.'  # message of Starlette after the browser has disconnected
 
 
 class Access:
@@ -58,14 +58,14 @@ class Access:
         self.users = UserFile(site.users or default_users())
         self.sessions = Sessions(self.users, 60 * site.idle)
         self.throttle = Throttle()
-        # Browsers send a cookie to all ports of a host, so the name of the cookie has the port.
+        # Browsers send a cookie to all ports of a host, so the cookie name contains the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
         self._first_code = secrets.token_hex(5)
-        self._ended: set[str] = set()  # clients whose session had ended at the last `expel`
+        self._ended: set[str] = set()  # clients without a session at the last `expel`
 
     @property
     def first_code(self) -> str:
-        """Code by which the first user is made, or '' if there are users.
+        """Code that is required to add the first user, or '' if there are users.
 
         The code is shown only where the page was started.
         """
@@ -108,9 +108,9 @@ def _identifier(client: Client) -> str:
 class Guard:
     """ASGI application that passes requests to another application, or refuses the requests.
 
-    Another web site could let a browser open the page under a host name that the site points to
-    this machine, or it could open a socket to the page. Such requests are refused, so that the site
-    cannot read the data of the line.
+    Another web site could point its own host name to this machine and let a browser open the page
+    under this name, or it could open a socket to the page. Such requests are refused, so that the
+    site cannot read the data of the line.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
@@ -132,7 +132,7 @@ class Guard:
             await self._pass_on(_bound(scope, identifier), receive, send)
         elif scope['type'] == 'websocket':
             await receive()
-            await send({'type': 'websocket.close', 'code': 1008})  # The server answers with 403.
+            await send({'type': 'websocket.close', 'code': 1008})  # uvicorn answers with 403.
         else:
             await refusal(scope, receive, send)
 
@@ -153,7 +153,7 @@ class Guard:
             return Response('this page is not served by this name', 421)
         origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
-        # Browsers send the origin with each request that may change data.
+        # Only a reading request may lack the origin, because browsers send it with all others.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
         return None
@@ -173,8 +173,8 @@ class Guard:
 def _bound(scope: Scope, identifier: str) -> Scope:
     """Return a scope with the identifier of its session.
 
-    If a socket belongs to the page of another session, the page in the scope is replaced by an
-    unknown one. NiceGUI then refuses the socket, and the browser reloads the page.
+    If a socket names the page of another session, the page in the scope is replaced by an unknown
+    one. NiceGUI then refuses the socket, and the browser reloads the page.
     """
     scope = {**scope, _SESSION: identifier}
     if scope['path'].startswith(_SOCKET):
@@ -189,11 +189,11 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 def bind_events(access: Access) -> None:
     """Accept the events of a page only from the sockets of this page.
 
-    NiceGUI accepts events from any socket that names the page. An event of a user counts as use of
-    the session.
+    NiceGUI itself accepts events from any socket that names the page. The event `event` counts as
+    use of the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # By this event, a browser could write to the log of the server.
+    del handlers['log']  # With this event, a browser could write to the server log.
     for name in ('event', 'javascript_response', 'ack'):
         core.sio.on(name, partial(_handle, name, handlers[name], access))
 
@@ -225,7 +225,8 @@ def _with_headers(send: Send, path: str, site: Site) -> Send:
             headers.setdefault('Content-Security-Policy', _POLICY)
             if not path.startswith(_ASSETS):
                 headers['Cache-Control'] = 'no-store'
-            if site.secure and not site.open:  # Other servers on localhost may have no TLS.
+            # HSTS is not sent on localhost, because other servers there may have no TLS.
+            if site.secure and not site.open:
                 headers['Strict-Transport-Security'] = 'max-age=31536000'
         await send(message)
 

@@ -19,7 +19,7 @@ _PLACES = 3  # number of innermost stack frames that are logged for an error
 
 
 class PromptProtocol(HttpToolsProtocol):
-    """Connection that is closed if one of its requests is not complete in time.
+    """Connection that is closed if a request is not complete within `REQUEST` seconds.
 
     uvicorn has no such limit, so incomplete requests could use up all connections.
     """
@@ -30,7 +30,7 @@ class PromptProtocol(HttpToolsProtocol):
         self._late = self.loop.call_later(REQUEST, transport.close)
 
     def on_message_begin(self) -> None:
-        """Start the time limit for the rest of a request."""
+        """Restart the time limit for the rest of a request."""
         super().on_message_begin()
         self._late.cancel()
         self._late = self.loop.call_later(REQUEST, self.transport.close)
@@ -42,9 +42,10 @@ class PromptProtocol(HttpToolsProtocol):
 
 
 class LineHandler(logging.Handler):
-    """Log handler that writes at most one line per second.
+    """Log handler that writes each record as one line, and at most one line per second.
 
-    The libraries of the server log malformed input with its line ends and with tracebacks.
+    Otherwise, malformed input could fill the log, because the server libraries log it with its
+    line ends and with tracebacks.
     """
 
     def __init__(self) -> None:
@@ -52,7 +53,7 @@ class LineHandler(logging.Handler):
         self._log = get_logger('page')
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a log record as one line."""
+        """Write a log record as one line, or drop it within a second of the previous line."""
         text = record.getMessage()
         if record.exc_info and (error := record.exc_info[1]):
             frames = traceback.extract_tb(error.__traceback__)[: -_PLACES - 1 : -1]
@@ -62,14 +63,14 @@ class LineHandler(logging.Handler):
 
 
 def log_in_lines() -> None:
-    """Write the logs of all libraries of the server through a `LineHandler`."""
+    """Write the warnings and errors of all server libraries through a `LineHandler`."""
     for name in ('engineio.server', 'socketio.server'):  # These loggers have their own handlers.
         logging.getLogger(name).handlers.clear()
     logging.basicConfig(handlers=[LineHandler()], force=True)
 
 
 def forget_waiting() -> None:
-    """Delete the oldest pages that wait for the socket of a browser, except the last `WAITING`.
+    """Delete the pages whose browsers have not opened a socket, except the latest `WAITING` pages.
 
     Each page takes 0.3 MiB. NiceGUI keeps it for a minute, so many requests could exhaust the
     memory. A browser that opens the socket of a deleted page loads the page again.

@@ -40,7 +40,7 @@ log in which the page was started shows the code.</p>
 
 
 def logout_form(token: str) -> str:
-    """Return the form for the logout as HTML."""
+    """Return the logout form as HTML."""
     return (
         f'<form method="post" action="{LOGOUT}"><input type="hidden" name="token" '
         f'value="{escape(token)}"><button>Log out</button></form>'
@@ -62,7 +62,7 @@ class _Forms:
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
-        self._turn = asyncio.Lock()  # A login takes 0.1 s and 64 MiB.
+        self._turn = asyncio.Lock()  # for password checks, which take 0.1 s and 64 MiB each
         self._form_cookie = f'{access.cookie}-form'
         self._cookie: dict[str, Any] = {
             'httponly': True,
@@ -107,7 +107,7 @@ class _Forms:
         throttle, keys = self._access.throttle, keys_of(name, address)
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            # A browser may repeat refused attempts at any rate, and they must not fill the log.
+            # Limit the rate of this line, because repeated attempts could otherwise fill the log.
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions, which end by logout, after some time without use, or after 12 hours."""
+"""Sessions of the users who have logged in."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ ABSOLUTE = 12 * 3600.0  # maximum duration of a session in s
 
 @dataclass
 class Session:
-    """One login of a user. The forms of its pages must contain `token`."""
+    """Session of a user. A logout must contain `token`."""
 
     user: User
     address: str
@@ -26,8 +26,8 @@ class Session:
 class Sessions:
     """Sessions by random identifiers.
 
-    A session ends after `idle` s without use, or `ABSOLUTE` s after the login. `clock` returns the
-    time in s.
+    A session ends by logout, after `idle` s without use, or `ABSOLUTE` s after the login. `clock`
+    returns the time in s.
     """
 
     def __init__(
@@ -67,5 +67,5 @@ class Sessions:
 
 
 def _rights(user: User | None) -> tuple[Role, str] | None:
-    """Return role and hash of the password. A signature changes only the keys of a user."""
+    """Return the role and the password hash, but not the keys, which a signature may change."""
     return (user.role, user.hash) if user else None

@@ -15,7 +15,7 @@ from checkweigher_web.access.users import default_users, read_users
 
 
 class PageError(ValueError):
-    """A page that cannot be served. The message is one line with the reason and a remedy."""
+    """Raised if the page cannot be served. The message is one line with a reason and a remedy."""
 
 
 @dataclass(frozen=True)
@@ -55,18 +55,18 @@ class Site:
         return f'{scheme}://{host}:{self.port}/{proxy}'
 
     def serves(self, host: str) -> bool:
-        """Return whether the page is served under the name and port in `host`.
+        """Return whether the page is served under `host`, a host name with a port.
 
-        Another web site can point its own host name to this machine. With TLS, the browser refuses
-        that name, because the certificate lacks it.
+        On the loopback address, only its own names are served, because another web site could point
+        its host name to this machine. Elsewhere, the TLS certificate protects against this.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
-        # The port is not compared, because a tunnel may have another port.
+        # The port is not compared, because a tunnel may use another port.
         return not self.loopback or host.rpartition(':')[0].strip('[]') in (self.host, 'localhost')
 
     def checked(self) -> 'Site':
-        """Return the site with the path of its users file.
+        """Check the site, and return it with its users file and a normalised origin.
 
         Raises `PageError`, `CertificateError`, `SettingsError` or `OutputError` if the site cannot
         be served.

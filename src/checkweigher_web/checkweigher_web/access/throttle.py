@@ -1,33 +1,33 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting times of accounts and addresses after failed logins."""
+"""Waiting times after failed logins, for accounts and for addresses."""
 
 from collections.abc import Callable
 import time
 
 _FREE = 3  # number of failures before the first wait, because users mistype passwords
 _LONGEST = 300.0  # maximum waiting time in s
-_FORGOTTEN = 3600.0  # time in s after the last failure at which the count begins again
+_FORGOTTEN = 3600.0  # time in s without a failure after which the count restarts
 
 
 def keys_of(account: str, address: str) -> tuple[str, str]:
-    """Return the keys of an attempt with an account from an address."""
+    """Return the two keys of a login attempt: its account and its address."""
     return f'account {account}', f'address {address}'
 
 
 class Throttle:
     """Waiting times after successive failures.
 
-    The time is 1 s after the third failure, and doubles with each further one up to 5 min. A key is
-    an account or an address. A login resets the failures of its account and of its address, because
-    all users at the belt share one address. The failures of other accounts still count. Otherwise,
-    a user could guess the passwords of other users from the same address. `clock` returns the time
-    in s.
+    The time is 1 s after the third failure, and doubles with each further failure up to 5 min. A
+    key is an account or an address. A login resets the failures of its account and of its address,
+    because all users at the belt share one address. The failures of other accounts still count.
+    Otherwise, a user could guess the passwords of other users from the same address. `clock`
+    returns the time in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: dict[str, tuple[int, float]] = {}  # count, time of the last failure
+        self._failures: dict[str, tuple[int, float]] = {}  # number, and time of the latest
 
     def wait(self, *keys: str) -> float:
         """Return the time in s until the next attempt with these keys is allowed."""

@@ -48,7 +48,7 @@ ROLES = tuple(role.name.lower() for role in Role)
 
 
 class UsersError(SettingsError):
-    """An error in a user or in the users file. The message is one line with a remedy."""
+    """Raised if a user or the users file is not valid. The message is one line."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class User(Settings):
             raise UsersError('is no argon2 hash; run: checkweigher user password', 'hash')
 
     def has_password(self, password: str) -> bool:
-        """Return whether a password is that of the user. The check takes about 0.1 s."""
+        """Return whether the password of the user is correct. The check takes about 0.1 s."""
         try:
             return _HASHER.verify(self.hash, unicodedata.normalize('NFC', password))
         except (VerificationError, InvalidHashError):
@@ -74,9 +74,9 @@ class User(Settings):
 
 
 def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
-    """Return the key by which a user of a file signs, which is derived from the password.
+    """Return the private key with which a user signs, which is derived from the password.
 
-    The file gets the public key with the first signature. A new password has a new key.
+    A new password gives a new key. The first call for a key adds its public key to the users file.
     """
     salt = hashlib.sha256(f'checkweigher signature {user.hash}'.encode()).digest()[:16]
     secret = unicodedata.normalize('NFC', password).encode()
@@ -93,7 +93,7 @@ def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
 
 
 class WrongPasswordError(SigningError):
-    """Error for a password that is not that of the user."""
+    """Raised if the password of a user is wrong."""
 
 
 def least_role(meaning: str) -> Role:
@@ -102,9 +102,10 @@ def least_role(meaning: str) -> Role:
 
 
 def sign_by(path: Path, user: User, password: str, what: Signable, meaning: str) -> Signature:
-    """Return the signature of a user of a file, who has given the password again.
+    """Return the signature of a user, who has entered the password again.
 
-    Raises `SigningError` if the role or the password is not right, or others must sign before.
+    Raises `SigningError` if the role is too low, the password is wrong, or another person must
+    sign first.
     """
     if user.role < least_role(meaning):
         raise SigningError(f'{user.name}: a {meaning} needs a {least_role(meaning).name.lower()}')
@@ -121,7 +122,7 @@ def default_users() -> Path:
 
 
 def account_name(given: str) -> str:
-    """Return the name of an account as a login gives it, in the one encoding of users."""
+    """Return the normalised name of an account from the name in a login form."""
     return unicodedata.normalize('NFC', given)[:64]
 
 
@@ -135,7 +136,7 @@ def check_name(name: str) -> str:
 
 
 def hash_password(name: str, password: str) -> str:
-    """Return the hash of a new password, or raise `UsersError` if it is too short or the name."""
+    """Return the hash of a new password, or raise `UsersError` if the password is not allowed."""
     if not SHORTEST <= len(password) <= LONGEST:
         raise UsersError(
             f'the password of {name} has {len(password)}: it must have {SHORTEST} to {LONGEST} '
@@ -204,7 +205,8 @@ def _older(path: Path) -> UsersFile:
 def write_users(path: Path, users: dict[str, User]) -> None:
     """Write a users file that only its owner may read.
 
-    Raises `OutputError` and keeps the previous file if the file cannot be written.
+    Raises `OutputError` if the file cannot be written, and `SettingsError` if the previous file is
+    not valid. The previous file is then kept.
     """
     known = _read(path) if path.exists() else UsersFile()
     try:
@@ -232,7 +234,7 @@ def changing_users(path: Path) -> Iterator[None]:
 def add_first_user(path: Path, name: str, password: str) -> User:
     """Write a users file with its first user, who is a technician.
 
-    Raises `UsersError` if there are users already, or name or password are not allowed,
+    Raises `UsersError` if there are users already, or if the name or password is not allowed,
     `SettingsError` if the file is not valid, and `OutputError` if it cannot be written.
     """
     user = User(check_name(name), Role.TECHNICIAN, hash_password(name, password))
@@ -244,10 +246,10 @@ def add_first_user(path: Path, name: str, password: str) -> User:
 
 
 def check_user(path: Path, name: str, *, exists: bool = True) -> str:
-    """Return the normalised name of a user who must be, or must not be, in a file of users.
+    """Check that a user exists, or does not exist, and return the normalised name.
 
-    Raises `UsersError` if the name is not valid or that is not so, and `SettingsError` if the file
-    is not valid.
+    Raises `UsersError` if the check fails or the name is not valid, and `SettingsError` if the
+    users file is not valid.
     """
     name = check_name(name)
     _of_change(path, name, exists=exists)
@@ -262,9 +264,9 @@ def _of_change(path: Path, name: str, *, exists: bool) -> dict[str, User]:
 
 
 def add_user(path: Path, name: str, role: Role, password: str) -> None:
-    """Add a user to a file, or raise an error as `check_user`, `hash_password` and `write_users`.
+    """Add a user to a users file, which is created if it does not exist.
 
-    The file is made if it does not exist.
+    Raises the errors of `check_user`, `hash_password` and `write_users`.
     """
     name = check_user(path, name, exists=False)
     user = User(name, role, hash_password(name, password))
@@ -273,7 +275,7 @@ def add_user(path: Path, name: str, role: Role, password: str) -> None:
 
 
 def change_user(path: Path, name: str, *, role: Role | None = None, password: str = '') -> None:
-    """Give a user of a file another role or password, or raise an error as `add_user`."""
+    """Change the role of a user, or the password if `role` is None. Raises as `add_user`."""
     name = check_user(path, name)
     hashed = hash_password(name, password) if role is None else ''
     with changing_users(path):
@@ -284,7 +286,7 @@ def change_user(path: Path, name: str, *, role: Role | None = None, password: st
 
 
 def remove_user(path: Path, name: str) -> None:
-    """Remove a user from a file, or raise an error as `add_user`."""
+    """Remove a user from a users file. Raises the errors of `check_user` and `write_users`."""
     name = check_user(path, name)
     with changing_users(path):
         users = _of_change(path, name, exists=True)
@@ -294,14 +296,14 @@ def remove_user(path: Path, name: str) -> None:
 
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
-    """Return the users of a file. The result is cached for the same `state` of the file."""
+    """Return the users of a file. The result is cached until `state` changes."""
     return read_users(path)
 
 
 class UserFile:
-    """The users of a file that may change while the page is served.
+    """Users of a file that may change while the page is served.
 
-    If the file cannot be read, it has no users, because they may have been removed.
+    If the file cannot be read, there are no users, because they may have been removed.
     """
 
     def __init__(self, path: Path) -> None:

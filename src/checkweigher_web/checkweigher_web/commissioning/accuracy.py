@@ -13,7 +13,7 @@ _CHOSEN = 'chosen: '
 
 
 class Matrix(NamedTuple):
-    """Table of the accuracy on held-out passes, and a line for each speed and the choice."""
+    """Table of the accuracy on held-out passes, with lines on the effect of the training."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, then by accuracy
@@ -21,7 +21,7 @@ class Matrix(NamedTuple):
 
 
 def matrix_of(lines: Sequence[str]) -> Matrix:
-    """Return the matrix of the lines of `accuracy_lines`, which has no rows without them."""
+    """Return the matrix for the lines of `accuracy_lines`. Without lines, it has no rows."""
     found: dict[str, dict[str, float]] = {}
     chosen, reason = '', ''
     for line in lines[1:]:
@@ -51,7 +51,7 @@ def _words(name: str) -> str:
 def _changes(
     found: dict[str, dict[str, float]], names: Sequence[str], chosen: str, reason: str
 ) -> tuple[str, ...]:
-    """Return a line for each speed with the accuracy now and after training, and the choice."""
+    """Return a line per speed with the accuracy now and after training, and one on the choice."""
     if not names:
         return ()
     best = names[0]

@@ -28,7 +28,7 @@ _PHASES = {
 
 
 class DynamicStep(Step):
-    """Dynamic setting, which continues when the page is left."""
+    """Step of the dynamic setting, which continues after the user leaves the page."""
 
     title = 'Dynamic'
     to_do = (
@@ -86,7 +86,7 @@ class DynamicStep(Step):
             self._show_table()
 
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
-        """Return the part that is done, or NaN, and a text on the state."""
+        """Return the fraction that is done, or NaN if nothing runs, and a text on the state."""
         if said.state == DynamicSetting.RECORDING:
             text = f'{said.passes} of {said.wanted} passes of {grams(said.mass, " g", 2)}'
             return said.passes / max(said.wanted, 1), f'{text}: let the product pass'
@@ -99,7 +99,7 @@ class DynamicStep(Step):
         return float(found.progress), f'{_PHASES.get(found.text, found.text)}{left}'
 
     async def _trained(self) -> list[str]:
-        """Return the accuracy of parameters that wait to be accepted, or []."""
+        """Return the accuracy of trained parameters that are not accepted yet, or []."""
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except ActionRefusedError:
@@ -114,7 +114,7 @@ class DynamicStep(Step):
             Table(heads).show(rows)
 
     def primary(self) -> Choice:
-        """Return the button for the next thing to do."""
+        """Return the button for the next action."""
         said = self.services.setting
         is_idle = said is not None and not self._works(said)
         if self._table:
@@ -124,7 +124,7 @@ class DynamicStep(Step):
         return Choice('Record passes', self._record, is_idle)
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the buttons for training, and for what runs or waits."""
+        """Return the buttons that end a running action, drop trained parameters, and train."""
         said = self.services.setting
         works = said is not None and self._works(said)
         has_passes = said is not None and bool(said.bags)
@@ -168,7 +168,7 @@ class DynamicStep(Step):
     async def _drop(self) -> None:
         async def drop() -> str:
             now = self.services.setting
-            if now is None or self._works(now):  # the service would end what another one began
+            if now is None or self._works(now):  # the service would also end it
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)
             return 'dropped: the line keeps what it has'

@@ -15,7 +15,7 @@ from checkweigher_web.work.dialogs import field, number_in
 
 
 class LimitsStep(Step):
-    """Limits of the gross mass."""
+    """Step that sets the limits of the gross mass."""
 
     title = 'Limits'
     to_do = (

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Page of the commissioning: the steps, the present load, and the panel of one step."""
+"""Commissioning page: the steps, the present load, and the panel of one step."""
 
 from collections.abc import Callable
 from functools import partial
@@ -19,16 +19,16 @@ from checkweigher_web.work.services import ActionRefusedError, LaneServices, Out
 
 _STYLE = STYLE.with_name('path.css')
 _PERIOD = 0.5  # s
-_AT_REST = 1e-4  # change of the load in kg within 1 s up to which it is at rest
-_MOVES = 100  # multiple of that at which the bar of the stability is empty
-_REST_BEATS = 2  # number of updates for which a button with a new label cannot be pressed
+_AT_REST = 1e-4  # largest change in kg within 1 s of a load at rest
+_MOVES = 100  # multiple of `_AT_REST` at which the stability bar is empty
+_REST_BEATS = 2  # number of updates, from that of a new label, until the button can be pressed
 
 
 class CommissioningPath:
-    """Page of one viewer.
+    """Commissioning page of one user.
 
-    The buttons stand at fixed places. If the label of a button changes, it cannot be pressed for a
-    second, so that a second click does not do what the first one made possible.
+    The buttons are at fixed places. If the label of a button changes, the button cannot be pressed
+    until the next update, so that a double click does not also perform the new action.
     """
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
@@ -108,7 +108,7 @@ class CommissioningPath:
 
 
 class _Tab:
-    """Step in the list of steps, with a tick or what is missing."""
+    """Entry of the step list, with a tick if the step is done, and a text on its state."""
 
     def __init__(self, number: int, kind: type[Step], choose: Callable[[], object]) -> None:
         self._button = ui.button(on_click=choose).props('flat no-caps').classes('tab')
@@ -126,7 +126,7 @@ class _Tab:
 
 
 class _Button:
-    """Button at a fixed place, whose function is that of the present choice."""
+    """Button at a fixed place that performs the present choice."""
 
     def __init__(
         self, look: str, clear: Callable[[], object], tell: Callable[[Outcome], object]
@@ -164,7 +164,7 @@ class _Button:
 
 
 def _steadiness(change: float) -> float:
-    """Return the length of the bar from 0 to 1 for the change of the load in kg within 1 s."""
+    """Return the length of the stability bar, 0 to 1, for a change of the load in kg within 1 s."""
     if math.isnan(change):
         return 0.0
     return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)

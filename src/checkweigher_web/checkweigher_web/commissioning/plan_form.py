@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Plan of a verification as values of a form. The plan stays a text, which experts edit."""
+"""Verification plan as values of a form. Experts can also edit the plan as text."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from checkweigher_validation.verification.steps import StepKind, steps_of
 
 
 class Field(NamedTuple):
-    """Field of the form: path of its key in the plan, label, unit, and choices if it has some."""
+    """Field of the form: path of its key in the plan, label, unit, and choices, if any."""
 
     path: tuple[str, ...]
     label: str
@@ -49,7 +49,7 @@ _OF_MASS = (
     ('serial', 'serial number', ''),
 )
 _NUMBERS = 'factor', 'passes'
-# Tests that a plan may leave out, by the keys of their sections.
+# Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
     'warm_up': 'Warm-up',
     'zero': 'Zero',
@@ -77,12 +77,12 @@ def fields_of(text: str) -> list[tuple[Field, str]]:
 
 
 def chosen_tests(text: str) -> set[str]:
-    """Return the keys of the tests that a plan has. Raises `ParameterError` as `fields_of`."""
+    """Return the keys of the tests in a plan. Raises `ParameterError` as `fields_of`."""
     return {key for key in TESTS if _sections(text).get(key)}
 
 
 def with_value(text: str, path: tuple[str, ...], value: str) -> str:
-    """Return the text of a plan with another value of a field; an empty value removes its key."""
+    """Return the text of a plan with a new value of a field. An empty value removes the key."""
     plan = section = _sections(text)
     for key in path[:-1]:
         section = section.setdefault(key, {})
@@ -96,8 +96,8 @@ def with_value(text: str, path: tuple[str, ...], value: str) -> str:
 def with_test(text: str, key: str, *, made: bool) -> str:
     """Return the text of a plan with or without a test.
 
-    A test that is added has the section of the example, with a reference mass and a speed of the
-    plan.
+    An added test is a copy of the test in the example plan, with a reference mass and a speed of
+    this plan.
     """
     plan = _sections(text)
     plan.pop(key, None)
@@ -109,7 +109,7 @@ def with_test(text: str, key: str, *, made: bool) -> str:
 
 
 def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
-    """Return a section of the example for the reference masses and speeds of another plan."""
+    """Return a section of the example plan with the reference masses and speed of another plan."""
     if isinstance(section, list):
         return [{**each, 'load': load} for each in section]
     own = {'load': load, 'loads': list(loads), 'speed_m_per_min': speed}
@@ -117,10 +117,10 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
 
 
 def summary(text: str, std_dev: float) -> tuple[str, list[tuple[str, ...]], list[str]]:
-    """Return a line on a plan, its steps as rows, and what cannot be decided.
+    """Return a summary of a plan, its steps as rows, and lines on the steps without a decision.
 
     `std_dev` is the standard deviation of a pass in kg, or 0 if it is not known. If the plan is not
-    valid, the line says why, and there are no rows.
+    valid, the summary is the error, and there are no rows.
     """
     try:
         plan = read_plan(text)
@@ -137,7 +137,7 @@ def summary(text: str, std_dev: float) -> tuple[str, list[tuple[str, ...]], list
 
 
 def _doubts(expected: Iterable[Expected]) -> Iterator[str]:
-    """Yield a line for the steps that cannot be decided for the same reason."""
+    """Yield a line for each reason why steps cannot be decided, with the names of the steps."""
     names: dict[str, list[str]] = {}
     for each in expected:
         if not each.is_decidable:
@@ -151,7 +151,7 @@ def _doubts(expected: Iterable[Expected]) -> Iterator[str]:
 
 
 def step_words(name: str) -> str:
-    """Return the name of a step of a verification in the words of the person who makes it."""
+    """Return the name of a verification step as plain text for the user."""
     kind, _, rest = name.partition('_')
     first, _, last = rest.partition('_')
     match kind, first:
@@ -189,14 +189,14 @@ def _value(plan: Mapping[str, Any], path: tuple[str, ...]) -> str:
 
 
 def _typed(key: str, value: str) -> Any:
-    """Return the value of a key as the plan has it: a list, a number or a text."""
+    """Return the value of a key in the type that the plan needs: a list, a number or a text."""
     if key == 'speeds_m_per_min':
         return [_number(each) for each in value.replace(';', ',').split(',') if each.strip()]
     return _number(value) if key.endswith('_g') or key in _NUMBERS else value.strip()
 
 
 def _number(value: str) -> float | int | str:
-    """Return a number, or the text if it is none, which the check of the plan then refuses."""
+    """Return a number, or an invalid number as text, which the check of the plan refuses."""
     try:
         number = float(value.strip().replace(',', '.'))
     except ValueError:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of the steps of a commissioning."""
+"""Table of the commissioning steps."""
 
 from checkweigher_web.commissioning.dynamic import DynamicStep
 from checkweigher_web.commissioning.limits import LimitsStep
@@ -9,5 +9,5 @@ from checkweigher_web.commissioning.step import Step
 from checkweigher_web.commissioning.verify import VerifyStep
 from checkweigher_web.commissioning.zero import ZeroStep
 
-# Steps in the order of the path.
+# Steps in the order of the page.
 STEPS: tuple[type[Step], ...] = (ZeroStep, StaticStep, DynamicStep, LimitsStep, VerifyStep)

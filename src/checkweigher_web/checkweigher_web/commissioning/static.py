@@ -16,7 +16,7 @@ from checkweigher_web.work.services import LoadRead
 
 
 class StaticStep(Step):
-    """Static calibration. The driver keeps the readings."""
+    """Step of the static calibration. The driver stores the readings."""
 
     title = 'Static'
     to_do = (
@@ -35,7 +35,7 @@ class StaticStep(Step):
         self._table = Table(('mass on the belt', 'read, as calibrated before', 'uncertainty'))
 
     def standing(self) -> Standing:
-        """Return whether a calibration was written, or how many loads were read."""
+        """Return whether a calibration was written, or the number of readings."""
         readings = self.services.readings
         if readings:
             return Standing(False, f'{len(readings)} read, not written yet')
@@ -43,7 +43,7 @@ class StaticStep(Step):
         return Standing(bool(done), done or 'not done since the page was started')
 
     async def update(self) -> None:
-        """Show the reading that is under way, and those before it."""
+        """Show the progress of a reading, and the finished readings."""
         said = self.services.feedback.get(ports.READ_LOAD)
         self._progress.set_text(
             ''
@@ -61,7 +61,7 @@ class StaticStep(Step):
         return Choice('Read the load', self._read, ports.READ_LOAD not in self.services.feedback)
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the buttons for the reading and for all readings."""
+        """Return the buttons that end a reading, drop all readings, and write the calibration."""
         reading, any_read = ports.READ_LOAD in self.services.feedback, bool(self.services.readings)
         return (
             Choice('End reading', self._end, reading),
@@ -85,7 +85,7 @@ class StaticStep(Step):
             found = LoadRead(
                 load, scale * (answer.reading - cell.zero_counts), abs(scale) * answer.std_error
             )
-            # The driver has dropped readings if it has fewer than the page knows.
+            # Drop the oldest readings if the driver has fewer readings than the page.
             del readings[: len(readings) + 1 - answer.points]
             readings.append(found)
             return f'{load}: {grams(found.mass, " g")}'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Base class of the steps of a commissioning."""
+"""Base class of the commissioning steps."""
 
 from abc import ABC, abstractmethod
 import asyncio
@@ -17,7 +17,7 @@ _POLL_PERIOD = 0.05  # s
 
 
 class Standing(NamedTuple):
-    """State of a step: whether it is done, and how, or what is missing."""
+    """State of a step: whether it is done, and a text on the result or on the missing parts."""
 
     is_done: bool
     text: str
@@ -32,10 +32,10 @@ class Choice(NamedTuple):
 
 
 class Step(ABC):
-    """Step of a commissioning, with a panel of its own.
+    """Commissioning step with its own panel.
 
-    The buttons are at fixed places. `title` is the name of the step, and `to_do` says what the
-    person does. `tell` shows an outcome, and `reason` returns the reason that the person gives.
+    `title` is the name of the step, and `to_do` the instruction to the user. `tell` shows an
+    outcome, and `reason` returns the reason that the user has entered.
     """
 
     title: ClassVar[str]
@@ -82,9 +82,9 @@ class Step(ABC):
         return outcome.done
 
     async def begin(self, what: str, action: Action, name: str) -> None:
-        """Begin the action `name`, which takes minutes and continues when the page is left.
+        """Begin the action `name`, which continues after the user leaves the page.
 
-        Returns when the action has begun or was refused.
+        Returns when the action has begun, ended or was refused.
         """
         task = background_tasks.create(self.perform(what, action))
         while not (task.done() or name in self.services.feedback):

@@ -34,7 +34,7 @@ from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
 _MANY = 10  # maximum number of verifications in the list
-_RECENT = 50  # number of the latest items whose standard deviation is expected of the passes
+_RECENT = 50  # number of latest items that predict the standard deviation of a pass
 _EXAMPLE = 'example'
 _STATES = {
     ProgressState.ASKING: 'Do this, then press "Make it": ',
@@ -45,7 +45,7 @@ _READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(
 
 
 class VerifyStep(Step):
-    """Verification, which continues when the page is left."""
+    """Step of the verification, which continues after the user leaves the page."""
 
     title = 'Verify'
     to_do = (
@@ -78,7 +78,7 @@ class VerifyStep(Step):
         self._show_text(EXAMPLE)
 
     def standing(self) -> Standing:
-        """Return the verdict of the last verification, or how far the present one is."""
+        """Return the verdict of the last verification, or the progress of a running one."""
         said = self.services.verification
         if said is None:
             return Standing(False, 'not available: the line was started without a folder')
@@ -107,7 +107,7 @@ class VerifyStep(Step):
         self._form.clear()
         try:
             fields, tests = fields_of(text), chosen_tests(text)
-        except ParameterError:  # the summary says what is wrong, and the expert mends it
+        except ParameterError:  # the summary shows the error, and the user can edit the text
             fields, tests = [], set()
         with self._form:
             for entry, value in fields:
@@ -148,7 +148,7 @@ class VerifyStep(Step):
         self._table.show(rows)
 
     def _std_dev(self) -> float:
-        """Return the median standard deviation in kg of the latest items, or 0 without items."""
+        """Return the median standard deviation in kg of the latest items, or 0 if none is known."""
         estimates = (item.estimate for item in self.lane.items()[:_RECENT])
         known = [each.std_dev for each in estimates if each and math.isfinite(each.std_dev)]
         return median(known) if known else 0.0
@@ -156,7 +156,7 @@ class VerifyStep(Step):
     # Procedure
 
     async def update(self) -> None:
-        """Show the progress of the procedure."""
+        """Show the progress of the verification."""
         said, before = self.services.verification, self._said
         if said is None or said is before:
             return
@@ -183,7 +183,7 @@ class VerifyStep(Step):
             list_reports(self.lane.name, VERIFICATION, _made(path.parent for path in made))
 
     def primary(self) -> Choice:
-        """Return the button that begins, or that makes the step that is asked for."""
+        """Return the button that begins the verification or makes the requested step."""
         said = self.services.verification
         if said is None or said.state is ProgressState.IDLE:
             return Choice('Begin', self._begin, said is not None)
@@ -191,7 +191,7 @@ class VerifyStep(Step):
         return Choice('Make it', make, said.state in _STATES)
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the other answers to a question, and the end of the procedure."""
+        """Return the buttons that break off the verification, skip a step, and go on."""
         state = self._said.state if self._said else ProgressState.IDLE
         skip = partial(self._answer, StepAnswer.SKIP, 'skip')
         leave = partial(self._answer, StepAnswer.GO_ON, 'go on after')
@@ -213,7 +213,7 @@ class VerifyStep(Step):
         await self.perform('break off verification', end)
 
     async def _answer(self, answer: StepAnswer, verb: str) -> None:
-        """Answer the question that the page shows. The verifier refuses an outdated answer."""
+        """Answer the question on the page. The verifier refuses an answer to an older question."""
         seen = self._said
         if seen is None or not seen.steps:
             return
@@ -240,7 +240,7 @@ def _state(said: VerificationProgress) -> str:
 
 
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:
-    """Yield the name of each verification with a report, and a text with the verdict."""
+    """Yield the name of each verification that has a report, and a text with its verdict."""
     for folder in folders:
         try:
             verdict = json.loads((folder / 'report.json').read_bytes())['verdict']

@@ -1,12 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of the nodes in the words of the person at the machine."""
+"""Plain texts for the messages of the nodes."""
 
 import re
 
 from checkweigher_web.work.actions import in_grams
 
-# Part of a message, as a regular expression, and what the person can do.
+# Texts for the user, by a regular expression that matches a part of the message.
 _TEXTS = {
     r'no load was read': 'Read the empty belt and a known mass first.',
     r'a load is being read': 'A load is being read: wait until that has ended.',
@@ -48,9 +48,9 @@ _TEXTS = {
 
 
 def in_words(text: str) -> str:
-    """Return a message of a node for the person, with masses in g.
+    """Return the text for a message of a node.
 
-    A message that is not known is shown as it is.
+    An unknown message is returned with its masses in g instead of kg.
     """
     known = (words for pattern, words in _TEXTS.items() if re.search(pattern, text))
     return next(known, in_grams(text))

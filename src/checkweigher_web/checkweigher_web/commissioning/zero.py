@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Zero: what the empty belt weighs."""
+"""Zero: reading of the empty belt."""
 
 from functools import partial
 
@@ -12,7 +12,7 @@ from checkweigher_web.work import actions
 
 
 class ZeroStep(Step):
-    """Zero of the empty belt."""
+    """Step that sets the zero of the empty belt."""
 
     title = 'Zero'
     to_do = (
@@ -24,11 +24,11 @@ class ZeroStep(Step):
         self._state = ui.label('').classes('state').props('role=status')
 
     async def update(self) -> None:
-        """Show when the zero was set."""
+        """Show the time and the value of the zero."""
         self._state.set_text(f'Zero: {self.standing().text}')
 
     def standing(self) -> Standing:
-        """Return when the zero was set, and to how many g from the zero of the calibration."""
+        """Return the time of the zero, and its offset from the zero of the calibration in g."""
         zero = self.lane.zero
         if zero is None:
             return Standing(False, 'not set yet')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of a simulated machine to practise on: the line from above, with faults to make."""
+"""View of a simulated machine, on which a technician makes faults to practise."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +27,7 @@ _TEXT = (
     'is taken back, or until the driver is started again. An empty field is as configured.'
 )
 _FARTHEST = 60  # largest displacement of an eye in mm
-# Numbers: parameter, label, unit, and factor from the parameter to the unit.
+# Fields for numbers: parameter, label, unit, and factor from the parameter to the unit.
 _NUMBERS = (
     ('speed', 'Belt speed', 'm/min', _PER_MINUTE),
     ('mass', 'Mass of each product', 'g', GRAMS),
@@ -59,7 +59,7 @@ class Practice:
 
 
 class PracticeView(View):
-    """The simulated machine from above, for technicians. A real machine does not have it."""
+    """Simulated machine from above, for technicians. The view is hidden for a real machine."""
 
     title = 'Practice: the simulated machine from above'
     columns = 2, 12
@@ -92,7 +92,7 @@ class PracticeView(View):
         return given
 
     def _state(self) -> object:
-        return self.lane.load_cell  # A driver that starts again has its settings as configured.
+        return self.lane.load_cell  # A restarted driver resets the settings.
 
     def _show(self) -> None:
         if self.look.practice is not None and is_simulated(self.lane):
@@ -143,7 +143,7 @@ class PracticeView(View):
         await self._change(**OperationParameters(put=self._now.put).as_mapping())
 
     async def _change(self, **values: Any) -> None:
-        """Set those values that differ from the present ones."""
+        """Set the values that differ from the present settings."""
         new = {name: value for name, value in values.items() if value != getattr(self._now, name)}
         if not new or self.look.practice is None:
             return
@@ -153,7 +153,7 @@ class PracticeView(View):
             outcome = Outcome(False, str(error))
         else:
             outcome = await self.look.practice.set(**new)
-        if outcome.done:  # Another change may have been made meanwhile.
+        if outcome.done:  # `_now` may have changed meanwhile.
             self._show_settings(replace(self._now, **{**new, 'kill': False}))
         self._tell(outcome)
 
@@ -162,7 +162,7 @@ class PracticeView(View):
 
 
 class _EyeControls:
-    """Controls of one photo-eye: its place, its lens and its cable."""
+    """Controls of the place, the lens and the cable of a photo-eye."""
 
     def __init__(self, name: str, change: Callable[..., Any]) -> None:
         self._name, self._change = name, change
@@ -196,14 +196,14 @@ def is_simulated(lane: Lane | Shift) -> bool:
     return lane.load_cell is not None and lane.load_cell.model == 'simulated'
 
 
-# The picture, in px: infeed belt, weigh belt and outfeed belt from left to right.
+# Sizes of the picture in px. The belts are infeed, weigh and outfeed belt from left to right.
 _WIDTH, _HEIGHT, _BEGIN, _END, _TOP, _BOTTOM = 480, 188, 170, 310, 74, 134
 _PRODUCT, _USUAL_GAP, _WIDEST_GAP = 40, 60, 300
-_SCALE = 1000.0  # px per m of a gap or of the displacement of an eye, drawn larger than it is
+_SCALE = 1000.0  # px per m of a gap or of the displacement of an eye, which are enlarged
 
 
 def picture(now: OperationParameters) -> str:
-    """Return the line from above as SVG, with products, load and eyes as they are set."""
+    """Return the line from above as SVG, with the products, load and eyes of the settings."""
     parts = [
         _box(begin, _TOP, end - begin - 4, _BOTTOM - _TOP, kind)
         for begin, end, kind in (
@@ -236,7 +236,7 @@ def picture(now: OperationParameters) -> str:
 
 
 def _eye(now: OperationParameters, name: str, place: float, anchor: str) -> str:
-    """Return the beam of an eye, with its state in words, from `anchor` on."""
+    """Return the beam of an eye as SVG, with its name and state as text."""
     dirty, dead = getattr(now, f'{name}_dirty'), getattr(now, f'{name}_dead')
     moved = getattr(now, f'{name}_place')
     x = place + _SCALE * moved

@@ -27,7 +27,7 @@ from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number_in, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 
-Keys = dict[str, Any]  # keys of a recipe as the recipe file gives them
+Keys = dict[str, Any]  # keys and values of a recipe in the recipe file
 
 _HEADS = 'product', 'nominal', 'limits', 'guard', 'length', 'speed'
 _TEXT = (
@@ -43,9 +43,9 @@ _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 
 @dataclass(frozen=True)
 class _Entry:
-    """Field of the form: its key in a recipe, its place in a list, label and unit.
+    """Field of the form: its key in a recipe, label, unit, and place in a list.
 
-    A number in the form is `factor` times that of the recipe.
+    A number in the form is `factor` times the number in the recipe.
     """
 
     key: str
@@ -53,7 +53,7 @@ class _Entry:
     unit: str
     factor: float
     place: int | None = None
-    words: tuple[str, ...] = ()  # values that are no numbers
+    words: tuple[str, ...] = ()  # allowed values that are not numbers
 
     def text(self, keys: Mapping[str, Any]) -> str:
         """Return the text of the field for a recipe."""
@@ -63,7 +63,7 @@ class _Entry:
         return value if isinstance(value, str) else '' if value is None else self.number(value)
 
     def number(self, value: float) -> str:
-        """Return the text for a number of the recipe."""
+        """Return the text of the field for a number in the recipe."""
         return f'{round(self.factor * value, 6):g}'
 
     def value(self, given: ui.input) -> float | str | None:
@@ -94,7 +94,7 @@ async def recipes(desk: Desk, services: LaneServices) -> None:
 
 
 class RecipesDialog(Dialog):
-    """Dialog with a table of recipes, and a form of the chosen one."""
+    """Dialog with a table of recipes, and a form for the chosen one."""
 
     def __init__(self, desk: Desk, path: Path) -> None:
         super().__init__('Recipes', wide=True)
@@ -210,7 +210,7 @@ class RecipesDialog(Dialog):
 
 
 def _done(change: partial[None], said: str) -> Action:
-    """Return the action that changes the recipe file, with a text on its outcome."""
+    """Return an action that calls `change` and returns the text `said`."""
 
     async def act() -> str:
         try:
@@ -240,7 +240,7 @@ def _put(keys: Keys, entry: _Entry, value: float | str | None) -> None:
 
 
 def row(name: str, keys: Keys) -> list[str]:
-    """Return a row of the table, with the key of the row and its class before the cells."""
+    """Return the row of a recipe for `ItemList`: key, name, no decision, and further cells."""
     text = {entry: entry.text(keys) for entry in _ENTRIES}
     nominal, _, lower, upper, guard, *ranges = _ENTRIES
     limits = f'{text[lower] or "–"} … {text[upper] or "–"}' if text[lower] or text[upper] else ''

@@ -122,7 +122,7 @@ class UsersDialog(Dialog):
 
 
 def _done(change: Callable[[], None], said: str) -> Action:
-    """Return the action that changes the file of the users, with a text on its outcome."""
+    """Return an action that calls `change` and returns a text on its outcome."""
 
     async def act() -> str:
         try:

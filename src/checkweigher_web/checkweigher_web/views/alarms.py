@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the alarms of a lane, with a picture of what broke."""
+"""View of the alarms of a lane, with the signal of a fault."""
 
 from collections.abc import Sequence
 import time
@@ -14,16 +14,16 @@ from checkweigher_web.views.signal import drawn
 from checkweigher_web.views.view import View
 from checkweigher_web.words import clock, said, when
 
-_FAULT = 'fault'  # source of the alarms of items
+_FAULT = 'fault'  # source of alarms that items raise
 _HEADS = 'order', 'alarm', 'first', 'last', 'times', 'state', 'what to check'
 Picture = tuple[str, str, tuple[str, ...]]  # text on an item, its figure as JSON, and its marks
 
 
 class AlarmsView(View):
-    """The alarms that last or that no user has acknowledged, in the order in which they came.
+    """Alarms in the order in which they came, the acknowledged ones and those that are over last.
 
-    The first of them is often the cause of the others. Below them is the signal of an item of the
-    first alarm of items.
+    The first alarm is often the cause of the others. Below the alarms is the signal of an item with
+    the first fault.
     """
 
     title = 'Alarms'
@@ -69,7 +69,7 @@ def in_order(alarms: Sequence[Alarm]) -> list[Alarm]:
 
 
 def rows(alarms: Sequence[Alarm], now: int) -> list[tuple[str, ...]]:
-    """Return a row for each alarm at time `now` in ns, or with `now` 0 for alarms that are over."""
+    """Return a row for each alarm at time `now` in ns, which is 0 for alarms that are over."""
     return [
         (
             'over' if not now else 'first' if place == 0 and not each.acknowledged_by else '',
@@ -96,9 +96,9 @@ def state_of(alarm: Alarm, now: int = 0) -> str:
 
 
 def picture_of(drawing: Drawing) -> Picture | None:
-    """Return the signal of an item of the first alarm of items, or None if there is none.
+    """Return the signal of an item with the first fault in the alarms, or None without a signal.
 
-    The picture is kept, because the lane soon drops its samples.
+    The signal is cached, because the lane soon drops its samples.
     """
     pictures: dict[tuple[str, int], Picture] = drawing.once('pictures', None, dict)
     alarms = [each for each in in_order(drawing.lane.alarms) if each.source == _FAULT]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Views of the control charts, for the means and standard deviations of subgroups of items."""
+"""Views of the control charts of the means and standard deviations of subgroups."""
 
 from typing import ClassVar
 
@@ -40,7 +40,7 @@ def control_figure(series: MassSeries, *, spread: bool) -> Options:
     """Return the figure of a control chart over time with its limits.
 
     The figure shows the standard deviations of the subgroups with `spread`, otherwise their means.
-    A symbol marks where a run of subgroups begins that break a rule, and the legend names the rule.
+    A symbol marks the first subgroup of each run that breaks a rule, and the legend names the rule.
     """
     masses, reference = ([GRAMS * m for m in each] for each in (series.masses, series.reference))
     chart = control_chart(masses, reference)

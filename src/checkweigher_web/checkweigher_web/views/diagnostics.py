@@ -11,7 +11,7 @@ from checkweigher_web.views.view import View
 
 
 class DiagnosticsView(View):
-    """The diagnostics of a lane that are not OK, each with a hint, the worst first."""
+    """Diagnostics of a lane that are not OK, each with a hint, the worst first."""
 
     title = 'Diagnostics'
     columns = 1, 5

@@ -21,16 +21,16 @@ _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
 _SURROUNDING = 10  # number of bins at each side of a line for the median
 _MAX_LINES = 6
-# Maximum relative differences of a line from the frequencies of the mains and of the platform.
+# Maximum relative difference of a line from a mains frequency, and from the platform frequency.
 _NEAR, _PLATFORM = 0.02, 0.15
-_FLOOR = 12.0  # maximum frequency in Hz of the vibrations of buildings
-_MAINS = (50.0, 60.0, 100.0, 120.0)  # frequencies in Hz of the mains and of its second harmonic
-_HIGHEST = 150.0  # maximum frequency in Hz of the vibrations of machines
+_FLOOR = 12.0  # highest frequency of building vibrations in Hz
+_MAINS = (50.0, 60.0, 100.0, 120.0)  # mains frequencies and their second harmonics in Hz
+_HIGHEST = 150.0  # highest frequency in the figure in Hz
 
 
 @dataclass(frozen=True, slots=True)
 class SpectralLine:
-    """A line of a spectrum."""
+    """Line of a spectrum."""
 
     frequency: float  # Hz
     amplitude: float  # kg
@@ -47,7 +47,7 @@ class Spectrum:
 
 
 class EmptyBeltView(View):
-    """The spectrum of the empty belt, and a table of its lines."""
+    """Spectrum of the empty belt, and a table of its lines."""
 
     title = 'Empty belt'
     columns = 1, 7

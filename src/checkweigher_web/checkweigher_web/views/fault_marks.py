@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Marks that explain a fault in a figure of its signal, each with a text and a time range."""
+"""Marks that explain a fault in the figure of its signal, each with a text and a time range."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 from checkweigher_web.lane import ShownItem
 from checkweigher_web.raw_signal import Stretch
 
-_BEFORE_RISE = 0.3  # duration in s of the empty belt with which a rise is compared
+_BEFORE_RISE = 0.3  # duration in s of the empty belt before a rise
 _GAP = 1.5  # longest time between two samples without a loss, in sample periods
-_FLICKER = 0.25  # shortest time of a product, relative to the longest time that an eye was blocked
+_FLICKER = 0.25  # shortest time between two edges, relative to the longest blockage of the eye
 _EYES = {Eye.INFEED: 'infeed eye', Eye.OUTFEED: 'outfeed eye'}
 # Edges of an item: the eye, and whether the item blocks it.
 EDGES = {
@@ -33,9 +33,9 @@ EDGES = {
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A text for the signal from `begin` to `end` in ns, or for a moment if both are equal.
+    """Text for the signal from `begin` to `end` in ns, or for a moment if both are equal.
 
-    `edge` is the name in `EDGES` of an edge that was expected there and is missing, or ''.
+    `edge` is the name in `EDGES` of a missing edge that was expected there, or ''.
     """
 
     text: str
@@ -45,7 +45,7 @@ class Mark:
 
 
 class Scene:
-    """The raw signal around an item, and its edges.
+    """Raw signal around an item, and its edges.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Scene:
         return self.force[(begin <= time) & (time <= end)]
 
     def mean(self, begin: int, end: int) -> float:
-        """Return the mean in kg of the signal from `begin` to `end` in ns, or NaN if empty."""
+        """Return the mean in kg from `begin` to `end` in ns, or NaN without samples."""
         force = self.between(begin, end)
         return float(np.mean(force)) if len(force) else math.nan
 
@@ -113,7 +113,7 @@ def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
 def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Return the rise of the load that the edges predict: time (n,) in ns and force (n,) in kg.
 
-    Returns None unless the item has the reason EDGE_MISMATCH.
+    Returns None without the reason EDGE_MISMATCH, or if edges or samples are missing.
     """
     rise, rest = scene.span('t1', 't2'), scene.span('t2', 't3')
     if Reason.EDGE_MISMATCH not in scene.reasons or rise is None or rest is None:
@@ -132,7 +132,7 @@ Finder = Callable[[Scene], Iterable[Mark]]
 def _over(
     first: str, last: str, describe: Callable[[Scene, int, int], str], scene: Scene
 ) -> Iterator[Mark]:
-    """Mark the time between two edges by the text of `describe`, unless the text is empty."""
+    """Mark the time between two edges with the text of `describe`, unless the text is empty."""
     span = scene.span(first, last)
     text = '' if span is None else describe(scene, *span)
     if span is not None and text:
@@ -185,7 +185,7 @@ def _two_products(scene: Scene) -> list[Mark]:
 
 
 def _neighbours(scene: Scene) -> Iterator[Mark]:
-    """Mark the time in which another product was on the belt as well."""
+    """Mark the time in which another product was also on the belt."""
     span = scene.span('t1', 't3')
     if span is None:
         return
@@ -270,7 +270,7 @@ def _sample(place: int, text: str, scene: Scene) -> list[Mark]:
 
 
 def _load(text: str, scene: Scene) -> Iterator[Mark]:
-    """Mark the time from t2 to t3 by a text with the mean load and the capacity in g."""
+    """Mark the time from t2 to t3. `text` is formatted with the mean load and capacity in g."""
 
     def describe(scene: Scene, begin: int, end: int) -> str:
         load, capacity = GRAMS * scene.mean(begin, end), GRAMS * scene.load_cell.capacity
@@ -328,7 +328,7 @@ def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 _LENGTH = partial(_over, 't1', 't2', _length)
 _SPEED = partial(_over, 't1', 't3', _speed)
-# Finders of the reasons that are visible in the signal.
+# Functions that find the marks of a reason, for the reasons that the signal shows.
 _FINDERS: dict[Reason, Finder] = {
     Reason.DISTANCE_FAULT: _two_products,
     Reason.MISSING_EDGE: _missing_edges,

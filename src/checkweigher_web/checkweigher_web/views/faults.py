@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the reasons of the faults in a recorded shift."""
+"""View of the fault reasons in a recorded shift."""
 
 from collections import Counter
 
@@ -12,7 +12,7 @@ from checkweigher_web.views.view import View
 
 
 class FaultsView(View):
-    """The reasons of the faults so far, each with a hint, the most frequent reason first."""
+    """Fault reasons so far, each with a hint, the most frequent reason first."""
 
     title = 'Faults'
     columns = 1, 7

@@ -23,9 +23,9 @@ from checkweigher_web.views.view import SLOW, View
 from checkweigher_web.words import when
 
 _INTERVALS = 60
-_SHORTEST = 10 * NANOSECONDS  # of an interval, in ns
-_MANY, _RARELY = 1000, 10  # items above which the figure is drawn only every so many s
-_TICK = NANOSECONDS // 2  # ticks of accepted items that are closer, in ns, are one
+_SHORTEST = 10 * NANOSECONDS  # shortest interval in ns
+_MANY, _RARELY = 1000, 10  # number of items from which the figure is drawn every `_RARELY` s
+_TICK = NANOSECONDS // 2  # width in ns of the time bins with one tick for accepted items
 # Heights of the charts in px.
 _HEIGHTS = {
     'items': 34,
@@ -38,9 +38,9 @@ _HEIGHTS = {
 
 
 class HourView(View):
-    """A tick for each item, above charts with the same time axis.
+    """Ticks for the items, above charts with the same time axis.
 
-    The part of the axis that a viewer selects is the part that the other views show.
+    The other views show only the part of the time axis that the viewer has selected.
     """
 
     title = 'Over time'
@@ -118,7 +118,7 @@ def _draw(drawing: Drawing, *, live: bool) -> Options:
         return charts.nothing('waiting for items')
     end = time.time_ns() if live else int(history.stamps.max()) + 1
     if live and not 0 <= end - history.stamps[-1] < HOUR:
-        end = int(history.stamps[-1]) + 1  # The stamps are of another clock, or the line stands.
+        end = int(history.stamps[-1]) + 1  # The source has another clock, or the line stands.
     begin = max(int(history.stamps.min()), end - HOUR) if live else int(history.stamps.min())
     return hour_figure(history, drawing.lane.alarms, _read_empty_belts(drawing), begin, end)
 
@@ -132,8 +132,8 @@ def hour_figure(
 ) -> Options:
     """Return the figure of a history from `begin` to `end` in ns.
 
-    `readings` has the readings of the empty belt in g before items with a zero out of range, by the
-    stamp of the item.
+    `readings` maps the stamp of each item with a zero out of range to the reading of the empty belt
+    before the item, in g.
     """
     count = min(_INTERVALS, max(2, (end - begin) // _SHORTEST))
     means = intervals(history, begin, end, count)
@@ -149,7 +149,7 @@ def hour_figure(
             *_events('change', history.changes, 'diamond', INK),
         ],
     }
-    # A recording has neither noise nor alarms.
+    # Omit rows without data, because a recording has neither noise nor alarms.
     shown = {name: own for name, own in rows.items() if any(each['data'] for each in own)}
     heights = {name: _HEIGHTS[name] for name in shown}
     ends = charts.local_times([begin - NANOSECONDS, end + NANOSECONDS])
@@ -157,7 +157,7 @@ def hour_figure(
 
 
 def _ticks(history: History) -> list[Options]:
-    """Return a tick for each item, in colour for the rejected ones."""
+    """Return the ticks of the items, which are coloured for rejected items."""
     series = []
     for name, decisions, color, width in (
         ('ACCEPT', (Decision.ACCEPT,), MUTED, 1),
@@ -212,7 +212,7 @@ def _events(name: str, events: Sequence[tuple[int, str]], symbol: str, color: st
 def _read_empty_belts(drawing: Drawing) -> dict[int, float]:
     """Return the reading of the empty belt in g before each item with a zero out of range.
 
-    The readings are NaN without samples of the empty belt. All viewers share the readings, because
+    A reading is NaN if the samples of the empty belt are missing. The readings are cached, because
     the lane soon drops its samples.
     """
     readings: dict[Key, float] = drawing.once('readings', None, dict)

@@ -20,8 +20,8 @@ from checkweigher_web.views.masses import limits_of
 from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import grams, when, why
 
-_DOTS = 20  # items on the scale
-_ROOM = 0.12  # margin of the scale beside the limits, as a fraction of their range
+_DOTS = 20  # maximum number of items on the scale
+_ROOM = 0.12  # margins of the scale outside the limits, as a fraction of their range
 _NARROWEST = 300  # width in px of the scale on a phone
 _WEIGHS = ('driver', *STAGES)
 # Texts for the states of the driver in which the lane does not weigh.
@@ -33,7 +33,7 @@ ENDED = {
 
 
 class ItemView(View):
-    """Mass and verdict of the latest item on a scale, grey while the lane does not weigh."""
+    """Mass and verdict of the latest item with a scale, grey while the lane does not weigh."""
 
     title = 'Item'
     columns = 2, 12
@@ -52,7 +52,7 @@ class ItemView(View):
 
     def _show(self) -> None:
         still, stop = standstill(self.look.nodes()), self.lane.stop
-        live = self.look.board is not None  # A recorded shift has no other present than the choice.
+        live = self.look.board is not None  # A recorded shift shows the chosen item instead.
         item = self.drawing.latest() if live else self.look.item()
         self._stop.set_visibility(stop is not None)
         self._request.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
@@ -72,7 +72,7 @@ class ItemView(View):
 def reading(
     item: ShownItem, items: Sequence[ShownItem], statistics: Statistics | None
 ) -> dict[str, object]:
-    """Return the reading of an item, with a scale that also shows the latest of `items`."""
+    """Return the reading of an item, with a scale that also shows the first of `items`."""
     verdict = item.verdict
     return {
         'decision': verdict.decision.name,
@@ -86,7 +86,7 @@ def reading(
 def _scale(
     verdict: Verdict, latest: Sequence[Verdict], statistics: Statistics | None
 ) -> dict[str, object] | None:
-    """Return a scale with the limits and masses as positions from 0 to 1, or None without any."""
+    """Return a scale with limits and masses as positions from 0 to 1, or None without them."""
     of = verdict.product, verdict.batch
     limits = limits_of(*of, verdict, statistics)
     weighed = [each for each in latest if math.isfinite(each.mass)]
@@ -119,7 +119,7 @@ class _Ruler:
 
 
 def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
-    """Return the scale for limits in g, or for masses in g as well without two limits."""
+    """Return the scale for two limits in g, otherwise for the limits and masses in g."""
     places = limits if len(limits) > 1 else [*limits, *masses]
     if not places:
         return None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the list of items, in which a viewer chooses the item whose signal is shown."""
+"""View of the item list, in which a viewer chooses the item whose signal is shown."""
 
 from nicegui import json, ui
 
@@ -15,7 +15,7 @@ _HEADS = 'item', 'time', 'gross, g', '± g', 'reference g', 'verdict'
 
 
 class ItemListView(View):
-    """The latest items, or only the faults."""
+    """Latest items, or only the faults."""
 
     title = 'Items'
     columns = 1, 5

@@ -14,11 +14,11 @@ from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.views.view import FigureView, Look
 
 _BINS = 25
-_NARROWEST = 0.01  # narrowest range of all bins, in g
+_NARROWEST = 0.01  # minimum total width of the bins in g
 
 
 class MassesView(FigureView):
-    """Histogram of the masses in this batch, with the limits."""
+    """Histogram of the accepted masses in this batch, with the limits."""
 
     title = 'Masses of the accepted items'
     label = 'histogram of the masses'
@@ -58,7 +58,7 @@ def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics
 
 
 def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.float64]:
-    """Return the bounds of the bins in g. A limit is a bound, so that no bin lies on both sides."""
+    """Return the bounds of the bins in g. Each limit is a bound, so that no bin contains it."""
     count = min(_BINS, max(5, len(masses) // 4))
     width = max(float(np.ptp(masses)), _NARROWEST) / count
     own = (latest.lower_limit, latest.upper_limit) if latest else ()
@@ -74,10 +74,10 @@ def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.f
 def limits_of(
     product: str, batch: str, latest: Verdict | None, statistics: Statistics | None
 ) -> dict[str, float]:
-    """Return the gross limits in g of items by name, in increasing order.
+    """Return the gross limits in g by name, in increasing order.
 
     The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are included if the
-    statistics are those of the product and the batch. Equal limits have one name.
+    statistics are those of the product and the batch. Equal limits share one entry.
     """
     known: dict[str, float] = {}
     if statistics is not None and (statistics.product, statistics.batch) == (product, batch):

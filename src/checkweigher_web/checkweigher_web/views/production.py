@@ -17,8 +17,8 @@ from checkweigher_web.views.view import View
 from checkweigher_web.words import grams, number
 
 _INTERVALS, _MINUTE = 60, 60 * NANOSECONDS
-_FULL = 2.0  # of the bar of a rule that is broken
-Rule = tuple[str, str, float | None]  # name, state, and the fraction of what is allowed
+_FULL = 2.0  # used fraction of a broken rule without a margin
+Rule = tuple[str, str, float | None]  # name, state, and the used fraction of the margin
 
 
 class ProductionView(View):
@@ -44,7 +44,7 @@ class ProductionView(View):
         known, item = self.lane.statistics, self.drawing.latest()
         history = self.lane.history()
         last = int(history.stamps[-1]) if len(history.stamps) else 0
-        # The rate of a line on which nothing passes is 0. Stamps of a recording are not of now.
+        # On a running line the last minute ends now, so that the rate falls to 0 if nothing passes.
         now = time.time_ns() if live and 0 <= time.time_ns() - last < HOUR else last
         rules = batch_rules(known, None if item is None else item.verdict)
         return json.dumps({'figures': figures(history, known, now), 'rules': rules})
@@ -53,15 +53,15 @@ class ProductionView(View):
 def figures(history: History, known: Statistics | None, now: int) -> list[tuple[str, str, str]]:
     """Return the main figures, each with its name, its text, and the points of its course.
 
-    The course has a point for each interval of the last hour before `now` in ns. Points are
-    given as by SVG, in a frame of 100 by 30.
+    The course has a point for each interval of the last hour before `now` in ns. The points are
+    in SVG format, in a frame of 100 by 30.
     """
     since = int(history.stamps[0]) if len(history.stamps) else now
     length = min(max(now - since, _MINUTE), HOUR)
     course = intervals(history, now - length, now, min(_INTERVALS, 6 * length // _MINUTE))
     passed = np.count_nonzero((now - _MINUTE < history.stamps) & (history.stamps <= now))
     target = math.nan if known is None else GRAMS * (known.nominal + known.tare)
-    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # The first minute is not over yet.
+    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # The first minute may not be over yet.
     giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
     rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan
     return [
@@ -112,13 +112,13 @@ def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[
 def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[Rule]:
     """Return the packers' rules for the present batch, each with its present state.
 
-    The statistics in `known` have the rules of the recipe, and the `latest` verdict has the counts
-    on which the rules depend.
+    The statistics in `known` contain the rules of the recipe, and the `latest` verdict contains the
+    counts on which the rules depend.
     """
     if known is None or not math.isfinite(known.nominal):
         return []
     tally = BatchTally() if latest is None else BatchTally.of(latest)
-    if tally.key != (known.product, known.batch):  # No item of this batch has passed yet.
+    if tally.key != (known.product, known.batch):  # Begin at 0 before the first item of this batch.
         tally = BatchTally(known.product, known.batch)
     none_below = f'{_kept(not known.below_tu2)}{known.below_tu2} accepted'
     return [
@@ -134,7 +134,7 @@ def _mean_rule(known: Statistics, tally: BatchTally) -> tuple[str, float | None]
     if not tally.accepted:
         return 'nothing accepted yet', None
     mean = known.nominal + tally.surplus / tally.accepted
-    # Nothing is left at the nominal mass, and all where the mean is above it by what TU1 is below.
+    # The margin is used up at the nominal mass, and full if the mean exceeds it by nominal - TU1.
     used = max(1.0 - (mean - known.nominal) / (known.nominal - known.tu1), 0.0)
     return (
         f'{_kept(mean >= known.nominal * (1 - ROUNDING))}{grams(mean)} g of '

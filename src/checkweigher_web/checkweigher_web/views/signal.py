@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the signal of an item. For a fault, this is the raw signal with marks."""
+"""View of the signal of an item. For a fault, it shows the raw signal with marks."""
 
 from collections.abc import Sequence
 import math
@@ -20,7 +20,7 @@ from checkweigher_web.views.view import FAST, View
 from checkweigher_web.words import said, when, why
 
 _ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour and row of each eye
-_BEFORE, _POINTS = 20, 60  # items below the signal, and points of each of them
+_BEFORE, _POINTS = 20, 60  # earlier items behind the signal, and points of each item
 _DETAIL = 110  # height in px of the figure of the plateau
 _LEAD = 0.5  # time before t1 that is shown, as a fraction of t3 - t1
 
@@ -29,7 +29,7 @@ Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both 
 
 
 class SignalView(View):
-    """The signal of the chosen item, or of the latest one, over those of the items before it."""
+    """Signal of the chosen or latest item, drawn over the signals of the items before it."""
 
     title = 'Signal'
     columns = 1, 7
@@ -81,7 +81,7 @@ def signal_chart(
 ) -> tuple[Options, list[Mark]]:
     """Return the figure of an item: its window, or the raw signal around a fault with marks.
 
-    A window is drawn over those of the items `before` it.
+    A window is drawn over the windows of earlier items in `before`.
     """
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell)
@@ -139,7 +139,7 @@ def _times(window: WeighWindow) -> NDArray[np.float64]:
 
 
 def _overlaid(windows: Sequence[WeighWindow]) -> list[Options]:
-    """Return the raw signals of windows, one over the other, as one series with few points."""
+    """Return the overlaid raw signals of windows as one series with few points."""
     points: list[list[float | None]] = []
     for window in windows:
         step = max(1, len(window.counts) // _POINTS)
@@ -153,7 +153,7 @@ def _overlaid(windows: Sequence[WeighWindow]) -> list[Options]:
 
 
 def _add_detail(figure: Options, detail: Sequence[Options]) -> None:
-    """Add the plateau below a figure, on a scale of its own."""
+    """Add a chart of the plateau below a figure, with its own scale."""
     hidden = {'axisLabel': {'showMinLabel': False, 'showMaxLabel': False}}
     x_axis = {'type': 'value', 'min': 'dataMin', 'max': 'dataMax', 'gridIndex': 1} | hidden
     x_axis |= {'name': 'plateau, ms after t1', 'nameLocation': 'middle', 'nameGap': 25}
@@ -223,9 +223,9 @@ def _add_rows_of_eyes(figure: Options, shown: tuple[float, float], name: str) ->
 def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_seen: bool) -> Bars:
     """Return a bar for each time in which an eye was blocked.
 
-    The `edges` are in order of time and include missing ones. The position of the bars on the y
+    The `edges` are in order of time and include missing edges. The position of the bars on the y
     axis is `row`. The time axis covers the range `shown` in ms. `was_seen` says whether the eye
-    detected the start of a bar at the left end.
+    detected the start of a bar that begins at the left end.
     """
     bars: Bars = {True: [], False: []}
     since = (shown[0], was_seen) if edges and not edges[0][1] else None

@@ -31,10 +31,10 @@ class Look:
     """State of one viewer of a lane.
 
     `board` is None for a recorded shift. `keep` is None if the viewer may not keep items. `work`
-    has the functions that open the dialogs of the actions that the viewer may do, by their labels.
-    `practice` is the access to a simulated machine, or None if the viewer may not change it.
+    maps the label of each allowed action to a function that opens its dialog. `practice` is the
+    access to a simulated machine, or None if the viewer may not change it.
     `chosen` is the key of the item that the viewer has chosen, or '' for the latest item.
-    `span` is the part of the time axis that the viewer has selected, or None for all of it.
+    `span` is the selected part of the time axis, or None for the whole axis.
     """
 
     drawing: Drawing
@@ -75,7 +75,8 @@ class Look:
     def move(self, step: float, *, faults: bool) -> bool:
         """Choose another item, or another fault, and return whether there is one.
 
-        `step` is the distance from the present item, which is positive for later items.
+        `step` is positive for a later item and negative for an earlier one. An infinite step leads
+        to the last or first item.
         """
         items = self.items()[::-1]
         keys = [row_key(item) for item in items]
@@ -108,7 +109,7 @@ class Look:
 
 
 class View(ABC):
-    """A panel on the page of a lane.
+    """Panel on the page of a lane.
 
     A view shows the present state, so a slow browser skips items and never delays the line.
 
@@ -145,7 +146,7 @@ class View(ABC):
             self._show()
 
     def _state(self) -> object:
-        """Return a value that differs from the previous one if the view must be updated."""
+        """Return a value that changes if the view must be updated."""
         return self.lane.version, self.look.chosen, self.look.only_faults, self.look.span
 
     @abstractmethod
@@ -164,7 +165,7 @@ class FigureView(View):
 
     @classmethod
     def figure(cls, look: Look) -> str:
-        """Return the figure as JSON, which is drawn again for a new item, product or batch."""
+        """Return the figure as JSON. It is drawn again for a new item, product or batch."""
         if look.span is not None:
             return json.dumps(cls._draw(look))
         state = look.drawing.of_items()

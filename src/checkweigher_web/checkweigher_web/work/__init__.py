@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Work on a machine from the page, by the services of its nodes."""
+"""Actions on a machine from the page, through the services of its nodes."""

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Actions of operators and technicians on a lane. Each returns its outcome as a text."""
+"""Actions of operators and technicians on a lane, and readers of its settings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
-_MANAGED = 'reject', 'driver'  # in the order in which they start
+_MANAGED = 'reject', 'driver'  # nodes in the order of their activation
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
 _STEPS = {
     State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
@@ -33,7 +33,7 @@ _STEPS = {
 
 @dataclass(frozen=True)
 class MassLimits:
-    """Limits of the reject node in kg. An infinite value is no limit."""
+    """Limits of the reject node in kg. An infinite value means no limit."""
 
     lower: float
     upper: float
@@ -95,7 +95,7 @@ async def stop(services: LaneServices) -> str:
 
 
 async def start(services: LaneServices) -> str:
-    """Start weighing by activating the nodes `reject` and `driver` from any state."""
+    """Start weighing by activating the nodes `reject` and `driver`, configured first if needed."""
     for node in _MANAGED:
         for _ in _STEPS:
             state = (await services.call(f'{node}/get_state')).current_state.id
@@ -122,7 +122,7 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits, or neither."""
-    if wanted.lower > wanted.upper:  # The message of the node would be in kg.
+    if wanted.lower > wanted.upper:  # The node would refuse this with a message in kg.
         raise ActionRefusedError(
             f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
             f'{_grams(wanted.upper)}'
@@ -170,7 +170,7 @@ def _grams(limit: float) -> str:
 
 
 def in_grams(text: str) -> str:
-    """Return a text with the masses that it gives in kg as grams."""
+    """Return a text with its masses in kg converted to g."""
     # Adding zero turns -0.0 into 0.0.
     return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""State, seals and latest entries of an audit log, in the words of the page."""
+"""State, seals and latest entries of an audit log as texts for the page."""
 
 import asyncio
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ class AuditView:
     whole: bool
     conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
     seals_hold: bool | None = None  # None if the seals were not verified
-    seals: str = ''  # state of the seals, '' if the conclusion contains it
+    seals: str = ''  # state of the seals, or '' if the conclusion contains it
     count: str = ''  # text on the number of entries
-    rows: tuple[tuple[str, ...], ...] = ()  # row per entry with cells as HEADS, newest first
+    rows: tuple[tuple[str, ...], ...] = ()  # a row per entry with the cells of HEADS, newest first
 
 
 class Auditor:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Buttons and menu for the work on a lane that the role of the user allows."""
+"""Buttons and menu for the actions on a lane that the role of the user allows."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -38,7 +38,7 @@ _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
 def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
-    """Return the functions that open the dialogs which the role of the user allows, by label."""
+    """Return functions that open the dialogs that the role of the user allows, by label."""
     return {
         label: partial(_open, desk, label, role, begin)
         for label, role, begin in _ACTIONS
@@ -47,14 +47,14 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 
 def work_bar(look: Look) -> None:
-    """Show a button for each of the main actions: Start or Stop by the state of the lane."""
+    """Show a button for each main action, with Start or Stop depending on the lane."""
     with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
         buttons = {label: ui.button(label, on_click=look.work[label]) for label in _MAIN}
     for button in buttons.values():
         button.props('outline')
 
     def update() -> None:
-        stands = standstill(look.nodes())  # A lane that is silent or unknown may have both.
+        stands = standstill(look.nodes())  # A silent or unknown lane shows both.
         buttons['Start'].set_visibility(bool(stands))
         buttons['Stop'].set_visibility(stands not in ENDED.values())
 
@@ -137,7 +137,7 @@ _Act = Callable[[LaneServices], Awaitable[str]]
 
 
 def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
-    """Return a function that opens a dialog which asks for confirmation of an action."""
+    """Return a function that opens a dialog to confirm an action."""
 
     async def begin(desk: Desk, services: LaneServices) -> None:
         ask(desk, verb, text, verb, lambda: (what, partial(act, services)))
@@ -158,7 +158,7 @@ async def _commission(desk: Desk, services: LaneServices) -> None:
 
 
 _SIMULATED = 'Simulated machine'
-_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # actions with a button; others: the menu
+_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # others are in the menu
 # Label, lowest role and function of each dialog. A new dialog is a function and a row here.
 _ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
     ('Product', Role.OPERATOR, _product),

@@ -22,13 +22,13 @@ from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-# Numbers in which the comma may separate thousands or be the decimal mark.
+# Numbers in which the comma may be a thousands separator or a decimal mark.
 _THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')
 Action = Callable[[], Awaitable[str]]
 
 
 class Desk:
-    """Access of the user of a browser to a lane.
+    """Access of one user to a lane.
 
     `services` returns the services of the lane, and `auditor` reads its audit log.
     """
@@ -60,7 +60,7 @@ class Desk:
         return '' if session is None else session.user.name
 
     async def begin(self) -> LaneServices:
-        """Return the services of the lane, and note whether its product asks for a reason."""
+        """Return the services of the lane, and update `needs_reason`."""
         services = await self.services()
         try:
             known = await actions.products(services)
@@ -85,9 +85,10 @@ class Desk:
         return outcome
 
     async def sign(self, what: Signable, meaning: str, password: str) -> Signature:
-        """Return the signature of the user, who has given the password again.
+        """Return the signature of the user, who has entered the password again.
 
-        Raises `ActionRefusedError` if the user may not sign. Wrong passwords wait as at the login.
+        Raises `ActionRefusedError` if the user may not sign. After wrong passwords, the user must
+        wait as at the login.
         """
         session, throttle = self._access.session_of(self._client), self._access.throttle
         if session is None:
@@ -107,7 +108,7 @@ class Desk:
 
 
 class Dialog:
-    """A dialog with a title, a body for the fields of the caller, a line for results, and buttons.
+    """Dialog with a title, a body for the fields of the caller, a line for results, and buttons.
 
     A `wide` dialog has room for a table.
     """
@@ -126,7 +127,7 @@ class Dialog:
         self._dialog.open()
 
     def button(self, text: str, click: Callable[[], Awaitable[object]]) -> ui.button:
-        """Add a button that calls `click`, and that shows the reason if the action is refused."""
+        """Add a button that calls `click`, and shows the reason if the action is refused."""
 
         async def work() -> None:
             button.props('loading')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of small bags, each with an item of a running line."""
+"""Writer of small bags, each with one item of a running line."""
 
 import asyncio
 from datetime import UTC, datetime
@@ -20,7 +20,7 @@ _ELSE = 'record the line, and cut the item out with checkweigher keep'
 
 
 class Keeper:
-    """Writer of items to a folder. One item is written at a time, because it is weighed again."""
+    """Writer of items to a folder, which weighs each item again and writes one at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -31,9 +31,9 @@ class Keeper:
     ) -> str:
         """Write an item with the samples on which its mass depends, and return a text on the bag.
 
-        The recording has the samples and edges that the page holds, or is None without samples.
-        `parameters` has the present parameters of the lane. Raises `ActionRefusedError` if the
-        recording is too short for the item, or if the bag cannot be written.
+        The recording contains the samples and edges on the page, or is None without samples.
+        `parameters` are the present parameters of the lane. Raises `ActionRefusedError` if the
+        item cannot be weighed from the recording, or if the bag cannot be written.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches and verifications, with links to them on the page."""
+"""Links to the reports on batches and verifications."""
 
 import asyncio
 from collections.abc import Iterable
@@ -52,7 +52,7 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports. A report is given by its name in the address and by a text."""
+    """Show links to reports, which are given as names in the address and texts."""
     for name, text in reports:
         with ui.element('li'):
             ui.label(f'{text}: ')

@@ -73,7 +73,7 @@ _FOLLOWED = {
 
 
 class ActionRefusedError(Exception):
-    """An action that was refused. The message has the reason."""
+    """Raised if an action is refused. The message is the reason."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,9 @@ class Outcome:
 
 
 class LoadRead(NamedTuple):
-    """Reading of a load at rest in kg, by the calibration before, with its standard uncertainty."""
+    """Reading of a load at rest and its standard uncertainty in kg, by the previous calibration."""
 
-    load: str  # what is on the belt, for the user
+    load: str  # text on the load for the user
     mass: float
     uncertainty: float
 
@@ -105,12 +105,12 @@ ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=Non
 
 
 class LaneServices(PortNode):
-    """Clients of the services of a lane, for the thread of the page.
+    """Clients of the services of a lane, for the page thread.
 
     Attributes
     ----------
     feedback : dict of str to message
-        Latest feedback of each action that the page has begun, while it runs.
+        Latest feedback of each running action that the page has begun.
     readings : list of LoadRead
         Readings of loads for a calibration.
     calibrated : str
@@ -156,20 +156,20 @@ class LaneServices(PortNode):
         return answer
 
     async def message(self, name: str, **values: Any) -> str:
-        """Return the message in the answer of a service, which is called as by `call`."""
+        """Call a service as `call` does, and return the message in its answer."""
         return str((await self.call(name, **values)).message)
 
     async def do(self, name: str, *, may_end: bool = False, **values: Any) -> Any:
-        """Return the result of an action when it has ended.
+        """Perform an action, and return its result.
 
-        `values` are the fields of the goal. Raises `ActionRefusedError` if it does not succeed.
-        With `may_end`, a goal that was cancelled has a result, too.
+        `values` are the fields of the goal. Raises `ActionRefusedError` if the goal does not
+        succeed. With `may_end`, a cancelled goal also returns a result.
         """
         client, node = self._action_clients[name]
         kind = ports.interface(next(each.kind for each in ACTIONS if each.name == name))
         await _ready(client.server_is_ready, node)
         assert self.executor is not None
-        # The executor sends the goal, so that it cannot receive the answer before that is noted.
+        # The executor sends the goal, so that rclpy registers it before an answer can arrive.
         goal = self.executor.create_task(self._follow, client, name, kind, values)
         try:
             answer = await self._awaited(goal, client.server_is_ready, node, math.inf)
@@ -184,7 +184,7 @@ class LaneServices(PortNode):
     async def _follow(
         self, client: ActionClient, name: str, kind: Any, values: dict[str, Any]
     ) -> Any:
-        """Send a goal, keep its feedback, and return its end, or None if it is not accepted."""
+        """Send a goal, store its feedback, and return its result, or None if it is not accepted."""
 
         def keep(message: Any) -> None:
             self.feedback[name] = message.feedback
@@ -198,7 +198,7 @@ class LaneServices(PortNode):
             self.feedback.pop(name, None)
 
     async def cancel(self, name: str) -> str:
-        """Cancel all goals of an action, and return a text on that."""
+        """Cancel all goals of an action, and return a text for the user."""
         await self.call(f'{name}/_action/cancel_goal')
         return 'it ends'
 
@@ -219,7 +219,7 @@ class LaneServices(PortNode):
     async def _awaited(
         self, future: Future, is_ready: Callable[[], bool], node: str, patience: float
     ) -> Any:
-        """Return the result of a future of rclpy while its server, a node, is ready."""
+        """Return the result of a future, or raise `ActionRefusedError` if it does not come."""
         loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
         future.add_done_callback(lambda _: loop.call_soon_threadsafe(came.set))
         while True:
@@ -238,8 +238,8 @@ class LaneServices(PortNode):
         """Perform an action for a user, with entries in the audit log before and after it.
 
         `action` returns a text on its outcome, or raises `ActionRefusedError`. Any other error is
-        logged, and is part of the outcome. A lane that never had an audit log gets no entries. If
-        an existing audit log cannot be written, the action is not performed.
+        logged, and is part of the outcome. A lane without an audit log gets no entries. If an
+        existing audit log cannot be written, the action is not performed.
         """
         acting = person, reason
         why = f'; reason: {reason}' if reason else ''
@@ -278,10 +278,10 @@ class LaneServices(PortNode):
     async def _note(
         self, acting: tuple[Person, str], text: str | None = None, services: Sequence[str] = ()
     ) -> None:
-        """Write an entry on a user to the audit log, or announce calls of services without a text.
+        """Write an entry on a user to the audit log, or announce service calls if `text` is None.
 
-        The node of the audit log attributes changes by the announced services to the user. An
-        announcement without services ends the earlier ones.
+        The node of the audit log attributes the changes that the announced services make to the
+        user. An announcement without services ends the earlier announcements.
         """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
         if not self._has_log:

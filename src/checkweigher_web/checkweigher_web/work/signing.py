@@ -58,7 +58,7 @@ async def sign_records(desk: Desk, services: LaneServices) -> None:
 
 
 async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, password: str) -> str:
-    """Sign and return a text on the signature."""
+    """Sign a record, and return a text on the signature."""
     try:
         what = await asyncio.to_thread(find)
     except (OSError, ValueError) as error:
@@ -69,9 +69,10 @@ async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, pa
 
 
 def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
-    """Return title and reader of what may be signed, the latest first, by a text with the signers.
+    """Return the title and the reader of each record to sign, by a text that names its signers.
 
-    Whether a batch has ended is checked when it is signed.
+    The latest batches and the latest entries come first. Whether a batch has ended is checked
+    when it is signed.
     """
     entries = read_chain(log).entries
     records = sorted(folder.glob(f'*{SUFFIX}'), key=lambda each: -each.stat().st_mtime_ns)
@@ -89,6 +90,6 @@ def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
 
 
 def _signed(signatures: Sequence[Signature]) -> str:
-    """Return who has signed as text, which may be empty."""
+    """Return the signers as text, or '' without signatures."""
     names = ', '.join(f'{each.meaning} by {each.who}' for each in signatures)
     return f' ({names})' if names else ''

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialog of a simulated machine, with its feed, its belt speed, and the masses on its belt."""
+"""Dialog of a simulated machine, with its feed, belt speed, product mass and load."""
 
 from functools import partial
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The certificate that the command makes, the check of one's own, and a login over TLS."""
+"""Creation and check of a certificate, and a login over TLS."""
 
 from ipaddress import ip_address
 import os
@@ -61,7 +61,7 @@ def test_a_person_logs_in_over_tls(tmp_path: Path):
     ):
         person = Person(browser, Line(port, tmp_path, 'https'))
         person.log_in('anna')
-        # Its socket is there as well: the page follows its timer.
+        # The socket of the page also works over TLS.
         connected = 'return window.socket?.connected === true'
         person.until(lambda: browser.execute_script(connected))
         (cookie,) = browser.get_cookies()

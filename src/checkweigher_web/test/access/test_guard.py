@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Login and guard on the real server, as a browser behind a proxy and an attacker meet them."""
+"""Login and guard of a real server, for a browser behind a proxy and for an attacker."""
 
 import asyncio
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ class Answer:
 
 
 class Browser:
-    """A browser as far as the server sees it."""
+    """HTTP client with cookies, headers and an address like a browser behind a proxy."""
 
     def __init__(self, port: int, address: str = '10.0.0.3') -> None:
         self.port, self.address = port, address
@@ -77,7 +77,7 @@ class Browser:
         return self.ask('/login', fields, **headers)
 
     def client(self) -> str:
-        """Load the page, and return its number."""
+        """Load the page, and return the identifier of its client."""
         return re.findall(r'client_id\W+([\w-]{36})', self.ask('/').text)[0]
 
 
@@ -130,7 +130,7 @@ def test_a_login_gives_a_cookie_that_scripts_and_other_sites_do_not_get(browser:
     assert browser.ask('/').status == 200
     old = dict(browser.cookies)
     assert browser.ask('/logout', {'token': page.token}).status == 303
-    browser.cookies = old  # a copy of the cookie is worth nothing any more
+    browser.cookies = old  # a copy of the cookie is no longer valid
     assert browser.ask('/').status == 303
 
 
@@ -148,7 +148,7 @@ REFUSED: dict[str, dict[str, str | bool]] = {
 
 @pytest.mark.parametrize('case', REFUSED)
 def test_a_login_that_is_none_is_refused(case: str, browser: Browser):
-    # Each from an address of its own, for failures of one address wait.
+    # Each case has its own address, because failures of one address must wait.
     browser.address = f'10.1.0.{list(REFUSED).index(case)}'
     answer = browser.log_in(**REFUSED[case])  # type: ignore[arg-type]
     assert answer.status == 403
@@ -169,13 +169,13 @@ def test_an_identifier_that_was_planted_is_not_taken(browser: Browser, port: int
 def test_failures_in_a_row_have_to_wait(browser: Browser):
     browser.address = '10.2.0.1'
     assert [browser.log_in('carl', 'wrong horse').status for _ in range(3)] == [403] * 3
-    # The password is right, and it is too early all the same; from elsewhere, too.
+    # Even the correct password from another address must wait.
     browser.address = '10.2.0.2'
     answer = browser.log_in('carl')
     assert answer.status == 429
     assert int(answer.headers['retry-after']) >= 1
     deadline = time.monotonic() + PATIENCE
-    while browser.log_in('carl').status != 303:  # as fast as it goes
+    while browser.log_in('carl').status != 303:
         assert time.monotonic() < deadline
 
 
@@ -188,7 +188,7 @@ def test_every_spelling_of_a_name_is_the_same_account(browser: Browser):
 
 def test_what_others_mistyped_at_the_same_address_is_over_with_a_login(browser: Browser):
     browser.address = '10.2.0.3'
-    for number in range(4):  # two failures each time: eight in a row would wait for half a minute
+    for number in range(4):  # Eight failures without a login would wait for 32 s.
         for name in (f'first{number}', f'second{number}'):
             assert browser.log_in(name, 'wrong horse').status == 403
         assert browser.log_in('anna').status == 303
@@ -217,7 +217,7 @@ def test_the_first_user_is_made_by_the_code_that_the_page_has_printed(tmp_path: 
 
 
 def open_socket(browser: Browser, client: str) -> tuple[str, str]:
-    """Open a socket of a page by Socket.IO's protocol; return its path and the server's answer."""
+    """Open a Socket.IO socket of a page, and return its path and the answer of the server."""
     query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'
     path = f'{SOCKET}/?EIO=4&transport=polling&{query}'
     opened = json.loads(browser.ask(path).text.removeprefix('0'))
@@ -251,7 +251,7 @@ def test_a_socket_of_a_page_of_another_site_is_refused(browser: Browser, transpo
 
 
 def click_of(page: str, client: str, label: str) -> dict[str, object]:
-    """Return the event of a button, as the page of a client sends it."""
+    """Return the event that the page of a client sends for a click on a button."""
     parsed = re.search(r'parseElements\(String\.raw`(.*?)`', page, re.DOTALL)
     assert parsed, page[:3000]
     elements = json.loads(unescape(parsed[1]))
@@ -265,7 +265,7 @@ def click_of(page: str, client: str, label: str) -> dict[str, object]:
 
 
 def read_until(browser: Browser, path: str, wanted: str) -> str:
-    """Return what a socket is sent until that contains something."""
+    """Read from a socket until the text contains `wanted`, and return the text."""
     text, end = '', time.monotonic() + PATIENCE
     while wanted not in text:
         assert time.monotonic() < end, text
@@ -283,13 +283,13 @@ def test_an_event_from_the_socket_of_another_user_is_not_taken(port: int):
     clients = {b: re.findall(r'client_id\W+([\w-]{36})', page)[0] for b, page in pages.items()}
     paths = {browser: open_socket(browser, client)[0] for browser, client in clients.items()}
     stop, zero = (click_of(pages[victim], clients[victim], name) for name in ('Stop', 'Zero'))
-    # With the number 1 the server says when it has handled the event.
+    # The number 1 asks the server to confirm the event.
     other.ask(paths[other], f'421{json.dumps(["event", stop])}')
     read_until(other, paths[other], '431[')
     victim.ask(paths[victim], f'42{json.dumps(["event", zero])}')
     shown = read_until(victim, paths[victim], 'becomes the zero')
     assert 'Weighing stops' not in shown
-    # The same event from the page's own socket is taken.
+    # The server accepts the same event from the socket of the page.
     victim.ask(paths[victim], f'42{json.dumps(["event", stop])}')
     read_until(victim, paths[victim], 'Weighing stops')
 
@@ -304,14 +304,14 @@ def test_a_session_ends_with_its_user_and_with_time(browser: Browser, users: Pat
     write_users(users, {**known, 'dora': dora})
 
     browser.log_in('dora')
-    time.sleep(IDLE + 0.1)  # each look would be a use
+    time.sleep(IDLE + 0.1)  # each request would use the session
     assert browser.ask('/').status == 303
 
 
 def test_a_page_loads_again_at_the_second_look_after_its_session_has_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """At the first look the answer to its logout may be on its way to the browser."""
+    """At the first look, the answer to the logout may not have arrived in the browser."""
     users = tmp_path / 'users'
     anna = User('anna', Role.VIEWER, '$argon2id$x')
     write_users(users, {'anna': anna})

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Malformed events, slow requests, floods of loads and a hang, on the real server."""
+"""Malformed events, slow requests, many page loads and a hang of a real server."""
 
 import asyncio
 import json
@@ -54,7 +54,7 @@ def test_a_request_that_is_not_complete_in_time_ends():
             with each:
                 assert each.recv(1) == b''
         assert time.monotonic() - begin > REQUEST - 1
-        while time.monotonic() - begin < REQUEST + 3:  # that of a page is no request
+        while time.monotonic() - begin < REQUEST + 3:  # the socket of a page has no time limit
             assert own.recv()
         process.terminate()
         assert process.communicate(timeout=PATIENCE)[1] == ''
@@ -65,7 +65,7 @@ def test_pages_without_a_browser_are_forgotten(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(core, 'loop', asyncio.get_running_loop())
         page = ui.page('/')
         made = [Client(page) for _ in range(WAITING + 2)]
-        made[0].environ = {}  # it has a browser
+        made[0].environ = {}  # the oldest page has a browser
         forget_waiting()
         return [each.id for each in made if each.id not in Client.instances]
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions end with time, with the user, and never take an identifier from a browser."""
+"""Ends of sessions, and their identifiers, which never come from a browser."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ def test_a_session_ends_when_it_is_not_used_and_with_the_shift(path: Path):
     sessions = Sessions(UserFile(path), IDLE, lambda: clock.now)
     idle = sessions.begin(ANNA, 'here')
     clock.now += IDLE - 1
-    assert sessions.find(idle) is not None  # looking is no use
+    assert sessions.find(idle) is not None  # `find` does not use the session
     clock.now += 2
     assert sessions.find(idle, used=True) is None
 

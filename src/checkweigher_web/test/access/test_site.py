@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the page may be served: beyond this machine only with TLS and users."""
+"""Addresses of the page, which needs TLS for other machines."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from checkweigher_web.access.users import Role, User, default_users, write_users
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
-    """Return certificate, key and users, by the names of the options."""
+    """Return the paths of certificate, key and users by the names of the options."""
     monkeypatch.setenv('XDG_CONFIG_HOME', str(tmp_path))
     names = 'certificate', 'key', 'users'
     paths = {name: tmp_path / name for name in names}
@@ -44,7 +44,7 @@ def test_without_configuration_it_is_open_to_this_machine_alone(files: dict[str,
     assert (site.users, site.open, site.secure) == (default_users(), True, False)
     assert not default_users().exists()
     assert site.serves('127.0.0.1:8080')
-    assert site.serves('localhost:9000')  # of a tunnel
+    assert site.serves('localhost:9000')  # port of a tunnel
     assert not site.serves('evil.example:8080')
     assert not site.serves('')
 

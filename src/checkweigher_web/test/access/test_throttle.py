@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Failed logins have to wait longer and longer."""
+"""Waiting times after failed logins, which increase with each failure."""
 
 from types import SimpleNamespace
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Users, and the file that they are kept in."""
+"""Users, and the users file."""
 
 import json
 import os
@@ -103,7 +103,7 @@ def test_a_file_that_is_none_of_users_is_refused(text: str, message: str, tmp_pa
 def test_a_change_of_the_file_counts_at_once(tmp_path: Path):
     path, known = tmp_path / 'users', User('anna', Role.VIEWER, '$argon2id$x')
     file = UserFile(path)
-    assert not file.now()  # the page may be served before it has users
+    assert not file.now()  # the page also runs without a users file
     write_users(path, {'anna': known})
     assert file.now()
     assert file.find('anna') == known

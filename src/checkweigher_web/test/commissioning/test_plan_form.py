@@ -57,7 +57,7 @@ def test_a_plan_says_what_cannot_be_decided():
     assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
     assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt
     assert summary(EXAMPLE, 0.0)[2] == []
-    # 60 passes that scatter by 1 g are known to 0.26 g.
+    # The mean of 60 passes with a standard deviation of 1 g is known to 0.26 g (k = 2).
     assert any('known to 0.258 g (k = 2)' in each for each in summary(EXAMPLE, 1e-3)[2])
     line, rows, _ = summary('class: none', 0.0)
     assert line.startswith('The plan is not complete: line 1')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The view to practise on is there at a simulated machine alone, and sets what a person changes."""
+"""Practice view, which is shown only for a simulated machine and changes its settings."""
 
 import asyncio
 from dataclasses import replace
@@ -21,7 +21,7 @@ RECORDING = simulated(count=2, seed=5)
 
 
 class Machine:
-    """Access to a machine that has `settings`, or is real without them."""
+    """Access to a simulated machine with `settings`, or to a real machine without them."""
 
     def __init__(self, settings: OperationParameters | None) -> None:
         self.settings = settings
@@ -37,7 +37,7 @@ class Machine:
 
 
 def shown(machine: Machine | None, act=None) -> bool:
-    """Show the view, act on it, and return whether it is seen."""
+    """Show the view, act on it, and return whether it is visible."""
 
     async def show() -> bool:
         core.loop = asyncio.get_running_loop()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The form of a recipe, in which a technician reads grams, millimetres and metres a minute."""
+"""Recipe form, in which a technician reads and types g, mm and m/min."""
 
 import asyncio
 from pathlib import Path
@@ -28,7 +28,7 @@ KEYS = {
 
 
 class Desk:
-    """Desk of a technician whose changes are done, and noted in `noted`."""
+    """Desk of a technician that performs each action and adds it to `noted`."""
 
     needs_reason = False
 
@@ -52,7 +52,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def filled(path: Path, name: str, **texts: str) -> tuple[list[str], str]:
-    """Choose a recipe, fill in some fields, save, and return what was noted and the outcome."""
+    """Save a recipe with some fields filled in, and return the audit text and the outcome."""
     desk = Desk()
 
     async def work() -> str:

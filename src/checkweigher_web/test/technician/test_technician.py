@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A technician changes recipes and users by the page alone, and practises on the machine."""
+"""Recipes, users and practice machine on the page of a technician, in a real browser."""
 
 from pathlib import Path
 import re
@@ -29,7 +29,7 @@ class Technician(Person):
         self.until(lambda: self.text('.dialog .choices tr.chosen button') == name)
 
     def confirm(self, title: str) -> None:
-        """Confirm a dialog over another one, and close it when it is done."""
+        """Confirm a dialog above another one, and close it when its action is done."""
         dialog, verb = f'[aria-label="{title}"]', title.partition(' ')[0]
         self.until(lambda: self.clicked(f'{dialog} button', verb))
         self.until(lambda: self.text(f'{dialog} .result').startswith('✓'))
@@ -102,7 +102,7 @@ def test_a_technician_changes_recipes_and_users_and_makes_a_fault(tmp_path: Path
         ben.until(lambda: ben.clicked('.practice .eye .q-toggle'))
         ben.until(lambda: 'ChatteringEye' in ben.text('.item'))
         ben.until(lambda: 'ChatteringEye' in ben.text('[aria-label=Alarms]'))
-        # The diagnostics, which the header counts, call an error what all of the last items have.
+        # A fault of all latest items is an error of the diagnostics, which the header counts.
         ben.until(lambda: re.search(r'\d+ errors?', ben.text('.head')))
         check_all_widths(browser)
         assert errors_of(browser) == []

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Alarms in the order in which they came, how long they lasted, and what broke."""
+"""Order, duration and picture of alarms."""
 
 from dataclasses import replace
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a lane shows is drawn once, however many look."""
+"""Figures of a lane, which are drawn once for all viewers."""
 
 from dataclasses import replace
 import json
@@ -72,18 +72,18 @@ def test_the_list_is_that_of_the_faults_where_a_viewer_wants_these():
 
 
 def zero_row(drawing: Drawing) -> dict[str, dict[str, Any]]:
-    """Return the series of the zero over time by name."""
+    """Return the series in the row of the zero by name."""
     series = json.loads(hour(drawing, live=False))['series']
     return {each['name']: each for each in series if each['xAxisIndex'] == 3}
 
 
-LEFT = 0.5  # kg
-SOUND = 5  # items before something is left on the belt
+LEFT = 0.5  # mass in kg that is left on the belt
+SOUND = 5  # number of items before that
 
 
 @pytest.fixture(scope='module')
 def loaded() -> Recording:
-    """Return a line on whose belt something is left behind."""
+    """Return a line on whose belt the mass `LEFT` stays after `SOUND` items."""
     line = simulated(count=10, seed=3, masses=(0.1345,))
     since = edges_of(line, SOUND - 1)['t4'].stamp + NANOSECONDS // 20
     more = round(LEFT * line.load_cell.counts_per_kg)
@@ -102,7 +102,7 @@ def test_the_zero_shows_what_the_belt_reads_where_it_cannot_be_trusted(loaded: R
     stamps = [item.verdict.t1 for item in reversed(lane.items())][SOUND:]
     assert [at for at, _ in read['data']] == pytest.approx(local_times(stamps).tolist())
     assert [reading for _, reading in read['data']] == pytest.approx([GRAMS * LEFT] * 5, rel=0.05)
-    # What was read once stays when the samples have gone.
+    # The readings stay after the samples are dropped.
     lane.forget_signals()
     lane.take(judged(11, Decision.ACCEPT))
     assert zero_row(drawing)['as read, ZeroOutOfRange'] == read

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The spectrum of the empty belt against sines of known frequency and amplitude."""
+"""Spectrum of the empty belt, compared with sines of known frequency and amplitude."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ TIME = np.arange(4 * 960) / RATE
 
 def test_lines_have_the_frequency_and_amplitude_of_their_sines():
     noise = 1e-6 * np.random.default_rng(1).standard_normal(len(TIME))
-    sines = {13: 2e-3, 38: 1e-3, 50: 1e-3}  # kg by Hz
+    sines = {13: 2e-3, 38: 1e-3, 50: 1e-3}  # amplitudes in kg by frequencies in Hz
     parts = [mass * np.sin(2 * np.pi * frequency * TIME) for frequency, mass in sines.items()]
     found = spectrum(sum(parts) + noise, RATE, belt_speed=1.0, platform=36.0)
     lines = [line for line in found.lines if line.amplitude > 1e-4]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page marks in the signal of a fault, on lines in which just that was broken."""
+"""Marks in the signal of a fault, on simulated lines with one fault each."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,8 +21,8 @@ from checkweigher_web.views.signal import signal_chart
 
 DEFAULTS = LineParameters()
 MS = NANOSECONDS // 1000
-BROKEN = 6  # number of the item, from 0, in which something is broken
-# Belt 60 m/min, 0.2 m between the eyes, products of 0.1 m.
+BROKEN = 6  # index of the item with a fault
+# The belt speed is 60 m/min, the eyes are 0.2 m apart, and the products 0.1 m long.
 TRANSIT, LENGTH = 200 * MS, 100 * MS
 
 
@@ -40,7 +40,7 @@ def broken_item(lane: Lane, reason: Reason) -> ShownItem:
 def marks_of(
     recording: Recording, reason: Reason, parameters: LineParameters = DEFAULTS
 ) -> list[Mark]:
-    """Return the marks of the first item with a reason, which the figure numbers, too."""
+    """Return the marks of the first item with a reason, and check their numbers in the figure."""
     lane = lane_of(recording, parameters)
     item = broken_item(lane, reason)
     marks = fault_marks(Scene(item, item.stretch, recording.load_cell))
@@ -52,7 +52,7 @@ def marks_of(
 
 
 def changed(line: Recording, change: Callable[[int, np.ndarray], np.ndarray]) -> Recording:
-    """Return the line with other counts: `change` has the stamp of a block and its counts."""
+    """Return the line with new counts from `change`, which gets the stamp and counts of a block."""
     blocks = [
         SampleBlock(b.stamp, b.first_index, np.asarray(change(b.stamp, b.counts), np.int32))
         for b in line.blocks
@@ -87,7 +87,7 @@ def test_a_missing_edge_is_marked_where_it_was_expected_and_its_eye_was_blocked_
     names = ('t3', 't4') if eye == Eye.OUTFEED else ('t1', 't2')
     expected = [(edges[each].stamp - origin) / MS for each in names]
     assert ends == pytest.approx(expected, abs=5)
-    # Of the item before or after at most, which passed the eye whole.
+    # The other bars are those of adjacent items, which passed the eye completely.
     for each in (series[f'{side} eye blocked'] for side in ('infeed', 'outfeed')):
         whole = np.array([at for at, _ in each['data'] if at is not None]).reshape(-1, 2)
         assert np.all(np.diff(whole) < 1.1 * LENGTH / MS)
@@ -223,7 +223,7 @@ def test_a_missing_edge_without_any_known_speed_is_said_without_a_place(line: Re
 
 @pytest.mark.parametrize('reason', list(Reason))
 def test_any_reason_on_any_stretch_gives_marks_within_it_or_none(line: Recording, reason: Reason):
-    """A reason may come of an item of which hardly anything is known."""
+    """An item with a reason may have only one known edge."""
     lane = lane_of(line)
     for t1, t3 in ((None, edges_of(line, 2)['t3'].stamp), (edges_of(line, 2)['t1'].stamp, None)):
         lane.take(Verdict(50, t3, Decision.FAULT, (reason.value,), t1=t1))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of the page show the numbers of their items."""
+"""Figures of the page, compared with the values of their items."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -56,7 +56,7 @@ def test_the_signal_has_the_mass_its_interval_and_the_edges(item: ShownItem, rec
     assert (low['yAxis'], high['yAxis']) == pytest.approx((mass - 2 * std_dev, mass + 2 * std_dev))
     marks = {mark['name']: mark['xAxis'] for mark in found['raw']['markLine']['data']}
     assert list(marks) == ['t1', 't2', 't3', 't4']
-    # 0.1 m and 0.2 m at 1 m/s
+    # distances of 0.1 m and 0.2 m at 1 m/s
     assert list(marks.values()) == pytest.approx([0, 100, 200, 300], rel=0.02)
 
 
@@ -81,7 +81,7 @@ def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them
 
 
 def labels_of(figure: Options, width: int) -> list[tuple[float, float, float]]:
-    """Return left and right end and height of each label of a figure of a width, px."""
+    """Return left end, right end and height in px of each label in a figure of `width` px."""
     axis, found = figure['xAxis'], []
     scale = width / (axis['max'] - axis['min'])
     for mark in figure['series'][0]['markLine']['data']:
@@ -105,14 +105,14 @@ def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: S
             for k, (_, right, height) in enumerate(labels):
                 for left, _, other in labels[k + 1 :]:
                     assert right < left or abs(height - other) >= 12
-        # They are above the bars, below the edge of the figure.
+        # The labels are above the bars and below the edge of the figure.
         assert max(height for *_, height in labels) + 12 <= figure['grid']['top']
     (_, _, highest), *_ = sorted(labels_of(figure, 200), key=lambda label: -label[2])
-    assert highest < 30  # 50 and 100 Hz have room beside the others
+    assert highest < 30  # two levels suffice
 
 
 def control_figures(masses: Sequence[float], known: int = 0) -> tuple[Options, Options]:
-    """Return the control charts of masses in g, one a second, without the first `known` ones."""
+    """Return the control charts of masses in g, one per second, without the first `known` ones."""
     series = MassSeries()
     for second, mass in enumerate(masses):
         stamp = second * 1_000_000_000
@@ -160,7 +160,7 @@ def test_the_limits_of_a_calm_control_chart_can_be_seen(spread: bool):
     figure = control_figures(masses.tolist())[spread]
     axis, line = figure['yAxis'], figure['series'][0]
     limits = [mark['yAxis'] for mark in line['markLine']['data']]
-    assert max(y for _, y in line['data']) < max(limits)  # what is to be shown beside the data
+    assert max(y for _, y in line['data']) < max(limits)  # a limit is beyond the data
     for value in (*limits, *(y for _, y in line['data'])):
         assert axis['min'] < value < axis['max']
 
@@ -194,7 +194,7 @@ def test_a_signal_lies_over_those_of_the_items_before_it(item: ShownItem, record
     assert (at, force) == pytest.approx(
         ((window.stamp - window.t1) / 1e6, 1e3 * window.force[0]), abs=0.01
     )
-    # The legend shows lines as they are drawn, and no line of the plateau twice.
+    # The legend omits the series of the plateau, which would repeat the names.
     assert [each['name'] for each in figure['legend']['data']] == [
         'last 3 items', 'raw', 'denoised', 'mass ± 2 s', 'reference',
     ]  # fmt: skip

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a lane weighs, by the diagnostics of its nodes, and the scale of its reading."""
+"""State of a lane from the diagnostics of its nodes, and scale of its reading."""
 
 import math
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ def status(name: str, **values: object) -> object:
 
 
 def board_of(state: str, *, product: float = 0.0) -> StatusBoard:
-    """Return a board that has heard all nodes at 0 s, and the node product then."""
+    """Return a board with reports of all nodes at 0 s, and of the node product at `product` s."""
     board = StatusBoard()
     board.add(0.0, [status('driver: Source', source='simulator', state=state)])
     for node in STAGES:
@@ -47,7 +47,7 @@ def test_a_lane_weighs_until_its_driver_says_otherwise(state: str, why: str):
 
 def test_a_lane_of_which_a_node_that_weighs_is_silent_does_not_weigh():
     board = board_of('running', product=-9.0)
-    assert standstill(board.rows(2.0)) == ''  # the node product only counts
+    assert standstill(board.rows(2.0)) == ''  # the node product does not weigh
     assert standstill(board.rows(7.0)) == 'silent for 7 s'
     board.add(6.0, [status('driver: Source', state='running')])
     assert standstill(board.rows(7.0)) == 'silent for 7 s'
@@ -81,14 +81,14 @@ def test_the_scale_has_the_limits_and_the_items_of_the_same_batch():
     scale = reading(items[0], items, ProductionStatistics(product).summary('L2'))['scale']
     names = ['TU2 140.5', 'TU1 = lower 147.25', 'nominal 154', 'upper 169']
     assert [name for name, *_ in scale['limits']] == names
-    # The margins are 12 % of the range of the limits, 28.5 g.
+    # The margins are 12 % of the range of the limits, which is 28.5 g.
     low, width = 140.5 - 3.42, 28.5 + 2 * 3.42
     places = [at for _, at, _ in scale['limits']]
     limits = [(mass - low) / width for mass in (140.5, 147.25, 154, 169)]
     assert places == pytest.approx(limits, abs=1e-4)
     assert scale['accepted'] == [places[1], places[3]]
     assert scale['at'] == pytest.approx((155 - low) / width, abs=1e-4)
-    assert scale['dots'] == [[1.0, 'ACCEPT']]  # beyond the scale; others have no mass or batch
+    assert scale['dots'] == [[1.0, 'ACCEPT']]  # beyond the scale; others are not shown
 
 
 def test_a_driver_in_an_unknown_state_is_not_said_to_weigh():

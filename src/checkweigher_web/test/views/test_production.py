@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for a batch in the words of the page."""
+"""Packers' rules and main figures on the page."""
 
 from dataclasses import replace
 import math
@@ -24,7 +24,7 @@ RULES = ProductOnLine(
 
 
 def judged(*masses: float) -> list[Verdict]:
-    """Return the verdicts of items by the rules, as the reject stage gives them."""
+    """Return the verdicts of the reject stage on items with masses in kg."""
     rules = BatchRules()
     items = (Verdict(n, None, Decision.ACCEPT, mass=mass) for n, mass in enumerate(masses, start=1))
     return [rules.judge(item, RULES) for item in items]
@@ -101,7 +101,7 @@ def test_a_bar_is_full_where_a_rule_leaves_nothing_more():
             statistics.add(verdict)
         return [each for *_, each in batch_rules(statistics.summary('L1'), verdicts[-1])]
 
-    # TU1 is 6.75 g below the nominal mass, and the mean 1.7 g above it; the quota is 2.5 %.
+    # TU1 is 6.75 g below the nominal mass, the mean is 1.7 g above it, and the quota is 2.5 %.
     assert used(RULED, *[0.152] * 39, 0.140) == [pytest.approx(1 - 1.7 / 6.75), pytest.approx(1), 0]
     assert used(RULED, 0.150) == [pytest.approx(1), 0, 0]
     assert used(PLAIN, 0.150) == [None, None, 0]
@@ -125,4 +125,4 @@ def test_figures_have_the_last_minute_and_their_course():
         ('items/min, last minute', '60'), ('rejected', '25.0 %'), ('giveaway', '2.00 g'),
         ('net mean', '152.00 g'),
     ]  # fmt: skip
-    assert len(found[0][2].split()) == 17  # of 10 s
+    assert len(found[0][2].split()) == 17  # intervals of 10 s

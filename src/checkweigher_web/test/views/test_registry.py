@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Every view shows a lane and a recorded shift, with items and without."""
+"""All views of a lane and of a recorded shift, with and without items."""
 
 import asyncio
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The words of the nodes, as a person at the page reads them."""
+"""Outcomes of actions, with the messages of the nodes in g."""
 
 import asyncio
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from checkweigher_web.work.services import ActionRefusedError
 
 
 class Services:
-    """Services of a lane that answer with a text, or refuse with it."""
+    """Services of a lane that answer with a text, or refuse with this text."""
 
     def __init__(self, text: str, *, refuse: bool = False) -> None:
         self._text, self._refuse = text, refuse

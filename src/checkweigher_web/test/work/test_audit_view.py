@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page shows of an audit log is what the command `audit` says, the latest first."""
+"""Audit log on the page, compared with the command `audit`."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +28,7 @@ def write(log: Path, count: int) -> None:
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """Return a log of three entries."""
+    """Return an audit log with three entries."""
     write(tmp_path / 'audit.log', 3)
     return tmp_path / 'audit.log'
 
@@ -45,7 +45,7 @@ def test_the_latest_entry_comes_first_with_who_what_and_why(log: Path):
     assert view.rows[0] == (
         '3', '2026-05-28 06:00:02', 'ann', 'parameter', f'{what}0.14 → 2.15', 'R2'
     )  # fmt: skip
-    assert view.rows[2][4] == f'{what}0.15'  # there was none before
+    assert view.rows[2][4] == f'{what}0.15'  # there was no value before
 
 
 def test_many_changes_of_an_entry_are_lines_up_to_a_number(tmp_path: Path):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The desk of a person, whose role is asked again at the moment of acting."""
+"""Desk of a user, whose role is checked again before each action."""
 
 import asyncio
 from dataclasses import replace
@@ -68,7 +68,7 @@ def test_a_role_that_somebody_lacks_when_it_acts_is_refused(needed: Role, tmp_pa
         with Client(ui.page('/'), request=Request(scope)):
             desk = Desk(access, Lane('a'), nobody, Auditor())
         assert desk.role == Role.OPERATOR
-        if needed == Role.OPERATOR:  # with a dialog open she loses it
+        if needed == Role.OPERATOR:  # the user loses the role while the dialog is open
             known = read_users(users)
             write_users(users, {'anna': replace(known['anna'], role=Role.VIEWER)})
         outcome = await desk.perform(needed, 'zero', nothing, '')

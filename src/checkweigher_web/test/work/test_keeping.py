@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items that the page keeps from what it holds of a simulated line."""
+"""Items that the page writes from the held samples of a simulated line."""
 
 import asyncio
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recordi
         keep(tmp_path, lane, items[0], DEFAULTS.with_values({'reject.lower_limit': 9.0}))
     with pytest.raises(ActionRefusedError, match='no place in the signal'):
         keep(tmp_path, lane, replace(items[0], estimate=None))
-    # The source is HELD later, less the last 5 s: the first items are forgotten.
+    # The next block is `HELD` - 5 s later, so the samples of the first items are dropped.
     last = recording.blocks[-1]
     later = last.stamp + round((HELD - 5) * NANOSECONDS)
     lane.take(SampleBlock(later, last.first_index + 10**6, last.counts))
@@ -79,10 +79,10 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
     recording: Recording, tmp_path: Path, open_page: bool
 ):
     lane = held_of(recording)
-    for edge in recording.edges * 3:  # as many as are kept
+    for edge in recording.edges * 3:  # as many as the lane holds
         lane.take(edge)
     item = lane.items()[20]
-    if not open_page:  # no block comes that could show that the source begins again
+    if not open_page:  # without blocks, only the load cell shows the restart
         lane.forget_signals()
         lane.take(recording.load_cell)
     for hours in (1, 2):
@@ -100,10 +100,10 @@ def test_a_recording_begins_where_all_edges_are_held(recording: Recording):
     lane = held_of(recording)
     first = lane.recording()
     assert first.edges == recording.edges
-    for edge in recording.edges * 3:  # far more than are kept
+    for edge in recording.edges * 3:  # more than the lane holds
         lane.take(edge)
     held = lane.recording()
     assert held.blocks[0].stamp >= held.edges[0].stamp > first.blocks[0].stamp
-    for edge in recording.edges * 3:  # all younger than the samples
+    for edge in recording.edges * 3:  # all later than the samples
         lane.take(replace(edge, stamp=edge.stamp + 3600 * NANOSECONDS))
     assert lane.recording() is None

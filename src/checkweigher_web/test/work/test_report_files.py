@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The address of a report works for every name of a batch and reaches no other file."""
+"""Addresses of reports, which work for each batch name and reach no other file."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +21,7 @@ from checkweigher_web.work.reports import add_reports
 
 @pytest.fixture(scope='module')
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with batches and a verification, and a report outside of each folder."""
+    """Return a folder with batches, a verification, and reports outside their folders."""
     tmp_path = tmp_path_factory.mktemp('files')
     for folder in ('machine/batches', f'machine/{VERIFICATIONS}/one'):
         (tmp_path / folder).mkdir(parents=True)

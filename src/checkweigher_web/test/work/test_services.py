@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person is told of an action, and what the audit log is."""
+"""Outcomes of an action for the user, and its entries in the audit log."""
 
 import asyncio
 from typing import Any
@@ -18,7 +18,7 @@ INDEX = 'failed: IndexError: list index out of range'
 
 
 class AuditLog(PortNode):
-    """A node that takes what is to be written into an audit log."""
+    """Node that stores the entries that an audit log would get."""
 
     def __init__(self) -> None:
         super().__init__('product')
@@ -26,7 +26,7 @@ class AuditLog(PortNode):
         self.create_service(RecordChange, ports.RECORD_CHANGE, self._take)
 
     def _take(self, request: Any, response: Any) -> Any:
-        if request.new_value != 'null':  # else it says which services are about to be called
+        if request.new_value != 'null':  # null announces service calls
             self.texts.append(request.new_value)
         response.success = True
         return response
