@@ -33,6 +33,16 @@ def heading(text: str) -> Element:
     return label
 
 
+def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> Element:
+    """Add an input for a text file, of which `take` gets the first `longest` characters.
+
+    The browser does not read the rest of a longer file.
+    """
+    read = f'(event) => event.target.files[0]?.slice(0, {longest}).text().then(t => emit(t))'
+    found = ui.element('input').props(f'type=file aria-label="{label}"')
+    return found.on('change', lambda event: take(str(event.args)), js_handler=read)
+
+
 def menu_entry(text: str, click: Callable[[], object]) -> Element:
     """Add an entry to a menu."""
     return ui.menu_item(text, click).props('role=menuitem')

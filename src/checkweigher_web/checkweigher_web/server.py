@@ -183,14 +183,12 @@ def _add_pages(
         if name in watch.lanes:
             show(name)
         else:
-            header(access, _title(name), others=lambda: True)
-            wait_for_lane(name, lambda: name in watch.lanes)
+            _wait(access, watch, name)
 
     @ui.page('/commissioning/{name:path}', title='Checkweigher', response_timeout=_PATIENCE)
     async def commission(name: str) -> None:
         if name not in watch.lanes:
-            header(access, _title(name), others=lambda: True)
-            wait_for_lane(name, lambda: name in watch.lanes)
+            _wait(access, watch, name)
             return
         look, desk = look_at(name)
         if desk.role < Role.TECHNICIAN:
@@ -220,6 +218,12 @@ def _add_pages(
             if keeper is not None:
                 look.keep = partial(keep_item, desk, keeper)
         show_lane(look)
+
+
+def _wait(access: Access, watch: Watch, name: str) -> None:
+    """Show that the page waits for a lane."""
+    header(access, _title(name), others=lambda: True)
+    wait_for_lane(name, lambda: name in watch.lanes)
 
 
 def _title(lane: str) -> str:

@@ -14,14 +14,13 @@ from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.commissioning.wording import in_words
 from checkweigher_web.elements import STYLE, panel
 from checkweigher_web.words import grams
-from checkweigher_web.work.dialogs import Desk, reason_field
+from checkweigher_web.work.dialogs import Desk, reason_field, show_outcome
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 
 _STYLE = STYLE.with_name('path.css')
 _PERIOD = 0.5  # s
 _AT_REST = 1e-4  # largest change in kg within 1 s of a load at rest
 _MOVES = 100  # multiple of `_AT_REST` at which the stability bar is empty
-_REST_BEATS = 2  # number of updates, from that of a new label, until the button can be pressed
 
 
 class CommissioningPath:
@@ -56,10 +55,8 @@ class CommissioningPath:
                 self._reason = reason_field(desk)
                 with ui.element('div').classes('others'):
                     most = max(len(step.others()) for step in self._steps)
-                    self._others = [
-                        _Button('outline', self._clear, self._tell) for _ in range(most)
-                    ]
-                self._primary = _Button('unelevated', self._clear, self._tell)
+                    self._others = [self._button('outline') for _ in range(most)]
+                self._primary = self._button('unelevated')
         self._go(0)
         ui.timer(_PERIOD, self._update)
 
@@ -83,10 +80,9 @@ class CommissioningPath:
     def _tell(self, outcome: Outcome) -> None:
         if self._result.is_deleted:  # the user has left the page
             return
-        sign = '✓' if outcome.done else '✗ not done:'
-        text = outcome.text if outcome.done else in_words(outcome.text)
-        self._result.set_text(f'{sign} {text}')
-        self._result.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
+        if not outcome.done:
+            outcome = Outcome(False, in_words(outcome.text))
+        show_outcome(self._result, outcome)
 
     async def _update(self) -> None:
         load, change = self._lane.load()
@@ -95,8 +91,9 @@ class CommissioningPath:
         self._moving.set_text(_in_motion(change))
         for step, tab, label in zip(self._steps, self._tabs, self._standings, strict=True):
             await step.update()
-            tab.show(step.standing())
-            label.set_text(step.standing().text)
+            standing = step.standing()
+            tab.show(standing)
+            label.set_text(standing.text)
         self._show_buttons()
 
     def _show_buttons(self) -> None:
@@ -133,20 +130,16 @@ class _Button:
     ) -> None:
         self._clear, self._tell = clear, tell
         self._choice: Choice | None = None
-        self._beats = 0
         self._is_working = False
         self._button = ui.button(on_click=self._press).props(f'{look} no-caps')
 
     def show(self, choice: Choice | None) -> None:
-        if choice is None or self._choice is None or choice.label != self._choice.label:
-            self._beats = _REST_BEATS
-        self._choice = choice
-        self._beats = max(self._beats - 1, 0)
+        before, self._choice = self._choice, choice
         self._button.set_visibility(choice is not None)
         if choice is not None:
             self._button.set_text(choice.label)
-            is_open = choice.is_open and not self._beats and not self._is_working
-            self._button.set_enabled(is_open)
+            is_new = before is None or choice.label != before.label
+            self._button.set_enabled(choice.is_open and not is_new and not self._is_working)
 
     async def _press(self) -> None:
         choice = self._choice

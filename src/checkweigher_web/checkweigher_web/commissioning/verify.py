@@ -28,7 +28,7 @@ from checkweigher_web.commissioning.plan_form import (
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.commissioning.wording import in_words
-from checkweigher_web.elements import Lines, Table
+from checkweigher_web.elements import Lines, Table, text_file_input
 from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
@@ -40,8 +40,7 @@ _STATES = {
     ProgressState.ASKING: 'Do this, then press "Make it": ',
     ProgressState.DECIDING: 'Failed: make it again, or go on? ',
 }
-# The browser reads only the start of a file that is too long for a plan.
-_READ = f'(event) => event.target.files[0]?.slice(0, {4 * LONGEST}).text().then(t => emit(t))'
+_LONGEST_FILE = 4 * LONGEST  # number of characters of a file that are read
 
 
 class VerifyStep(Step):
@@ -61,8 +60,7 @@ class VerifyStep(Step):
         with ui.element('div').classes('fields') as self._choice:
             self._plans = ui.select([_EXAMPLE], label='Plan', on_change=self._read_chosen)
             self._plans.props('outlined dense')
-            upload = ui.element('input').props('type=file aria-label="Plan from a file"')
-            upload.on('change', lambda event: self._show_text(str(event.args)), js_handler=_READ)
+            text_file_input('Plan from a file', _LONGEST_FILE, self._show_text)
             self._form = ui.element('div').classes('form')
             with ui.expansion('The plan as text, for experts').classes('expert'):
                 self._plan = ui.textarea('Text of the plan', on_change=self._edit)

@@ -158,7 +158,7 @@ class PracticeView(View):
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:
-        self._result.set_text(f'{"✓" if outcome.done else "✗ not done:"} {outcome.text}')
+        self._result.set_text(outcome.line)
 
 
 class _EyeControls:

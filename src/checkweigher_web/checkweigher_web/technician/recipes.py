@@ -10,10 +10,9 @@ from typing import Any
 
 from nicegui import json, ui
 
-from checkweigher_core.parameters import ParameterError, SettingsError, flatten
+from checkweigher_core.parameters import SettingsError, flatten
 from checkweigher_core.records import GRAMS
 from checkweigher_core.settings_files import read_settings
-from checkweigher_core.whole_file import OutputError
 from checkweigher_core.yaml_files import opened, yaml_text
 from checkweigher_production.recipes import (
     RecipeFile,
@@ -22,9 +21,9 @@ from checkweigher_production.recipes import (
     replace_recipes,
 )
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import ItemList
+from checkweigher_web.elements import ItemList, text_file_input
 from checkweigher_web.work import actions
-from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number_in, reason_field
+from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, number_in, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 
 Keys = dict[str, Any]  # keys and values of a recipe in the recipe file
@@ -37,7 +36,6 @@ _TEXT = (
 _REMOVE = 'The recipe leaves the file. A product that is on the line stays there.'
 _IMPORT = 'All recipes are replaced by those of the chosen file: {}.'
 _LARGEST = 256 * 1024  # maximum number of characters of a recipe file from a browser
-_READ = f'(event) => event.target.files[0]?.slice(0, {_LARGEST}).text().then(t => emit(t))'
 _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 
 
@@ -115,9 +113,7 @@ class RecipesDialog(Dialog):
             self._more.props('outlined dense')
             with ui.element('label').classes('in-a-row'):
                 ui.label('Recipes from a file')
-                ui.element('input').props('type=file aria-label="Recipes from a file"').on(
-                    'change', self._take_file, js_handler=_READ
-                )
+                text_file_input('Recipes from a file', _LARGEST, self._take_file)
             self._reason = reason_field(desk)
         self.button('Import', self._import)
         self.button('Export', self._export)
@@ -146,7 +142,8 @@ class RecipesDialog(Dialog):
         if not name:
             raise ActionRefusedError('Product: give a name')
         what = f'recipe {name}: {changes(self._recipes.get(name), keys)}'
-        save = _done(partial(change_recipe, self._path, name, keys), f'recipe {name} is saved')
+        change = partial(change_recipe, self._path, name, keys)
+        save = partial(actions.change_file, change, f'recipe {name} is saved')
         outcome = await self._desk.perform(
             Role.TECHNICIAN, what, save, str(self._reason.value or '')
         )
@@ -179,15 +176,15 @@ class RecipesDialog(Dialog):
 
     def _confirm(self, title: str, text: str, what: str, change: partial[None]) -> None:
         async def act() -> str:
-            said = await _done(change, what)()
+            said = await actions.change_file(change, what)
             self.show()
             return said
 
         verb = title.partition(' ')[0]
         ask(self._desk, title, text, verb, lambda: (what, act), role=Role.TECHNICIAN)
 
-    def _take_file(self, event: Any) -> None:
-        self._imported = str(event.args)
+    def _take_file(self, text: str) -> None:
+        self._imported = text
 
     async def _import(self) -> None:
         if not self._imported:
@@ -207,19 +204,6 @@ class RecipesDialog(Dialog):
             ui.download(self._path.read_bytes(), self._path.name)
         except OSError as error:
             raise ActionRefusedError(f'{self._path}: {error.strerror}') from None
-
-
-def _done(change: partial[None], said: str) -> Action:
-    """Return an action that calls `change` and returns the text `said`."""
-
-    async def act() -> str:
-        try:
-            change()
-        except (ParameterError, OutputError) as error:
-            raise ActionRefusedError(actions.in_grams(str(error))) from None
-        return said
-
-    return act
 
 
 def _inner(keys: Mapping[str, Any], key: str) -> Any:

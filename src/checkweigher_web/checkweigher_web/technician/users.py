@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dialog with the users of the page, whom a technician adds, changes and removes."""
 
-import asyncio
 from collections.abc import Callable
 from functools import partial
 
 from nicegui import json, ui
 
-from checkweigher_core.parameters import ParameterError
-from checkweigher_core.whole_file import OutputError
 from checkweigher_web.access import users as accounts
 from checkweigher_web.access.users import ROLES, Role
 from checkweigher_web.elements import ItemList
-from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, reason_field
+from checkweigher_web.work import actions
+from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _HEADS = 'name', 'role'
@@ -85,7 +83,8 @@ class UsersDialog(Dialog):
         name = self._of_other()
 
         async def act() -> str:
-            said = await _done(partial(accounts.remove_user, self._path, name), 'removed')()
+            remove = partial(accounts.remove_user, self._path, name)
+            said = await actions.change_file(remove, 'done: removed')
             self.show()
             return said
 
@@ -94,7 +93,8 @@ class UsersDialog(Dialog):
 
     async def _perform(self, what: str, change: Callable[[], None]) -> None:
         reason = str(self._reason.value or '')
-        self.tell(await self._desk.perform(Role.TECHNICIAN, what, _done(change, what), reason))
+        act = partial(actions.change_file, change, f'done: {what}')
+        self.tell(await self._desk.perform(Role.TECHNICIAN, what, act, reason))
         self._password.set_value('')
         self._again.set_value('')
         self.show()
@@ -119,16 +119,3 @@ class UsersDialog(Dialog):
         if self._password.value != self._again.value:
             raise ActionRefusedError('the two passwords differ')
         return str(self._password.value or '')
-
-
-def _done(change: Callable[[], None], said: str) -> Action:
-    """Return an action that calls `change` and returns a text on its outcome."""
-
-    async def act() -> str:
-        try:
-            await asyncio.to_thread(change)  # hashing a password takes 0.1 s
-        except (ParameterError, OutputError) as error:
-            raise ActionRefusedError(str(error)) from None
-        return f'done: {said}'
-
-    return act

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Actions of operators and technicians on a lane, and readers of its settings."""
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -17,6 +18,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.line_parameters import python_value
 from checkweigher_core.ros.node_parameters import ros_parameters
 from checkweigher_core.ros.services import SETTER
+from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.recipes import Product, read_recipes
@@ -56,6 +58,18 @@ async def products(services: LaneServices) -> dict[str, Product]:
 async def recipe_file(services: LaneServices) -> Path:
     """Return the path of the recipe file of a lane, or raise `ActionRefusedError` without one."""
     return await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
+
+
+async def change_file(change: Callable[[], None], said: str) -> str:
+    """Change a file in a thread, and return the text on that.
+
+    Raises `ActionRefusedError` if `change` raises `ParameterError` or `OutputError`.
+    """
+    try:
+        await asyncio.to_thread(change)
+    except (ParameterError, OutputError) as error:
+        raise ActionRefusedError(in_grams(str(error))) from None
+    return said
 
 
 async def select_product(services: LaneServices, name: str) -> str:

@@ -146,10 +146,14 @@ class Dialog:
 
     def tell(self, outcome: Outcome) -> None:
         """Show the outcome of an action."""
-        sign = '✓' if outcome.done else '✗ not done:'
-        self._result.set_text(f'{sign} {outcome.text}')
-        self._result.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
+        show_outcome(self._result, outcome)
         self._closing.set_text('Close')
+
+
+def show_outcome(label: ui.label, outcome: Outcome) -> None:
+    """Show the outcome of an action in a label."""
+    label.set_text(outcome.line)
+    label.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
 
 
 def reason_field(desk: Desk) -> ui.input:

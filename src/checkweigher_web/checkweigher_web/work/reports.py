@@ -61,11 +61,16 @@ def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> No
                 ui.link(ending.upper(), f'{address}?{urlencode({"lane": lane})}', new_tab=True)
 
 
+def latest_records(folder: Path) -> list[Path]:
+    """Return the batch records in a folder, the latest first."""
+    records = folder.glob(f'*{SUFFIX}')
+    return sorted(records, key=lambda path: path.stat().st_mtime_ns, reverse=True)
+
+
 async def batch_reports(desk: Desk, services: LaneServices) -> None:
     """Show links to the reports on the batches of a lane, the latest first."""
     services.batch_folder = folder = await actions.batch_folder(services)
-    records = [path for path in folder.glob(f'*{SUFFIX}') if path.with_suffix('.html').is_file()]
-    records.sort(key=lambda path: path.stat().st_mtime_ns, reverse=True)
+    records = [each for each in latest_records(folder) if each.with_suffix('.html').is_file()]
     dialog = Dialog('Batch reports')
     with dialog.body:
         ui.label(

@@ -64,6 +64,8 @@ _SERVICES: dict[str, tuple[Any, str]] = {
         for node in ('driver', 'segmenter', 'reject', 'product', *OF_MACHINE)
     },
 }
+# Type of each action and the node that serves it, by the name of the action in the lane.
+_ACTIONS = {each.name: (ports.interface(each.kind), each.server) for each in ACTIONS}
 _FOLLOWED = {
     'setting': ports.DYNAMIC_SETTING,
     'test': ports.PERFORMANCE_TEST,
@@ -90,6 +92,11 @@ class Outcome:
 
     done: bool
     text: str
+
+    @property
+    def line(self) -> str:
+        """Text after a mark that shows whether the action was done."""
+        return f'{"✓" if self.done else "✗ not done:"} {self.text}'
 
 
 class LoadRead(NamedTuple):
@@ -127,8 +134,7 @@ class LaneServices(PortNode):
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
         self._action_clients = {
-            each.name: (ActionClient(self, ports.interface(each.kind), each.name), each.server)
-            for each in ACTIONS
+            name: ActionClient(self, kind, name) for name, (kind, _) in _ACTIONS.items()
         }
         self.feedback: dict[str, Any] = {}
         self._has_log = False
@@ -165,8 +171,7 @@ class LaneServices(PortNode):
         `values` are the fields of the goal. Raises `ActionRefusedError` if the goal does not
         succeed. With `may_end`, a cancelled goal also returns a result.
         """
-        client, node = self._action_clients[name]
-        kind = ports.interface(next(each.kind for each in ACTIONS if each.name == name))
+        client, (kind, node) = self._action_clients[name], _ACTIONS[name]
         await _ready(client.server_is_ready, node)
         assert self.executor is not None
         # The executor sends the goal, so that rclpy registers it before an answer can arrive.

@@ -11,7 +11,6 @@ from urllib.parse import unquote
 from nicegui import ui
 
 from checkweigher_production.audit_chain import read_chain
-from checkweigher_production.batch_record import SUFFIX
 from checkweigher_validation.batch.signatures import MEANINGS, Signature, signatures_in
 from checkweigher_validation.batch.signing import (
     Signable,
@@ -21,6 +20,7 @@ from checkweigher_validation.batch.signing import (
 )
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Action, Desk, ask
+from checkweigher_web.work.reports import latest_records
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _TEXT = (
@@ -75,9 +75,8 @@ def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
     when it is signed.
     """
     entries = read_chain(log).entries
-    records = sorted(folder.glob(f'*{SUFFIX}'), key=lambda each: -each.stat().st_mtime_ns)
     found: dict[str, tuple[str, Find]] = {}
-    for record in records[:_MANY]:
+    for record in latest_records(folder)[:_MANY]:
         name = unquote(record.stem)
         signed = _signed(signatures_in(entries, name))
         found[f'batch {name}{signed}'] = f'batch {name}', partial(signable_batch, record, log)
