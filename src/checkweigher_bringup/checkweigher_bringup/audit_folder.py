@@ -25,11 +25,11 @@ BATCHES = 'batches'
 
 
 def faults_in(
-    folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None = None
+    folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
     """Yield a text for each file of a machine that is missing, unknown or changed.
 
-    `keys` contains the users by name, or is None if signatures are not compared with them.
+    `signers` contains the users by name, or is None if signatures are not compared with them.
     """
     entries = chain.entries
     if chain.fault:
@@ -38,8 +38,8 @@ def faults_in(
     for path in logs_in(folder):
         if path.name not in known:
             yield f'{path.name}: no later log names it'
-    yield from _batch_faults(folder / BATCHES, chain, keys)
-    yield from entry_signature_faults(entries, keys)
+    yield from _batch_faults(folder / BATCHES, chain, signers)
+    yield from entry_signature_faults(entries, signers)
     for batch, files in _latest(entries, REPORT).items():
         yield from file_faults(folder / BATCHES, f'report on batch {one_line(batch)!r}', files)
     made = _latest(entries, VERIFICATION)
@@ -51,7 +51,7 @@ def faults_in(
 
 
 def _batch_faults(
-    folder: Path, chain: LogChain, keys: Mapping[str, Signer] | None
+    folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None
 ) -> Iterator[str]:
     """Yield the faults of the batch records, and the batches without a record."""
     for name in _latest(chain.entries, RECORD):
@@ -61,7 +61,7 @@ def _batch_faults(
     for path in sorted(folder.glob(f'*{SUFFIX}')):
         try:
             batch = read_record(path).with_log(chain, path.read_bytes())
-            foreign = () if keys is None else foreign_keys(batch.signatures, keys)
+            foreign = () if signers is None else foreign_keys(batch.signatures, signers)
             faults = (*batch.faults, *foreign)
         except (OSError, RecordError) as error:
             faults = (str(error),)

@@ -28,7 +28,7 @@ def signers_of(users: Path) -> dict[str, Signer]:
     }
 
 
-def records_in(source: Path) -> list[Path]:
+def record_files(source: Path) -> list[Path]:
     """Return the paths of the records in a folder, or the path itself if it is a record."""
     return sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
 
@@ -40,7 +40,7 @@ def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
     record that contains one cannot be trusted.
     """
     found, faults = 0, []
-    for record in records_in(source):
+    for record in record_files(source):
         # Most records of a folder are not read in full.
         if b'"item_id":%d,' % item not in record.read_bytes():
             continue

@@ -142,12 +142,12 @@ class MqttGateway(Gateway):
 
     def _process(self, event: str, value: Any) -> None:
         match event:
-            case 'connected' if not value.is_failure:
-                self._asked = True
-                self._greet()
             case 'connected':
                 self._asked = True
-                self._trouble = f'connection refused: {value}'
+                if value.is_failure:
+                    self._trouble = f'connection refused: {value}'
+                else:
+                    self._greet()
             case 'failed' | 'ended':
                 lost = 'no connection' if event == 'failed' else f'connection lost: {value}'
                 self._trouble = self._trouble or lost

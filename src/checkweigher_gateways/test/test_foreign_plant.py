@@ -5,6 +5,7 @@
 from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from authority import Authority
 from foreign_plant import CLIENTS, HOSTS, Program, build, running
@@ -108,11 +109,14 @@ def check_host(host: Program, verdicts: Verdicts, folder: Path, cuts: int) -> st
         def kinds(kind: str) -> int:
             return plant.all('kind').count(kind)
 
+        def of_items() -> list[dict[str, Any]]:
+            data = [each for each in list(plant.said) if each['kind'] == 'DDATA']
+            return [each for each in data if 'Item/Id' in each['metrics']]
+
         def items() -> dict[int, bool]:
             return {
                 int(each['metrics']['Item/Id']): 'Item/Id' in each['historical']
-                for each in list(plant.said)
-                if each['kind'] == 'DDATA' and 'Item/Id' in each['metrics']
+                for each in of_items()
             }
 
         wait_for(lambda: kinds('connected'), 'the host', LONG)
@@ -138,20 +142,15 @@ def check_host(host: Program, verdicts: Verdicts, folder: Path, cuts: int) -> st
             wait_for(lambda: away[-1] in items())
             last = verdicts.more(1)[-1].item_id
             wait_for(lambda: last in items())
-        came = Counter(
-            int(each['metrics']['Item/Id'])
-            for each in plant.said
-            if each['kind'] == 'DDATA' and 'Item/Id' in each['metrics']
-        )
+        came = Counter(int(each['metrics']['Item/Id']) for each in of_items())
         taken = {each.item_id: each for each in verdicts.taken if first <= each.item_id <= last}
         assert {number: came[number] for number in taken} == dict.fromkeys(taken, 1)
         assert all(items()[number] for number in away)
-        for each in plant.said:
-            if each['kind'] == 'DDATA' and each['metrics'].get('Item/Id') in taken:
-                verdict = taken[each['metrics']['Item/Id']]
-                mass = each['metrics']['Item/Mass']
+        for metrics in (each['metrics'] for each in of_items()):
+            if (verdict := taken.get(metrics['Item/Id'])) is not None:
+                mass = metrics['Item/Mass']
                 assert mass == (verdict.mass if verdict.mass == verdict.mass else None)
-                assert each['metrics']['Item/Decision'] == verdict.decision.name
+                assert metrics['Item/Decision'] == verdict.decision.name
         (birth, *_) = [each['metrics'] for each in plant.said if each['kind'] == 'DBIRTH']
         assert {'State', 'Stop/Reason', 'Zero/Offset', 'Item/Mass'} <= set(birth)
         numbers = {

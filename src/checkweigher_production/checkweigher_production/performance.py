@@ -8,13 +8,20 @@ period, the line is stopped. A failed test stops the line until a test passes.
 """
 
 from dataclasses import asdict, dataclass, fields, replace
-from datetime import UTC, datetime, time, timedelta
+from datetime import datetime, time, timedelta
 import math
 import re
 from typing import Any, ClassVar
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
-from checkweigher_core.records import GRAMS, NANOSECONDS, PerformanceState, PerformanceTest, Verdict
+from checkweigher_core.records import (
+    GRAMS,
+    NANOSECONDS,
+    PerformanceState,
+    PerformanceTest,
+    Verdict,
+    local_time,
+)
 from checkweigher_core.records.reasons import Reason
 
 _HOUR = 3600 * NANOSECONDS
@@ -84,11 +91,10 @@ class PerformancePlan(Parameters):
         return min((each for each in times if each is not None), default=None)
 
     def _next_shift(self, after: int) -> int:
-        moment = datetime.fromtimestamp(after / NANOSECONDS, UTC)
-        today = moment.astimezone().date()
+        moment = local_time(after)
         starts = (
             # `astimezone` uses the offset from UTC that is valid at the start of this shift.
-            datetime.combine(today + timedelta(days), time.fromisoformat(each)).astimezone()
+            datetime.combine(moment.date() + timedelta(days), time.fromisoformat(each)).astimezone()
             for days in (0, 1)
             for each in self.shifts.split()
         )

@@ -233,7 +233,7 @@ def test_no_damage_to_a_file_is_taken_for_the_state_of_the_line(
         assert [*line.states()], before
         went_on += went
         if went and line.broken and path.name == 'L2.jsonl':
-            broken += 1  # `sign` refuses a broken record, whatever its counts
+            broken += 1  # `sign` refuses a broken record with any counts
         elif went:
             # Whole lines at the end may be missing, as after a power cut.
             assert tally in (known if path.name == 'L2.jsonl' else known[-1:]), before

@@ -5,13 +5,13 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_dsp.rejection.parameters import limit_text
 
 HOUR = 3600 * NANOSECONDS
 Change = tuple[int, str]  # stamp in ns, and a text on what changed
@@ -78,10 +78,7 @@ def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
         elif one.batch != other.batch:
             yield _stamp_of(other), f'batch {other.batch or "none"}'
         elif (one.lower_limit, one.upper_limit) != (other.lower_limit, other.upper_limit):
-            limits = (
-                f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
-                for limit in (other.lower_limit, other.upper_limit)
-            )
+            limits = map(limit_text, (other.lower_limit, other.upper_limit))
             yield _stamp_of(other), f'limits {" and ".join(limits)}'
 
 

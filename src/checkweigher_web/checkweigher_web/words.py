@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Texts for verdicts, reasons, masses and times."""
 
-from datetime import UTC, datetime
 import math
 
-from checkweigher_core.records import GRAMS, NANOSECONDS, Verdict
+from checkweigher_core.records import GRAMS, Verdict, local_time
 from checkweigher_core.records.reasons import hint_of
 
 # Decisions also have a sign, because some users cannot distinguish the colours.
@@ -37,7 +36,7 @@ def clock(stamp: int | None) -> str:
     """Return the local time of a stamp in ns, or a dash if the stamp is None."""
     if stamp is None:
         return '–'
-    return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
+    return f'{local_time(stamp):%H:%M:%S}'
 
 
 def grams(mass: float, unit: str = '', digits: int = 3) -> str:

@@ -36,6 +36,7 @@ from checkweigher_core.records.quantities import (
     NANOSECONDS,
     NUMBERS_AT_ONCE,
     Stamp,
+    local_time,
     seconds,
     utc,
 )

@@ -158,7 +158,7 @@ class Alarm:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """Values that identify the alarm, whatever its present state."""
+        """Values that identify the alarm in all its states."""
         return self.source, self.reason, self.first
 
     @property

@@ -21,6 +21,11 @@ def utc(stamp: int) -> str:
     return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).isoformat(timespec='microseconds')
 
 
+def local_time(stamp: int) -> datetime:
+    """Return a stamp as local time of the computer, with the UTC offset at that time."""
+    return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone()
+
+
 def seconds(stamp: int | None) -> float:
     """Return a stamp in s, or NaN if it is unknown."""
     return math.nan if stamp is None else stamp / NANOSECONDS

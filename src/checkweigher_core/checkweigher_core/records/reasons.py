@@ -114,7 +114,7 @@ _HINTS = {
     Reason.BELT_STOPPED: 'below half the speed of the previous item; belt stopped or edges lost',
     Reason.START_UP: 'the product was on the line before the first sample; weigh it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
-    Reason.ZERO_OUT_OF_RANGE: 'the zero is out of range or has jumped; clean the belt, set it anew',
+    Reason.ZERO_OUT_OF_RANGE: 'the zero left its range or jumped; clean the belt and set the zero',
     Reason.EDGE_MISMATCH: 'load and edges differ in time; check clocks, filter and eye positions',
     Reason.MEAN_VALUE_REQUIREMENT: 'the mean of the batch would be below nominal; check the filler',
     Reason.GUARD_BAND: 'within the limits, but too uncertain for the guard band of the recipe',

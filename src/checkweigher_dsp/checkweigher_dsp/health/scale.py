@@ -84,7 +84,7 @@ class ZeroWatch:
         self._drift.clear()
 
     def _look_for_step(self, now: float) -> None:
-        """Note a change of the zero since the last reading that no drift explains."""
+        """Record a change since the last reading that is larger than any drift."""
         before, self._uncertain = self._uncertain, self._zero.std_dev / abs(self._counts_per_kg)
         if not self._drift:
             return

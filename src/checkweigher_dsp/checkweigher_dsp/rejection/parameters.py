@@ -9,7 +9,7 @@ from statistics import NormalDist
 from typing import Any, ClassVar
 
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
-from checkweigher_core.records import NANOSECONDS, ProductOnLine
+from checkweigher_core.records import GRAMS, NANOSECONDS, ProductOnLine
 from checkweigher_dsp.rejection.stations import MAX_STATIONS, Station, station_of
 
 _SLOWEST, _FASTEST = 1e-3, 100.0  # range of plausible belt speeds in m/s
@@ -233,6 +233,11 @@ class RejectParameters(Parameters):
 LIMITS = tuple(
     entry.name for entry in fields(ProductOnLine) if entry.name in RejectParameters.entries()
 )
+
+
+def limit_text(limit: float) -> str:
+    """Return the text for a limit in kg, in g, or 'none' for an infinite one."""
+    return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
 
 
 def limits_of(source: RejectParameters | ProductOnLine) -> dict[str, Any]:

@@ -5,16 +5,15 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-import math
 from pathlib import Path
 
 from checkweigher_core import changes
 from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
 from checkweigher_core.parameters import SettingsError
-from checkweigher_core.records import GRAMS, BatchResult, ProductOnLine, Statistics
+from checkweigher_core.records import BatchResult, ProductOnLine, Statistics
 from checkweigher_core.ros.line_parameters import RefusedError
 from checkweigher_core.settings_files import plain
-from checkweigher_dsp.rejection.parameters import limits_of
+from checkweigher_dsp.rejection.parameters import limit_text, limits_of
 from checkweigher_production.audit_log import AuditError
 from checkweigher_production.audit_trail import Author
 from checkweigher_production.batch_record import ENDED, RecordError
@@ -255,11 +254,7 @@ class LineSelection:
 
 
 def _grams(product: ProductOnLine) -> str:
-    lower, upper = (
-        f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
-        for limit in (product.lower_limit, product.upper_limit)
-    )
-    return f'{lower} and {upper}'
+    return f'{limit_text(product.lower_limit)} and {limit_text(product.upper_limit)}'
 
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:

@@ -233,7 +233,7 @@ def own_log(record: Path) -> Path:
 
 
 def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterator[str]:
-    """Yield reasons why a record cannot be trusted, as far as found without an audit log."""
+    """Yield the faults of a record that can be found without an audit log."""
     if record_path(path.parent, batch).name != path.name:
         yield f'it is the record of batch {one_line(batch)!r}, but has the name of another record'
     yield from islice(count_faults(events), _MOST_FAULTS)

@@ -4,10 +4,10 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, time, timedelta
+from datetime import time, timedelta
 import math
 
-from checkweigher_core.records import NANOSECONDS, Decision
+from checkweigher_core.records import Decision, local_time
 from checkweigher_production.recipes import Product
 from checkweigher_validation.batch.batch import Batch, BatchItem
 
@@ -29,11 +29,6 @@ class Giveaway:
     def money(self) -> float:
         """Price of the surplus, NaN if unknown."""
         return self.price * self.surplus
-
-
-def local_time(stamp: int) -> datetime:
-    """Return a time in ns as local time of the computer, with the UTC offset at that time."""
-    return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone()
 
 
 def day(stamp: int) -> str:

@@ -147,17 +147,17 @@ def _title(entry: Entry) -> str:
 
 
 def entry_signature_faults(
-    entries: Sequence[Entry], keys: Mapping[str, Signer] | None = None
+    entries: Sequence[Entry], signers: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
     """Yield a sentence for each signature on an entry that is void.
 
-    `keys` contains the users by name, or is None if they are not compared.
+    `signers` contains the users by name, or is None if they are not compared.
     """
     known = set[str]()
     for each in signable_entries(entries):
         known.add(each.sha256)
         faults = [*signature_faults(each.signatures, None, each.sha256, each.persons)]
-        faults += [] if keys is None else foreign_keys(each.signatures, keys)
+        faults += [] if signers is None else foreign_keys(each.signatures, signers)
         yield from (f'{each.title}: {fault}' for fault in faults)
     for signature in entry_signatures(entries):
         if signature.sha256 not in known:

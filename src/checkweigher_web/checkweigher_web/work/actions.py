@@ -5,7 +5,6 @@
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-import math
 from pathlib import Path
 import re
 
@@ -20,7 +19,7 @@ from checkweigher_core.ros.node_parameters import ros_parameters
 from checkweigher_core.ros.services import SETTER
 from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.rejection.parameters import limits_of
+from checkweigher_dsp.rejection.parameters import limit_text, limits_of
 from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
@@ -41,7 +40,7 @@ class MassLimits:
     upper: float
 
     def __str__(self) -> str:
-        return f'{_grams(self.lower)} and {_grams(self.upper)}'
+        return f'{limit_text(self.lower)} and {limit_text(self.upper)}'
 
 
 async def products(services: LaneServices) -> dict[str, Product]:
@@ -138,8 +137,8 @@ async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits, or neither."""
     if wanted.lower > wanted.upper:  # The node would refuse this with a message in kg.
         raise ActionRefusedError(
-            f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
-            f'{_grams(wanted.upper)}'
+            f'the lower limit, {limit_text(wanted.lower)}, is above the upper one, '
+            f'{limit_text(wanted.upper)}'
         )
     await _set(services, 'reject', {'lower_limit': wanted.lower, 'upper_limit': wanted.upper})
     return f'the limits are {wanted}'
@@ -177,10 +176,6 @@ async def line_parameters(services: LaneServices) -> LineParameters:
         return defaults.with_values(found)
     except ParameterError as error:
         raise ActionRefusedError(str(error)) from None
-
-
-def _grams(limit: float) -> str:
-    return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
 
 
 def in_grams(text: str) -> str:

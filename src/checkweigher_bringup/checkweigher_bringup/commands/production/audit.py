@@ -87,10 +87,10 @@ def _check_folder(arguments: argparse.Namespace) -> int:
     from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
 
     folder = arguments.all
-    keys = signers_of(arguments.users) if arguments.users else None
+    signers = signers_of(arguments.users) if arguments.users else None
     for last in (False, True):
         chain = read_chain(folder / LOG_FILE)
-        faults = list(faults_in(folder, chain, keys))
+        faults = list(faults_in(folder, chain, signers))
         if not faults or last:
             break
         time.sleep(_PATIENCE)  # a line that runs may be about to write an entry

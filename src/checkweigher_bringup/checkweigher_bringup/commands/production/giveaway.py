@@ -29,12 +29,12 @@ OPTIONS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the giveaway of each period. Return 1 if a record cannot be trusted, otherwise 0."""
-    from checkweigher_bringup.batch_report import records_in
+    from checkweigher_bringup.batch_report import record_files
     from checkweigher_core.printable import one_line
     from checkweigher_validation.batch.batch import read_recorded
     from checkweigher_validation.batch.giveaway import giveaway
 
-    paths = [path for source in arguments.records for path in records_in(source)]
+    paths = [path for source in arguments.records for path in record_files(source)]
     if not paths:
         raise UserError('there is no record of a batch')
     period = _period(arguments)

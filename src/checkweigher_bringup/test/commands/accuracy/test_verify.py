@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verifications of simulated machines from recorded steps, one of which passes and one fails."""
+"""Verifications from recorded steps: one simulated machine passes, another one fails."""
 
 from dataclasses import asdict, replace
 import hashlib

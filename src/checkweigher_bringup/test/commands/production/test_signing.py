@@ -72,7 +72,7 @@ def sign_entries(folder: Path) -> None:
     """Sign the verification, and a recipe that two persons must release."""
     machine, users = folder / 'machine', folder / 'users'
     with AuditLog(machine / 'audit.log') as log:
-        for number, persons in enumerate((2, 1)):  # nobody can lower the number alone
+        for number, persons in enumerate((2, 1)):  # one person alone must not lower the number
             time, recipe = f'2026-05-28T10:00:0{number}', {'release_by': persons, 'tare': number}
             last = log.append(time, '/product', 'recipe', 'tins', None, recipe)
     change = '--entry', last.sequence

@@ -19,7 +19,7 @@ import numpy as np
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.base import Axis, PlotStyle
-from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf, TvlpfParameters
+from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf, TvlpfParameters, lowpass_steps
 from checkweigher_dsp.signal import Array
 
 _share = partial(parameter, unit='share of the window', minimum=0, maximum=1)
@@ -62,10 +62,10 @@ def lowpass_matrix(
     count: int, sections: int, initial_cutoff: float, final_cutoff: float, decay: float, rate: float
 ) -> Array:
     """Return the weight of each sample in each output of the filter of TVLPF, (count, count)."""
-    cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
+    steps = lowpass_steps(count, initial_cutoff, final_cutoff, decay, rate)
     section = np.zeros((count, count))
     section[0, 0] = 1.0
-    for row, step in enumerate(-np.expm1(-2 * math.pi / rate * cutoff[1:]), start=1):
+    for row, step in enumerate(steps[1:], start=1):
         section[row] = (1 - step) * section[row - 1]
         section[row, row] = step
     smoothing: Array = np.linalg.matrix_power(section, sections)
@@ -83,11 +83,17 @@ def morphological(signal: Array, element: int) -> Array:
     >>> morphological(np.array([1.0, 1.0, 9.0, 1.0, 1.0, 1.0]), 3).tolist()
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
-    opened = -_erode(-_erode(signal, element), element)
-    closed = _erode(-_erode(-signal, element), element)
-    opened_closed = _erode(-_erode(-opened, element), element)
-    closed_opened = -_erode(-_erode(closed, element), element)
+    opened_closed = _close(_open(signal, element), element)
+    closed_opened = _open(_close(signal, element), element)
     return (opened_closed + closed_opened) / 2
+
+
+def _open(signal: Array, element: int) -> Array:
+    return -_erode(-_erode(signal, element), element)
+
+
+def _close(signal: Array, element: int) -> Array:
+    return -_open(-signal, element)
 
 
 def _erode(signal: Array, element: int) -> Array:

@@ -88,6 +88,18 @@ class Tvlpf(Average):
         )
 
 
+def lowpass_steps(
+    count: int, initial_cutoff: float, final_cutoff: float, decay: float, sample_rate: float
+) -> Array:
+    """Return the weight of each sample in the next output of a section, (n,).
+
+    The parameters are those of `lowpass_weights`.
+    """
+    cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
+    steps: Array = -np.expm1(-2 * math.pi / sample_rate * cutoff)
+    return steps
+
+
 @lru_cache(maxsize=256)
 def lowpass_weights(
     count: int,
@@ -132,8 +144,7 @@ def lowpass_weights(
     >>> print((weights @ ringing).round(2))
     1.0
     """
-    cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
-    steps = (-np.expm1(-2 * math.pi / sample_rate * cutoff)).tolist()
+    steps = lowpass_steps(count, initial_cutoff, final_cutoff, decay, sample_rate).tolist()
     weights = np.zeros(count)
     # adjoint[j] is the weight of the state of section j in the last output.
     adjoint = [0.0] * (sections - 1) + [1.0]
