@@ -21,6 +21,7 @@ from checkweigher_web.access.users import Role, User, hash_password, write_users
 
 PASSWORD = 'correct horse'
 SCRIPT = '<img src=x onerror=alert(1)>'
+_BESIDE_MENU = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # the menu has all other actions
 # A click while the layout moves falls elsewhere, on the button beside it for one: a dialog that is
 # just opening or growing has to come to rest. What moves later than that is watched for.
 _COME_TO_REST = (
@@ -137,9 +138,7 @@ class Person:
         return found
 
     def open(self, name: str) -> None:
-        if name in ('Start', 'Stop'):  # of which the page shows one, by the state of the line
-            self.until(lambda: name in self.buttons('.work'))
-        if name in self.buttons('.work'):
+        if name in _BESIDE_MENU:
             self.press(name, '.work')
         else:
             self.open_menu()

@@ -7,6 +7,7 @@ import re
 
 from browsers import errors_of, needs_browser, open_browser
 from persons import SCRIPT, Person, Technician, new_line
+from selenium.webdriver.common.by import By
 
 from checkweigher_production.audit_log import read_log
 
@@ -67,6 +68,16 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         entries = read_log(line.folder / 'audit.log').entries
         changed = [each for each in entries if each.subject.endswith('lower_limit')]
         assert (changed[-1].who, changed[-1].why) == ('ben', 'test weights')
+        # New limits do not replace what a user has typed.
+        commissioning = browser.current_window_handle
+        browser.switch_to.new_window('tab')
+        browser.get(f'http://127.0.0.1:{line.port}')
+        assert 'crisps' in person.does('Product', '✓', 'Select', 'crisps', Reason='next product')
+        browser.close()
+        browser.switch_to.window(commissioning)
+        person.until(lambda: '190 g' not in person.standing('4 Limits'))
+        upper = browser.find_element(By.CSS_SELECTOR, '[aria-label^="Upper limit"]')
+        assert upper.get_property('value') == '100'
         test = person.does('Performance test', '✗', 'Begin', Reason='shift')
         assert 'asks for no performance test' in test
 

@@ -24,7 +24,7 @@ class LimitsStep(Step):
     )
 
     def _build(self) -> None:
-        self._shown: MassLimits | None = None
+        self._texts = ['', '']  # of the limits in use, as last shown
         with ui.element('div').classes('fields'):
             self._lower = field('Lower limit', unit='g')
             self._upper = field('Upper limit', unit='g')
@@ -42,13 +42,14 @@ class LimitsStep(Step):
         return None if self.services.product is None else actions.limits(self.services)
 
     async def update(self) -> None:
-        """Show the limits in use when they have changed."""
+        """Show the limits in use in each field in which the user has not typed."""
         now = self._now()
-        if now is None or now == self._shown:
+        if now is None:
             return
-        self._shown = now
-        for shown, limit in ((self._lower, now.lower), (self._upper, now.upper)):
-            shown.set_value(f'{GRAMS * limit:g}' if math.isfinite(limit) else '')
+        before, self._texts = self._texts, [_text(now.lower), _text(now.upper)]
+        for shown, last, text in zip((self._lower, self._upper), before, self._texts, strict=True):
+            if shown.value == last:
+                shown.set_value(text)
 
     def primary(self) -> Choice:
         """Return the button that sets both limits."""
@@ -61,3 +62,7 @@ class LimitsStep(Step):
         )
         set_limits = partial(actions.set_limits, self.services, wanted)
         await self.perform(f'set limits to {wanted}', set_limits)
+
+
+def _text(limit: float) -> str:
+    return f'{GRAMS * limit:g}' if math.isfinite(limit) else ''
