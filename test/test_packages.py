@@ -28,6 +28,7 @@ KEYS = {
     'starlette': 'nicegui',
     'uvicorn': 'nicegui',
     'argon2': 'python3-argon2',
+    'babel': 'python3-babel',
     'cryptography': 'python3-cryptography',
     'distributed': 'python3-distributed',
     'filterpy': 'python3-filterpy-pip',

@@ -69,7 +69,7 @@ def line(
         'showSymbol': False,
         'color': color,
         'lineStyle': {'width': width, 'type': dash},
-        'data': np.column_stack([x[::step], y[::step]]).round(4).tolist(),
+        'data': _points(x[::step], y[::step]),
     }
 
 
@@ -83,8 +83,14 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
         'color': ALARM,
         'z': _ABOVE,
         'itemStyle': {'opacity': 1},
-        'data': np.column_stack([x, y]).round(4).tolist(),
+        'data': _points(x, y),
     }
+
+
+def _points(x: NDArray[Any], y: NDArray[Any]) -> list[list[float]]:
+    """Return points with about 6 significant digits of the largest value, which may be in kg."""
+    largest = np.nanmax(np.abs(y), initial=0.0)
+    return np.column_stack([x.round(4), y.round(4 if largest > 10 else 7)]).tolist()
 
 
 def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
@@ -165,13 +171,13 @@ def rows(
 ) -> Options:
     """Return a figure with rows of series that share one time axis.
 
-    `heights` maps the names of the rows to their heights in px. A row whose name contains no unit
-    shows no value axis. The time axis begins and ends at `ends`, and a slider selects a part of it.
+    `heights` maps the names of the rows to their heights in px. A row of symbols shows no value
+    axis. The time axis begins and ends at `ends`, and a slider selects a part of it.
     """
     top = _GAP
     figure: Options = {'grid': [], 'xAxis': [], 'yAxis': [], 'series': []}
     for place, (own, (name, height)) in enumerate(zip(series, heights.items(), strict=True)):
-        last, events = place == len(heights) - 1, not {',', '/'} & {*name}
+        last, events = place == len(heights) - 1, {each['type'] for each in own} == {'scatter'}
         grid = {'left': 70, 'right': 20, 'top': top, 'height': height}
         figure['grid'].append(grid | {'show': True, 'borderColor': '--line'})
         time = {'type': 'time', 'gridIndex': place, 'min': ends[0], 'max': ends[1]}

@@ -6,16 +6,30 @@ from collections.abc import Callable, Iterable, Sequence
 import json
 from pathlib import Path
 import time
+from typing import NamedTuple, TypeVar
 
 from nicegui import ui
 from nicegui.element import Element
 
+from checkweigher_core.health.findings import Level
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_web.charts import nothing
-from checkweigher_web.words import clock
+from checkweigher_web.languages.language import Language
 
 STYLE = Path(__file__).with_name('page.css')  # style sheet of all pages
-Cell = str | tuple[str, str]  # text of a cell, or the text and the address of its link
+E = TypeVar('E', bound=Element)
+Link = tuple[str, str]  # text and address of a link
+
+
+class Told(NamedTuple):
+    """Text of a cell, with the name of its level, and its language if it is not translated."""
+
+    text: str
+    level: str = ''
+    lang: str = ''
+
+
+Cell = str | Link | Told
 
 
 def panel(title: str, name: str = '') -> Element:
@@ -41,6 +55,28 @@ def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> 
     read = f'(event) => event.target.files[0]?.slice(0, {longest}).text().then(t => emit(t))'
     found = ui.element('input').props(f'type=file aria-label="{label}"')
     return found.on('change', lambda event: take(str(event.args)), js_handler=read)
+
+
+def told(text: str, say: Language) -> Told:
+    """Return the translation of a text as a cell, or a text that has none marked as English."""
+    return Told(say(text), lang='' if say.knows(text) else 'en')
+
+
+def level_cell(level: Level, say: Language) -> Told:
+    """Return the name of a level as a cell in the colour of the level."""
+    return Told(say(level.name), level.name)
+
+
+def show_told(label: ui.label, text: str, say: Language) -> None:
+    """Show the translation of a text in a label, or a text that has none marked as English."""
+    label.set_text(say(text))
+    label.props(f'lang={say.tag if say.knows(text) else "en"}')
+
+
+def named(element: E, label: str) -> E:
+    """Give an element a name for screen readers, and return it."""
+    element.props['aria-label'] = label
+    return element
 
 
 def menu_entry(text: str, click: Callable[[], object]) -> Element:
@@ -72,14 +108,14 @@ class Figure(_FromText, ui.echart, component='figure.js'):
 
     _of = 'text'
 
-    def __init__(self, label: str, *, linked: bool = False) -> None:
+    def __init__(self, label: str, say: Language, *, linked: bool = False) -> None:
         super().__init__({})
         for name in ('options', 'enable-3d', 'renderer', 'theme'):
             self.props.pop(name)
         self._update_method = None
         self.classes('chart').props(f'role=img aria-label="{label}"')
         self.props['linked'] = linked
-        self.show_text(json.dumps(nothing('waiting for items')))
+        self.show_text(json.dumps(nothing(say('waiting for items'))))
 
 
 class ItemList(_FromText, component='items.js'):
@@ -88,9 +124,7 @@ class ItemList(_FromText, component='items.js'):
     Screen readers read `verb` before the first cell of a row.
     """
 
-    def __init__(
-        self, heads: Iterable[str], choose: Callable[[str], None], verb: str = 'show item'
-    ) -> None:
+    def __init__(self, heads: Iterable[str], choose: Callable[[str], None], verb: str) -> None:
         super().__init__()
         self.props['heads'] = list(heads)
         self.props['verb'] = verb
@@ -115,13 +149,28 @@ class Lines(_FromText, component='lines.js'):
 class Pulse(ui.element, component='pulse.js'):
     """Age, clock and theme of the page. Without beats, the browser greys the page."""
 
+    def __init__(self, say: Language) -> None:
+        super().__init__()
+        self._say = say
+        self.props['texts'] = {
+            'late': say('No news since {since}, for {ago} s: what is below is old'),
+            'ahead': say(
+                'The clock of this browser is {seconds} s ahead of that of the line; all times '
+                'here are those of the line'
+            ),
+            'behind': say(
+                'The clock of this browser is {seconds} s behind that of the line; all times here '
+                'are those of the line'
+            ),
+        }
+
     def beat(self, age: float, wakes: str = '') -> None:
         """Send a beat with the age in s of the state that the browser shows.
 
         A dimmed screen wakes when `wakes` changes.
         """
         now = time.time()
-        since = clock(round(NANOSECONDS * (now - age)))
+        since = self._say.clock(round(NANOSECONDS * (now - age)))
         beat = self.props.get('beat', 0) + 1
         self.props.update(age=age, since=since, now=round(1000 * now), wakes=wakes, beat=beat)
 
@@ -130,6 +179,15 @@ class Reading(_FromText, component='reading.js'):
     """Large display of the mass and verdict of an item, with a scale."""
 
     _of = 'text'
+
+    def __init__(self, say: Language) -> None:
+        super().__init__()
+        self.props['texts'] = {
+            'none': say('no item yet'),
+            'unknown': say('UNKNOWN'),
+            'seconds': say('{count} s ago'),
+            'minutes': say('{count} min ago'),
+        }
 
     def show(self, text: str, age: float | None, *, still: bool) -> None:
         """Show a reading in JSON, with its age in s or None for a recorded item.

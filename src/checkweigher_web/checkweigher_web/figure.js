@@ -74,9 +74,13 @@ export default {
       const axis = { axisLabel: text, nameTextStyle: text, axisLine: { lineStyle: text },
                      axisTick: { lineStyle: text },
                      splitLine: { lineStyle: { color: colour("--line") } } };
+      // Numbers as the language of the page writes them.
+      const shown = value => typeof value === "number" ? value.toLocaleString(
+        document.documentElement.lang, { maximumFractionDigits: 6 }) : value;
+      const valueAxis = { ...axis, axisLabel: { ...text, formatter: shown } };
       return echarts.init(this.$el, {
-        valueAxis: axis, categoryAxis: axis, timeAxis: axis, legend: { textStyle: ink },
-        tooltip: { backgroundColor: this.theme, borderColor: colour("--line"), textStyle: ink },
+        valueAxis, categoryAxis: axis, timeAxis: axis, legend: { textStyle: ink },
+        tooltip: { valueFormatter: shown, backgroundColor: this.theme, borderColor: colour("--line"), textStyle: ink },
       });
     },
     // Colour of a CSS variable in the present theme.

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
-from checkweigher_dsp.rejection.parameters import limit_text
+from checkweigher_web.languages.language import Mass, Text
 
 HOUR = 3600 * NANOSECONDS
-Change = tuple[int, str]  # stamp in ns, and a text on what changed
+Change = tuple[int, Text]  # stamp in ns, and a text on what changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class History:
         Gross masses, and zeros relative to the calibration, in g, or NaN.
     noise : array of shape (m, 2)
         Times in ns, and standard deviations of the empty belt in g.
-    changes : tuple of (int, str)
+    changes : tuple of (int, Text)
         Changes of product, batch, limits and zero, and actions of users, in order of time.
     """
 
@@ -74,12 +74,15 @@ def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
     """Yield the change of product, batch or limits between two successive items."""
     for one, other in pairwise(verdicts):
         if one.product != other.product:
-            yield _stamp_of(other), f'product {other.product or "none"}'
+            name = other.product or Text('none')
+            yield _stamp_of(other), Text('product {name}', name=name)
         elif one.batch != other.batch:
-            yield _stamp_of(other), f'batch {other.batch or "none"}'
+            name = other.batch or Text('none')
+            yield _stamp_of(other), Text('batch {name}', name=name)
         elif (one.lower_limit, one.upper_limit) != (other.lower_limit, other.upper_limit):
-            limits = map(limit_text, (other.lower_limit, other.upper_limit))
-            yield _stamp_of(other), f'limits {" and ".join(limits)}'
+            lower, upper = Mass(other.lower_limit), Mass(other.upper_limit)
+            text = Text('limits {lower} and {upper}', lower=lower, upper=upper)
+            yield _stamp_of(other), text
 
 
 @dataclass(frozen=True, slots=True)

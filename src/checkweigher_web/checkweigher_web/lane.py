@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from checkweigher_core.recording import Event, Recording
 from checkweigher_core.records import (
-    GRAMS,
     NANOSECONDS,
     Alarm,
     Alarms,
@@ -35,6 +34,7 @@ from checkweigher_core.records import (
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.history import History, history_of
+from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal, Stretch
 
@@ -213,8 +213,12 @@ class Lane:
         )
         zero_of = {_key(each): each.zero for each in estimates}
         items = ((verdict, zero_of.get(_key(verdict), math.nan)) for verdict in verdicts)
-        changes = [(each.stamp, f'{each.who}: {each.what}') for each in deeds]
-        changes += [(each.stamp, f'zero {GRAMS * each.zero:+.2f} g') for each in zeros]
+        changes = [
+            (each.stamp, Text('{name}: {deed}', name=each.who, deed=each.what)) for each in deeds
+        ]
+        changes += [
+            (each.stamp, Text('zero {mass}', mass=Mass(round(each.zero, 5)))) for each in zeros
+        ]
         return history_of(items, ((each.stamp, each.grams) for each in noise), changes)
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:

@@ -10,25 +10,25 @@ import time
 from nicegui import ui
 
 from checkweigher_core.health.findings import Level
-from checkweigher_core.printable import counted
 from checkweigher_core.ros.status_board import LaneRow, by_lane
 from checkweigher_web.drawing import Made
-from checkweigher_web.elements import STYLE, Cell, Table, panel
+from checkweigher_web.elements import STYLE, Cell, Table, level_cell, panel, told
 from checkweigher_web.lane import Lane
+from checkweigher_web.languages.language import ENGLISH, Language, Text
+from checkweigher_web.languages.wording import from_node
 from checkweigher_web.listening import Watch
-from checkweigher_web.words import number
 
 _PERIOD = 1.0  # s
 _HEADS = (
-    'state',
-    'lane',
-    'host',
-    'product',
-    'items/min',
-    'accepted',
-    'rejected',
-    'faults',
-    'the worst, and what to check',
+    Text('state'),
+    Text('lane'),
+    Text('host'),
+    Text('product'),
+    Text('items/min'),
+    Text('accepted'),
+    Text('rejected'),
+    Text('faults'),
+    Text('the worst, and what to check'),
 )
 
 
@@ -48,64 +48,73 @@ class Overview(Made):
         super().__init__()
         self._watch = watch
 
-    def views(self) -> list[LaneView]:
+    def views(self, say: Language = ENGLISH) -> list[LaneView]:
         """Return a row for each lane that has verdicts or diagnostics, the worst lane first."""
-        return self.each_second('views', self._views)
+        return self.each_second(('views', say), lambda: self._views(say))
 
     def only(self) -> str | None:
         """Return the name of the lane if there is exactly one, otherwise None."""
         names = [view.name for view in self.views()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
-    def _views(self) -> list[LaneView]:
+    def _views(self, say: Language) -> list[LaneView]:
         lanes, board = dict(self._watch.lanes), self._watch.board
         hosts = board.hosts()
-        told = by_lane(board.rows(time.monotonic())) if board.heard else []
-        silent = lanes.keys() - {row.lane.strip('/') for row in told}
+        known = by_lane(board.rows(time.monotonic())) if board.heard else []
+        silent = lanes.keys() - {row.lane.strip('/') for row in known}
         text = 'no diagnostics have come; see whether its nodes run'
-        rows = [LaneRow(name, Level.STALE, (), text) for name in sorted(silent)] + told
-        views = [_view(row, lanes.get(row.lane.strip('/')), hosts) for row in rows]
+        rows = [LaneRow(name, Level.STALE, (), text) for name in sorted(silent)] + known
+        views = [_view(row, lanes.get(row.lane.strip('/')), hosts, say) for row in rows]
         return [view for view in views if self._watch.only in (None, view.name)]
 
 
-def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]]) -> LaneView:
+def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]], say: Language) -> LaneView:
     name = row.lane.strip('/')
     known = None if lane is None else lane.statistics
     product, throughput = ('', math.nan) if known is None else (known.product, known.throughput)
     host = ', '.join(sorted(hosts.get(name, ())))
-    link = name or '(no namespace)', f'/lane/{name}'
-    worst = row.worst.replace('; ', ' \u2192 ', 1) or 'all is well'
-    texts = host, product, number(throughput, 1), *map(str, row.counts), worst
-    return LaneView(name, row.level, (row.level.name, link, *(text or '\u2013' for text in texts)))
+    link = name or say('(no namespace)'), f'/lane/{name}'
+    worst = Text('all is well') if not row.worst else from_node(row.worst.replace('; ', ' → ', 1))
+    texts = (each or '–' for each in (host, product, say.number(throughput, 1)))
+    counts = map(str, row.counts)
+    level, worst_cell = level_cell(row.level, say), told(worst, say)
+    cells: tuple[Cell, ...] = (level, link, *texts, *counts, worst_cell)
+    return LaneView(name, row.level, cells)
 
 
-def show_overview(lanes: Overview) -> None:
+def show_overview(lanes: Overview, say: Language) -> None:
     """Show a row for each lane, and keep the rows up to date."""
     ui.add_css(STYLE)
-    with ui.element('div').classes('lanes'), panel('Lanes'):
+    with ui.element('div').classes('lanes'), panel(say('Lanes')):
         headline = ui.label('').classes('about')
-        table = Table(_HEADS)
+        table = Table(map(say, _HEADS))
 
     def update() -> None:
         if lanes.only() is not None:
             ui.navigate.reload()  # The same address then shows the page of the only lane.
-        shown = lanes.views()
-        headline.set_text(_headline(shown))
+        shown = lanes.views(say)
+        headline.set_text(_headline(shown, say))
         table.show(view.cells for view in shown)
 
     ui.timer(_PERIOD, update)
 
 
-def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
+def wait_for_lane(name: str, runs: Callable[[], bool], say: Language) -> None:
     """Show that a lane does not run, and load its page as soon as it runs."""
     ui.add_css(STYLE)
-    with ui.element('div').classes('lanes'), panel('Lane'):
-        ui.label(f'no lane {name!r} runs here; this page shows it as soon as it does')
+    with ui.element('div').classes('lanes'), panel(say('Lane')):
+        text = Text('no lane {name} runs here; this page shows it as soon as it does')
+        ui.label(say(text, name=repr(name)))
     ui.timer(_PERIOD, lambda: ui.navigate.reload() if runs() else None)
 
 
-def _headline(shown: Sequence[LaneView]) -> str:
+def _headline(shown: Sequence[LaneView], say: Language) -> str:
     if not shown:
-        return 'no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?'
+        return say('no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?')
     well = sum(view.level is Level.OK for view in shown)
-    return f'{counted(len(shown), "lane")}, {well} of them well'
+    return say.plural(
+        '{count} lane, {well} of them well',
+        '{count} lanes, {well} of them well',
+        len(shown),
+        well=well,
+    )

@@ -7,10 +7,10 @@ from functools import partial
 from nicegui import ui
 from nicegui.element import Element
 
-from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE, panel
+from checkweigher_web.languages.language import Language
 from checkweigher_web.shift import Shift
 from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import FAST, SLOW, Look, View
@@ -35,21 +35,26 @@ def show_lane(look: Look) -> Element:
     return board
 
 
-def show_shift(shift: Shift, drawing: Drawing, report: str = '') -> None:
+def show_shift(shift: Shift, drawing: Drawing, say: Language, report: str = '') -> None:
     """Show a recorded shift to one viewer. `report` is the address of an accuracy report, or ''."""
-    board = show_lane(Look(drawing))
-    with board, panel('Recording', 'recording').style(_WHOLE) as about:
+    board = show_lane(Look(drawing, say=say))
+    with board, panel(say('Recording'), 'recording').style(_WHOLE) as about:
         ui.label(shift.name).classes('name')
         progress = ui.label('').props('role=status')
         if report:
-            ui.link('accuracy report', report)
+            ui.link(say('accuracy report'), report)
     about.move(target_index=0)
 
     def update() -> None:
-        faults, length = counted(len(shift.faults()), 'fault'), (shift.end - shift.begin) / 60
-        text = f'{counted(shift.version, "item")}, {faults} in {length / NANOSECONDS:.1f} min'
-        whole = shift.is_whole
-        progress.set_text(text if whole else f'weighing: {shift.progress:.0%}, {text}')
+        text = say(
+            '{items}, {faults} in {time}',
+            items=say.plural('{count} item', '{count} items', shift.version),
+            faults=say.plural('{count} fault', '{count} faults', len(shift.faults())),
+            time=say.number((shift.end - shift.begin) / 60 / NANOSECONDS, 1, ' min'),
+        )
+        whole, percent = shift.is_whole, round(100 * shift.progress)
+        weighing = say('weighing: {percent} %, {items}', percent=percent, items=text)
+        progress.set_text(text if whole else weighing)
         if whole:
             timer.deactivate()
 
@@ -58,7 +63,7 @@ def show_shift(shift: Shift, drawing: Drawing, report: str = '') -> None:
 
 def _build(name: str, kind: type[View], look: Look) -> View:
     tablet, desk = kind.columns
-    with panel(kind.title, name).style(f'--tablet: {tablet}; --desk: {desk}'):
+    with panel(look.say(kind.title), name).style(f'--tablet: {tablet}; --desk: {desk}'):
         return kind(look)
 
 

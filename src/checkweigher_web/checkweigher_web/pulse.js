@@ -14,15 +14,14 @@ export default {
   // Age of the state in s and its time as text, time of the line in ms, and a text that wakes the
   // screen when it changes.
   props: { beat: Number, age: { type: Number, default: 0 }, since: String, now: Number,
-           wakes: String },
+           wakes: String, texts: Object },
   data: () => ({ came: performance.now(), touched: performance.now(), text: "", apart: "" }),
   watch: {
     beat() {
       this.came = performance.now() - 1000 * this.age;
       const late = Math.round((Date.now() - this.now) / 1000);
       this.apart = Math.abs(late) * 1000 < APART ? "" :
-        `The clock of this browser is ${Math.abs(late)} s ${late > 0 ? "ahead of" : "behind"} ` +
-        "that of the line; all times here are those of the line";
+        this.texts[late > 0 ? "ahead" : "behind"].replace("{seconds}", Math.abs(late));
       this.look();
     },
     wakes() {
@@ -43,8 +42,9 @@ export default {
   },
   methods: {
     look() {
-      const age = performance.now() - this.came, ago = `${Math.round(age / 1000)} s`;
-      this.text = age > LATE ? `No news since ${this.since}, for ${ago}: what is below is old` : "";
+      const age = performance.now() - this.came;
+      this.text = age > LATE ? this.texts.late.replace("{since}", this.since)
+        .replace("{ago}", Math.round(age / 1000)) : "";
       document.body.classList.toggle("stale", age > LATE);
       const idle = performance.now() - this.touched > IDLE && age < LATE;
       document.body.classList.toggle("dimmed", idle && document.body.classList.contains("kiosk"));

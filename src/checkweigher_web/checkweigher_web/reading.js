@@ -15,7 +15,7 @@ export default {
     <div :class="['reading', shade]">
       <div class="said">
         <svg viewBox="0 0 24 24" aria-hidden="true"><path :d="shape"/></svg>
-        <span class="decision">{{ item.decision ? (known ? item.decision : 'UNKNOWN') : 'no item yet' }}</span>
+        <span class="decision">{{ item.decision ? (known ? item.word : texts.unknown) : texts.none }}</span>
         <span class="ago">{{ ago }}</span>
       </div>
       <div class="mass">{{ item.mass ?? '–' }}</div>
@@ -34,7 +34,7 @@ export default {
     </div>`,
   // Age in s, or -1 without an age, and whether the line stands.
   props: { text: { type: String, default: "{}" }, age: { type: Number, default: -1 },
-           still: Boolean },
+           still: Boolean, texts: Object },
   data: () => ({ came: performance.now(), now: performance.now() }),
   watch: {
     text() {
@@ -57,7 +57,8 @@ export default {
     ago() {
       if (this.age < 0 || !this.item.decision) return "";
       const s = Math.floor(this.seconds);
-      return s < 120 ? `${s} s ago` : `${Math.floor(s / 60)} min ago`;
+      return s < 120 ? this.texts.seconds.replace("{count}", s)
+        : this.texts.minutes.replace("{count}", Math.floor(s / 60));
     },
     shade() {
       if (this.still || !this.item.decision) return "NONE";

@@ -1,8 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Table whose rows are one text in JSON. A cell is a text, or a text and the address of its link. A
-// level in the first cell is shown in its colour.
-const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
+// Table whose rows are one text in JSON. A cell is a text, a text and the address of its link, or a
+// text with the name of its level, which has a colour, and its language.
 
 export default {
   template: `
@@ -11,8 +10,9 @@ export default {
       <tbody>
         <tr v-for="cells in list">
           <td v-for="(cell, place) in cells" :data-head="heads[place]"
-              :class="place === 0 ? colour(cell) : ''">
-            <a v-if="Array.isArray(cell)" class="nicegui-link" :href="cell[1]">{{ cell[0] }}</a>
+              :class="isTold(cell) && cell[1] ? 'level-' + cell[1] : ''">
+            <a v-if="isLink(cell)" class="nicegui-link" :href="cell[1]">{{ cell[0] }}</a>
+            <div v-else-if="isTold(cell)" :lang="cell[2] || null">{{ cell[0] }}</div>
             <div v-else-if="cell">{{ cell }}</div>
           </td>
         </tr>
@@ -25,8 +25,11 @@ export default {
     },
   },
   methods: {
-    colour(cell) {
-      return LEVELS.includes(cell) ? `level-${cell}` : "";
+    isLink(cell) {
+      return Array.isArray(cell) && cell.length === 2;
+    },
+    isTold(cell) {
+      return Array.isArray(cell) && cell.length === 3;
     },
   },
 };

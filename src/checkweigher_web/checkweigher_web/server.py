@@ -36,8 +36,9 @@ from checkweigher_web.access.users import Role
 from checkweigher_web.commissioning.path import CommissioningPath
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE
-from checkweigher_web.header import header, hint_to_users
+from checkweigher_web.header import header, hint_to_users, page_language
 from checkweigher_web.lane import SHOWN
+from checkweigher_web.languages.language import Language
 from checkweigher_web.listening import Watch
 from checkweigher_web.overview import Overview, show_overview, wait_for_lane
 from checkweigher_web.page import show_lane, show_shift
@@ -128,8 +129,9 @@ def serve_shift(site: Site, shift: Shift, report: Path | None = None) -> None:
 
         @ui.page('/', title='Checkweigher')
         async def show() -> None:
-            header(access, _title(''))
-            show_shift(shift, drawing, _REPORT if report is not None else '')
+            say = page_language()
+            header(access, _title('', say), say)
+            show_shift(shift, drawing, say, _REPORT if report is not None else '')
 
         shift.start()
         _run(app, access, listener)
@@ -175,8 +177,9 @@ def _add_pages(
         if (only := lanes.only()) is not None:
             show(only)
         else:
-            header(access, _title(''))
-            show_overview(lanes)
+            say = page_language()
+            header(access, _title('', say), say)
+            show_overview(lanes, say)
 
     @ui.page('/lane/{name:path}', title='Checkweigher')
     async def lane(name: str) -> None:
@@ -195,15 +198,17 @@ def _add_pages(
             ui.navigate.to(LOGIN)
             return
         services = await desk.begin()
-        header(access, _title(name), look, lambda: True, partial(work_menu, desk, look))
+        menu = partial(work_menu, desk, look)
+        header(access, _title(name, look.say), look.say, look, lambda: True, menu)
         CommissioningPath(desk, services)
 
     def look_at(name: str) -> tuple[Look, Desk]:
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
-        look = Look(drawings.setdefault(name, Drawing(watch.lanes[name])), watch.board)
-        desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
+        drawing = drawings.setdefault(name, Drawing(watch.lanes[name]))
+        look = Look(drawing, watch.board, say=page_language())
+        desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor, look.say)
         look.work = work_of(desk)
         look.practice = Practice(desk) if desk.role >= Role.TECHNICIAN else None
         return look, desk
@@ -211,8 +216,8 @@ def _add_pages(
     def show(name: str) -> None:
         look, desk = look_at(name)
         menu = partial(work_menu, desk, look)
-        header(access, _title(name), look, lambda: lanes.only() is None, menu)
-        hint_to_users(access)
+        header(access, _title(name, look.say), look.say, look, lambda: lanes.only() is None, menu)
+        hint_to_users(access, look.say)
         if look.work:
             work_bar(look)
             if keeper is not None:
@@ -222,12 +227,13 @@ def _add_pages(
 
 def _wait(access: Access, watch: Watch, name: str) -> None:
     """Show that the page waits for a lane."""
-    header(access, _title(name), others=lambda: True)
-    wait_for_lane(name, lambda: name in watch.lanes)
+    say = page_language()
+    header(access, _title(name, say), say, others=lambda: True)
+    wait_for_lane(name, lambda: name in watch.lanes, say)
 
 
-def _title(lane: str) -> str:
-    return f'lane {lane}' if lane else 'Checkweigher'
+def _title(lane: str, say: Language) -> str:
+    return say('lane {name}', name=lane) if lane else say('Checkweigher')
 
 
 def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:

@@ -17,33 +17,38 @@ from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
 from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import NOBODY, User, account_name, add_first_user
+from checkweigher_web.languages.language import Language, Text, language_of
 
 _LARGEST = 4096  # maximum size of a form in bytes
 _PAGE = """<!doctype html>
-<html lang="en">
+<html lang="{lang}">
 <head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Checkweigher: log in</title><link rel="stylesheet" href="{style}"></head>
-<body><main class="login"><h1>Checkweigher</h1>
+<title>{title}</title><link rel="stylesheet" href="{style}"></head>
+<body><main class="login"><h1>{heading}</h1>
 <p role="alert" class="level-ERROR">{said}</p>
 <form method="post" action="{login}" autocomplete="on">
 <input type="hidden" name="token" value="{token}">{first}
-<label>Name <input name="name" autocomplete="username" required {focus}></label>
-<label>Password <input name="password" type="password" autocomplete="{kind}-password" required>
+<label>{name} <input name="name" autocomplete="username" required {focus}></label>
+<label>{password} <input name="password" type="password" autocomplete="{kind}-password" required>
 </label>
 <button>{button}</button>
 </form>{look}</main></body></html>
 """
 _FIRST = """
-<p>The page has no user yet. The first one is a technician, who may do everything. The terminal or
-log in which the page was started shows the code.</p>
-<label>Code <input name="code" autocomplete="off" autofocus required></label>"""
+<p>{text}</p>
+<label>{code} <input name="code" autocomplete="off" autofocus required></label>"""
+_NO_USER = Text(
+    'The page has no user yet. The first one is a technician, who may do everything. The terminal '
+    'or log in which the page was started shows the code.'
+)
 
 
-def logout_form(token: str) -> str:
+def logout_form(token: str, say: Language) -> str:
     """Return the logout form as HTML."""
+    label = escape(say('Log out'))
     return (
         f'<form method="post" action="{LOGOUT}"><input type="hidden" name="token" '
-        f'value="{escape(token)}"><button>Log out</button></form>'
+        f'value="{escape(token)}"><button>{label}</button></form>'
     )
 
 
@@ -51,7 +56,7 @@ def add_login(app: FastAPI, access: Access, style: Path) -> None:
     """Serve the login, the logout, and the style sheet of the login."""
     forms = _Forms(access)
     app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
-    app.add_api_route(LOGIN, lambda: forms.form(''), methods=['GET'])
+    app.add_api_route(LOGIN, forms.show, methods=['GET'])
     app.add_api_route(LOGIN, forms.log_in, methods=['POST'])
     app.add_api_route(LOGOUT, forms.log_out, methods=['POST'])
 
@@ -70,24 +75,36 @@ class _Forms:
             'secure': access.site.secure,
         }
 
-    def form(self, said: str, status: int = 200) -> Response:
+    def show(self, request: Request) -> Response:
+        """Return the login form."""
+        return self.form(request, '')
+
+    def form(self, request: Request, said: str, status: int = 200) -> Response:
         """Return the login form with a message and a token.
 
         The browser must return the token in the form and as a cookie.
         """
         token = secrets.token_urlsafe(32)
-        look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
+        say = language_of(request.headers, request.cookies)
+        text = escape(say('Look without a login'))
+        link = f'<p><a href="/">{text}</a></p>'
         first = bool(self._access.first_code)
+        code = _FIRST.format(text=escape(say(_NO_USER)), code=escape(say('Code')))
         page = _PAGE.format(
             style=STYLE,
             login=LOGIN,
-            said=escape(said),
+            lang=say.tag,
+            title=escape(say('Checkweigher: log in')),
+            heading=escape(say('Checkweigher')),
+            name=escape(say('Name')),
+            password=escape(say('Password')),
+            said=escape(say(said)),
             token=token,
-            first=_FIRST if first else '',
+            first=code if first else '',
             focus='' if first else 'autofocus',
             kind='new' if first else 'current',
-            button='Make the user' if first else 'Log in',
-            look=look,
+            button=escape(say('Make the user') if first else say('Log in')),
+            look=link if self._access.site.open else '',
         )
         answer = HTMLResponse(page, status, {'Content-Security-Policy': PLAIN_POLICY})
         answer.set_cookie(self._form_cookie, token, **self._cookie)
@@ -97,7 +114,8 @@ class _Forms:
         """Begin a session, or return the form with the reason of the refusal."""
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
-            return self.form('This form was too old or not of this page: try again.', 403)
+            text = Text('This form was too old or not of this page: try again.')
+            return self.form(request, text, 403)
         async with self._turn:
             return await self._decide(request, given)
 
@@ -111,20 +129,21 @@ class _Forms:
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )
-            seconds = f'{wait + 1:.0f}'
-            answer = self.form(f'Too many failed attempts: try again in {seconds} s.', 429)
-            answer.headers['Retry-After'] = seconds
+            seconds = round(wait + 1)
+            text = Text('Too many failed attempts: try again in {seconds} s.', seconds=seconds)
+            answer = self.form(request, text, 429)
+            answer.headers['Retry-After'] = str(seconds)
             return answer
         if 'code' in given:
             user, refusal = await self._first_user(name, given)
         else:
-            user, refusal = self._access.users.find(name), 'Name or password are wrong.'
+            user, refusal = self._access.users.find(name), Text('Name or password are wrong.')
             right = (user or NOBODY).has_password
             user = user if await asyncio.to_thread(right, given.get('password', '')) else None
         if user is None:
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
-            return self.form(refusal, 403)
+            return self.form(request, refusal, 403)
         throttle.forget(*keys)
         self._log.info(f'{who}: {user.role.name.lower()}')
         self._access.sessions.end(request.cookies.get(self._access.cookie, ''))
@@ -137,7 +156,7 @@ class _Forms:
     async def _first_user(self, name: str, given: dict[str, str]) -> tuple[User | None, str]:
         """Return the first user, or None and the reason of the refusal."""
         if not _same(given['code'].strip().lower(), self._access.first_code):
-            return None, 'The code is wrong: the page shows it where it was started.'
+            return None, Text('The code is wrong: the page shows it where it was started.')
         path, password = self._access.users.path, given.get('password', '')
         try:
             user = await asyncio.to_thread(add_first_user, path, name, password)

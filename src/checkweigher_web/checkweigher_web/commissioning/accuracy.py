@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.tuning.tuner import UNTRAINED
-from checkweigher_web.words import number
+from checkweigher_web.languages.language import ENGLISH, Language
 
 _CHOSEN = 'chosen: '
 
@@ -20,7 +21,7 @@ class Matrix(NamedTuple):
     changes: tuple[str, ...]
 
 
-def matrix_of(lines: Sequence[str]) -> Matrix:
+def matrix_of(lines: Sequence[str], say: Language = ENGLISH) -> Matrix:
     """Return the matrix for the lines of `accuracy_lines`. Without lines, it has no rows."""
     found: dict[str, dict[str, float]] = {}
     chosen, reason = '', ''
@@ -32,35 +33,46 @@ def matrix_of(lines: Sequence[str]) -> Matrix:
         found.setdefault(name, {})[speed] = float(held_out)
     speeds = tuple(dict.fromkeys(speed for row in found.values() for speed in row))
     names = sorted(found, key=lambda name: (name != chosen, _mean(found[name])))
-    heads = ('estimator', *(f'{speed} m/min' for speed in speeds))
+    heads = (say('estimator'), *(f'{speed} m/min' for speed in speeds))
     rows = tuple(
-        (_words(name), *(number(found[name].get(s, math.nan), 3, ' g') for s in speeds))
+        (_words(name, say), *(say.mass(found[name].get(s, math.nan) / GRAMS) for s in speeds))
         for name in names
     )
-    return Matrix(heads, rows, _changes(found, names, chosen, reason))
+    return Matrix(heads, rows, _changes(found, names, chosen, reason, say))
 
 
 def _mean(by_speed: dict[str, float]) -> float:
     return math.fsum(by_speed.values()) / len(by_speed)
 
 
-def _words(name: str) -> str:
-    return 'as now, without training' if name == UNTRAINED else name
+def _words(name: str, say: Language) -> str:
+    return say('as now, without training') if name == UNTRAINED else name
 
 
 def _changes(
-    found: dict[str, dict[str, float]], names: Sequence[str], chosen: str, reason: str
+    found: dict[str, dict[str, float]],
+    names: Sequence[str],
+    chosen: str,
+    reason: str,
+    say: Language,
 ) -> tuple[str, ...]:
     """Return a line per speed with the accuracy now and after training, and one on the choice."""
     if not names:
         return ()
     best = names[0]
     if chosen == UNTRAINED:
-        return ('Training would make nothing clearly better: keep what the line has.',)
+        return (say('Training would make nothing clearly better: keep what the line has.'),)
     now = found.get(UNTRAINED, {})
     lines = [
-        f'{speed} m/min: {number(now[speed], 3)} g now \u2192 {number(value, 3)} g'
+        say(
+            '{speed} m/min: {now} now → {then}',
+            speed=speed,
+            now=say.mass(now[speed] / GRAMS),
+            then=say.mass(value / GRAMS),
+        )
         for speed, value in found[best].items()
         if speed in now
     ]
-    return (*lines, f'Best: {best}; {reason}' if reason else f'Trained: {best}')
+    if reason:
+        return (*lines, say('Best: {name}; {reason}', name=best, reason=reason))
+    return (*lines, say('Trained: {name}', name=best))

@@ -8,30 +8,28 @@ import math
 from checkweigher_msgs.msg import DynamicSetting
 from nicegui import ui
 
-from checkweigher_core.printable import counted
-from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
 from checkweigher_web.commissioning.accuracy import matrix_of
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.commissioning.wording import in_words
-from checkweigher_web.elements import Lines, Table
-from checkweigher_web.words import grams
-from checkweigher_web.work.dialogs import field, number_in
+from checkweigher_web.elements import Lines, Table, named, show_told
+from checkweigher_web.languages.language import Mass, Text
+from checkweigher_web.languages.wording import in_words
+from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
 _MANY = 100_000  # upper limit of the number of passes, exclusive
 _PHASES = {
-    'reading': 'reading the passes',
-    'preparing': 'preparing the estimators',
-    'tuning': 'training',
+    'reading': Text('reading the passes'),
+    'preparing': Text('preparing the estimators'),
+    'tuning': Text('training'),
 }
 
 
 class DynamicStep(Step):
     """Step of the dynamic setting, which continues after the user leaves the page."""
 
-    title = 'Dynamic'
-    to_do = (
+    title = Text('Dynamic')
+    to_do = Text(
         'Run the belt at a speed, type the known mass, record, and let that product pass as often. '
         'Do the same at each speed of production. Then train: the line goes on weighing meanwhile. '
         'What was trained is used after "Take over" and the next start of the line.'
@@ -42,14 +40,15 @@ class DynamicStep(Step):
         self._table: list[str] = []  # lines of the accuracy that the step shows
         self._taken = False
         with ui.element('div').classes('fields'):
-            self._mass = field('Mass of the product', unit='g')
-            self._passes = field('Passes', '60')
+            self._mass = field(self.say('Mass of the product'), unit=self.say.unit)
+            self._passes = field(self.say('Passes'), '60')
         self._state = ui.label('').classes('state').props('role=status')
         self._bar = ui.linear_progress(0, show_value=False, size='1rem')
-        self._bar.props('instant-feedback aria-label="part that is done"')
+        named(self._bar.props('instant-feedback'), self.say('part that is done'))
         self._recorded = ui.label('').classes('about')
-        self._changes = Lines().classes('lines changes').props('aria-label="now and after"')
-        with ui.element('div').classes('accuracy').props('tabindex=0 aria-label="accuracy"'):
+        self._changes = named(Lines().classes('lines changes'), self.say('now and after'))
+        accuracy = ui.element('div').classes('accuracy').props('tabindex=0')
+        with named(accuracy, self.say('accuracy')):
             self._accuracy = ui.element('div')
         self._show_table()
 
@@ -57,15 +56,19 @@ class DynamicStep(Step):
         """Return whether the line has trained parameters, or what is missing."""
         said = self.services.setting
         if said is None:
-            return Standing(False, 'not available: the line was started without a folder')
+            return Standing(False, Text('not available: the line was started without a folder'))
         if said.state == DynamicSetting.RECORDING:
-            return Standing(False, f'recording: {said.passes} of {said.wanted}')
+            text = Text('recording: {count} of {wanted}', count=said.passes, wanted=said.wanted)
+            return Standing(False, text)
         if said.state == DynamicSetting.TUNING:
-            return Standing(False, 'training')
+            return Standing(False, Text('training'))
         if self._table:
-            return Standing(False, 'trained, not taken over yet')
-        done = 'taken over' + (': start the line again' if self._taken else '')
-        return Standing(bool(said.file), done if said.file else 'not trained')
+            return Standing(False, Text('trained, not taken over yet'))
+        if not said.file:
+            return Standing(False, Text('not trained'))
+        if self._taken:
+            return Standing(True, Text('taken over: start the line again'))
+        return Standing(True, Text('taken over'))
 
     async def update(self) -> None:
         """Show the progress, and the accuracy when it has changed."""
@@ -73,13 +76,13 @@ class DynamicStep(Step):
         if said is None:
             return
         share, text = self._progress(said)
-        self._state.set_text(text)
+        show_told(self._state, text, self.say)
         self._bar.set_value(share)
         self._bar.set_visibility(not math.isnan(share))
         if said is self._said:
             return
         self._said = said
-        self._recorded.set_text(f'Recorded so far: {counted(len(said.bags), "recording")}')
+        self._recorded.set_text(self.say('Recordings so far: {count}', count=len(said.bags)))
         lines = await self._trained()
         if lines != self._table and not self._state.is_deleted:
             self._table = lines
@@ -88,15 +91,23 @@ class DynamicStep(Step):
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
         """Return the fraction that is done, or NaN if nothing runs, and a text on the state."""
         if said.state == DynamicSetting.RECORDING:
-            text = f'{said.passes} of {said.wanted} passes of {grams(said.mass, " g", 2)}'
-            return said.passes / max(said.wanted, 1), f'{text}: let the product pass'
+            text = Text(
+                '{count} of {wanted} passes of {mass}: let the product pass',
+                count=said.passes,
+                wanted=said.wanted,
+                mass=Mass(round(said.mass, 5)),
+            )
+            return said.passes / max(said.wanted, 1), text
         if said.state != DynamicSetting.TUNING:
             return math.nan, in_words(said.text) if said.state == DynamicSetting.FAILED else ''
         found = self.services.feedback.get(ports.TUNE_PASSES)
         if found is None or not found.text:
-            return 0.0, 'training has begun'
-        left = f', about {_time(found.remaining)} left' if found.remaining >= 0 else ''
-        return float(found.progress), f'{_PHASES.get(found.text, found.text)}{left}'
+            return 0.0, Text('training has begun')
+        phase = _PHASES.get(found.text, found.text)
+        if found.remaining < 0:
+            return float(found.progress), phase
+        text = Text('{phase}, about {time} left', phase=phase, time=_time(found.remaining))
+        return float(found.progress), text
 
     async def _trained(self) -> list[str]:
         """Return the accuracy of trained parameters that are not accepted yet, or []."""
@@ -106,7 +117,7 @@ class DynamicStep(Step):
             return []
 
     def _show_table(self) -> None:
-        heads, rows, changes = matrix_of(self._table)
+        heads, rows, changes = matrix_of(self._table, self.say)
         self._changes.show(changes)
         self._changes.set_visibility(bool(changes))
         self._accuracy.clear()
@@ -118,10 +129,10 @@ class DynamicStep(Step):
         said = self.services.setting
         is_idle = said is not None and not self._works(said)
         if self._table:
-            return Choice('Take over', self._take_over, is_idle)
+            return Choice(Text('Take over'), self._take_over, is_idle)
         if self._taken:
-            return Choice('Start the line again', self._restart, is_idle)
-        return Choice('Record passes', self._record, is_idle)
+            return Choice(Text('Start the line again'), self._restart, is_idle)
+        return Choice(Text('Record passes'), self._record, is_idle)
 
     def others(self) -> tuple[Choice, ...]:
         """Return the buttons that end a running action, drop trained parameters, and train."""
@@ -129,9 +140,9 @@ class DynamicStep(Step):
         works = said is not None and self._works(said)
         has_passes = said is not None and bool(said.bags)
         return (
-            Choice('End', self._end, works),
-            Choice('Drop', self._drop, bool(self._table) and not works),
-            Choice('Train', self._train, has_passes and not works),
+            Choice(Text('End'), self._end, works),
+            Choice(Text('Drop'), self._drop, bool(self._table) and not works),
+            Choice(Text('Train'), self._train, has_passes and not works),
         )
 
     @staticmethod
@@ -139,31 +150,35 @@ class DynamicStep(Step):
         return said.state in (DynamicSetting.RECORDING, DynamicSetting.TUNING)
 
     async def _record(self) -> None:
-        mass, passes = number_in(self._mass), number_in(self._passes)
+        mass, passes = mass_in(self._mass, self.say), number_in(self._passes, self.say)
         if not (passes.is_integer() and 0 < passes < _MANY):
-            raise ActionRefusedError(f'Passes: {passes:g} is not a number of passes')
+            number = self.say.entry(passes)
+            raise ActionRefusedError(
+                Text('Passes: {number} is not a number of passes', number=number)
+            )
 
         async def record() -> str:
-            goal = {'mass': mass / GRAMS, 'passes': int(passes)}
+            goal = {'mass': mass, 'passes': int(passes)}
             answer = await self.services.do(ports.RECORD_PASSES, may_end=True, **goal)
             return str(answer.message)
 
-        what = f'record {passes:g} passes of {mass:g} g'
+        what = Text('record {count} passes of {mass}', count=int(passes), mass=Mass(mass))
         await self.begin(what, record, ports.RECORD_PASSES)
 
     async def _train(self) -> None:
         async def train() -> str:
             await self.services.do(ports.TUNE_PASSES)
-            return 'trained: look at the accuracy, then take it over or drop it'
+            return Text('trained: look at the accuracy, then take it over or drop it')
 
-        await self.begin('train on the recorded passes', train, ports.TUNE_PASSES)
+        await self.begin(Text('train on the recorded passes'), train, ports.TUNE_PASSES)
 
     async def _end(self) -> None:
         seen = self._said
         recording = seen is not None and seen.state == DynamicSetting.RECORDING
         name = ports.RECORD_PASSES if recording else ports.TUNE_PASSES
         end = partial(self.services.cancel, name)
-        await self.perform(f'end {"recording" if recording else "training"}', end)
+        what = Text('end recording') if recording else Text('end training')
+        await self.perform(what, end)
 
     async def _drop(self) -> None:
         async def drop() -> str:
@@ -171,24 +186,25 @@ class DynamicStep(Step):
             if now is None or self._works(now):  # the service would also end it
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)
-            return 'dropped: the line keeps what it has'
+            return Text('dropped: the line keeps what it has')
 
-        await self.perform('drop what was trained', drop)
+        await self.perform(Text('drop what was trained'), drop)
 
     async def _take_over(self) -> None:
         seen = self._table
 
         async def take_over() -> str:
             if await self._trained() != seen:
-                raise ActionRefusedError('it was trained again: look at the accuracy first')
+                raise ActionRefusedError(Text('it was trained again: look at the accuracy first'))
             await self.services.message(ports.ACCEPT_TUNED)
-            return 'taken over; the line uses it when it is started again'
+            return Text('taken over; the line uses it when it is started again')
 
-        self._taken = await self.perform('take over the trained parameters', take_over)
+        what = Text('take over the trained parameters')
+        self._taken = await self.perform(what, take_over)
 
     async def _restart(self) -> None:
         restart = partial(self.services.message, ports.RESTART_LINE)
-        self._taken = not await self.perform('start the line again', restart)
+        self._taken = not await self.perform(Text('start the line again'), restart)
 
 
 def _time(seconds: float) -> str:

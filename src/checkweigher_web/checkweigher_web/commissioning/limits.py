@@ -7,18 +7,18 @@ import math
 
 from nicegui import ui
 
-from checkweigher_core.records import GRAMS
 from checkweigher_web.commissioning.step import Choice, Standing, Step
+from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import MassLimits
-from checkweigher_web.work.dialogs import field, number_in
+from checkweigher_web.work.dialogs import field, mass_in
 
 
 class LimitsStep(Step):
     """Step that sets the limits of the gross mass."""
 
-    title = 'Limits'
-    to_do = (
+    title = Text('Limits')
+    to_do = Text(
         'Items below the lower or above the upper limit are rejected: gross mass, empty for no '
         'limit. The next selection of a product sets the limits of its recipe instead.'
     )
@@ -26,17 +26,17 @@ class LimitsStep(Step):
     def _build(self) -> None:
         self._texts = ['', '']  # of the limits in use, as last shown
         with ui.element('div').classes('fields'):
-            self._lower = field('Lower limit', unit='g')
-            self._upper = field('Upper limit', unit='g')
+            self._lower = field(self.say('Lower limit'), unit=self.say.unit)
+            self._upper = field(self.say('Upper limit'), unit=self.say.unit)
 
     def standing(self) -> Standing:
         """Return the limits in use."""
         now = self._now()
         if now is None:
-            return Standing(False, 'the line has not said its limits yet')
+            return Standing(False, Text('the line has not said its limits yet'))
         if not (math.isfinite(now.lower) or math.isfinite(now.upper)):
-            return Standing(False, 'no limits: everything is accepted')
-        return Standing(True, str(now))
+            return Standing(False, Text('no limits: everything is accepted'))
+        return Standing(True, now.text)
 
     def _now(self) -> MassLimits | None:
         return None if self.services.product is None else actions.limits(self.services)
@@ -46,23 +46,22 @@ class LimitsStep(Step):
         now = self._now()
         if now is None:
             return
-        before, self._texts = self._texts, [_text(now.lower), _text(now.upper)]
+        before, self._texts = self._texts, [self._entry(now.lower), self._entry(now.upper)]
         for shown, last, text in zip((self._lower, self._upper), before, self._texts, strict=True):
             if shown.value == last:
                 shown.set_value(text)
 
     def primary(self) -> Choice:
         """Return the button that sets both limits."""
-        return Choice('Set the limits', self._set)
+        return Choice(Text('Set the limits'), self._set)
 
     async def _set(self) -> None:
         wanted = MassLimits(
-            number_in(self._lower, empty=-math.inf) / GRAMS,
-            number_in(self._upper, empty=math.inf) / GRAMS,
+            mass_in(self._lower, self.say, empty=-math.inf),
+            mass_in(self._upper, self.say, empty=math.inf),
         )
         set_limits = partial(actions.set_limits, self.services, wanted)
-        await self.perform(f'set limits to {wanted}', set_limits)
+        await self.perform(Text('set limits to {limits}', limits=wanted.text), set_limits)
 
-
-def _text(limit: float) -> str:
-    return f'{GRAMS * limit:g}' if math.isfinite(limit) else ''
+    def _entry(self, limit: float) -> str:
+        return self.say.entry(self.say.per_kg * limit) if math.isfinite(limit) else ''

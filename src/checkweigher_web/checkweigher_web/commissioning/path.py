@@ -8,12 +8,11 @@ import math
 
 from nicegui import ui
 
-from checkweigher_core.records import GRAMS
 from checkweigher_web.commissioning.registry import STEPS
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.commissioning.wording import in_words
-from checkweigher_web.elements import STYLE, panel
-from checkweigher_web.words import grams
+from checkweigher_web.elements import STYLE, named, panel, show_told
+from checkweigher_web.languages.language import Language
+from checkweigher_web.languages.wording import in_words
 from checkweigher_web.work.dialogs import Desk, reason_field, show_outcome
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 
@@ -31,23 +30,27 @@ class CommissioningPath:
     """
 
     def __init__(self, desk: Desk, services: LaneServices) -> None:
-        self._lane = desk.lane
+        self._lane, self._say = desk.lane, desk.say
+        say = desk.say
         ui.add_css(STYLE)
         ui.add_css(_STYLE)
         with ui.element('main').classes('path'):
-            with ui.element('nav').classes('stages').props('aria-label="Steps"'):
-                self._tabs = [_Tab(k, kind, partial(self._go, k)) for k, kind in enumerate(STEPS)]
-            with panel('On the belt now', 'now'):
+            with named(ui.element('nav').classes('stages'), say('Steps')):
+                self._tabs = [
+                    _Tab(k, kind, partial(self._go, k), say) for k, kind in enumerate(STEPS)
+                ]
+            with panel(say('On the belt now'), 'now'):
                 self._load = ui.label('').classes('load')
                 self._steady = ui.linear_progress(0, show_value=False, size='1.25rem')
-                self._steady.props('instant-feedback aria-label="stability of the load"')
+                label = say('stability of the load')
+                self._steady.props(f'instant-feedback aria-label="{label}"')
                 self._moving = ui.label('')
             self._panels, self._standings = [], []
             self._steps: list[Step] = []
             for kind in STEPS:
-                with panel(kind.title, f'stage {kind.title.lower()}') as shown:
+                with panel(say(kind.title), f'stage {kind.title.lower()}') as shown:
                     self._standings.append(ui.label('').classes('standing'))
-                    ui.label(kind.to_do)
+                    ui.label(say(kind.to_do))
                     self._steps.append(kind(desk, services, self._tell, self._given_reason))
                 self._panels.append(shown)
             with ui.element('div').classes('foot'):
@@ -61,7 +64,7 @@ class CommissioningPath:
         ui.timer(_PERIOD, self._update)
 
     def _button(self, look: str) -> '_Button':
-        return _Button(look, self._clear, self._tell)
+        return _Button(look, self._clear, self._tell, self._say)
 
     def _given_reason(self) -> str:
         return str(self._reason.value or '')
@@ -82,18 +85,18 @@ class CommissioningPath:
             return
         if not outcome.done:
             outcome = Outcome(False, in_words(outcome.text))
-        show_outcome(self._result, outcome)
+        show_outcome(self._result, outcome, self._say)
 
     async def _update(self) -> None:
         load, change = self._lane.load()
-        self._load.set_text(grams(load, ' g', 2))
+        self._load.set_text(self._say.mass(load, 2))
         self._steady.set_value(_steadiness(change))
-        self._moving.set_text(_in_motion(change))
+        self._moving.set_text(_in_motion(change, self._say))
         for step, tab, label in zip(self._steps, self._tabs, self._standings, strict=True):
             await step.update()
             standing = step.standing()
             tab.show(standing)
-            label.set_text(standing.text)
+            show_told(label, standing.text, self._say)
         self._show_buttons()
 
     def _show_buttons(self) -> None:
@@ -107,16 +110,18 @@ class CommissioningPath:
 class _Tab:
     """Entry of the step list, with a tick if the step is done, and a text on its state."""
 
-    def __init__(self, number: int, kind: type[Step], choose: Callable[[], object]) -> None:
+    def __init__(
+        self, number: int, kind: type[Step], choose: Callable[[], object], say: Language
+    ) -> None:
+        self._say, self._name = say, f'{number + 1} {say(kind.title)}'
         self._button = ui.button(on_click=choose).props('flat no-caps').classes('tab')
         with self._button:
-            self._title = ui.label(f'{number + 1} {kind.title}').classes('name')
+            self._title = ui.label(self._name).classes('name')
             self._text = ui.label('').classes('about')
-        self._name = f'{number + 1} {kind.title}'
 
     def show(self, standing: Standing) -> None:
         self._title.set_text(f'{self._name} {"✓" if standing.is_done else ""}'.rstrip())
-        self._text.set_text(standing.text)
+        show_told(self._text, standing.text, self._say)
 
     def mark(self, *, is_current: bool) -> None:
         self._button.props(f'aria-current={"step" if is_current else "false"}')
@@ -126,9 +131,13 @@ class _Button:
     """Button at a fixed place that performs the present choice."""
 
     def __init__(
-        self, look: str, clear: Callable[[], object], tell: Callable[[Outcome], object]
+        self,
+        look: str,
+        clear: Callable[[], object],
+        tell: Callable[[Outcome], object],
+        say: Language,
     ) -> None:
-        self._clear, self._tell = clear, tell
+        self._clear, self._tell, self._say = clear, tell, say
         self._choice: Choice | None = None
         self._is_working = False
         self._button = ui.button(on_click=self._press).props(f'{look} no-caps')
@@ -137,7 +146,7 @@ class _Button:
         before, self._choice = self._choice, choice
         self._button.set_visibility(choice is not None)
         if choice is not None:
-            self._button.set_text(choice.label)
+            self._button.set_text(self._say(choice.label))
             is_new = before is None or choice.label != before.label
             self._button.set_enabled(choice.is_open and not is_new and not self._is_working)
 
@@ -151,7 +160,7 @@ class _Button:
         try:
             await choice.press()
         except ActionRefusedError as error:
-            self._tell(Outcome(False, str(error)))
+            self._tell(Outcome(False, error.text))
         finally:
             self._is_working = False
 
@@ -163,7 +172,9 @@ def _steadiness(change: float) -> float:
     return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)
 
 
-def _in_motion(change: float) -> str:
+def _in_motion(change: float, say: Language) -> str:
     if math.isnan(change):
-        return 'no samples arrive: is the line running?'
-    return 'at rest' if change <= _AT_REST else f'moves by {GRAMS * change:.2f} g'
+        return say('no samples arrive: is the line running?')
+    if change <= _AT_REST:
+        return say('at rest')
+    return say('moves by {mass}', mass=say.mass(change, 2))

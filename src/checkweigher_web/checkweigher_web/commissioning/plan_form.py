@@ -8,55 +8,55 @@ from typing import Any, NamedTuple
 import yaml
 
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.printable import counted
-from checkweigher_core.records import GRAMS
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
 from checkweigher_validation.accuracy.classes import CLASSES
 from checkweigher_validation.verification.expectation import Expected, expected_uncertainties
 from checkweigher_validation.verification.plan import EXAMPLE, read_plan
-from checkweigher_validation.verification.steps import StepKind, steps_of
+from checkweigher_validation.verification.steps import Step, steps_of
+from checkweigher_web.languages.language import Mass, Text
+from checkweigher_web.languages.wording import from_node
 
 
 class Field(NamedTuple):
     """Field of the form: path of its key in the plan, label, unit, and choices, if any."""
 
     path: tuple[str, ...]
-    label: str
+    label: Text
     unit: str = ''
     choices: tuple[str, ...] = ()
 
 
 _FIELDS = (
-    Field(('operator',), 'Who verifies'),
-    Field(('place',), 'Place'),
-    Field(('environment',), 'Temperature, humidity, pressure'),
-    Field(('class',), 'Accuracy class', choices=tuple(CLASSES)),
-    Field(('factor',), 'Class factor x'),
-    Field(('e_g',), 'Verification interval e', 'g'),
-    Field(('min_g',), 'Min', 'g'),
-    Field(('max_g',), 'Max', 'g'),
-    Field(('machine', 'serial'), 'Serial number of the machine'),
-    Field(('load_cell', 'serial'), 'Serial number of the load cell'),
-    Field(('amplifier', 'serial'), 'Serial number of the amplifier'),
-    Field(('speeds_m_per_min',), 'Belt speeds', 'm/min'),
-    Field(('passes',), 'Passes of each mass (empty: as the rule asks)'),
+    Field(('operator',), Text('Who verifies')),
+    Field(('place',), Text('Place')),
+    Field(('environment',), Text('Temperature, humidity, pressure')),
+    Field(('class',), Text('Accuracy class'), choices=tuple(CLASSES)),
+    Field(('factor',), Text('Class factor x')),
+    Field(('e_g',), Text('Verification interval e'), 'g'),
+    Field(('min_g',), Text('Min'), 'g'),
+    Field(('max_g',), Text('Max'), 'g'),
+    Field(('machine', 'serial'), Text('Serial number of the machine')),
+    Field(('load_cell', 'serial'), Text('Serial number of the load cell')),
+    Field(('amplifier', 'serial'), Text('Serial number of the amplifier')),
+    Field(('speeds_m_per_min',), Text('Belt speeds'), 'm/min'),
+    Field(('passes',), Text('Passes of each mass (empty: as the rule asks)')),
 )
 _OF_MASS = (
-    ('mass_g', 'mass', 'g'),
-    ('uncertainty_g', 'standard uncertainty', 'g'),
-    ('certificate', 'certificate', ''),
-    ('serial', 'serial number', ''),
+    ('mass_g', Text('mass'), 'g'),
+    ('uncertainty_g', Text('standard uncertainty'), 'g'),
+    ('certificate', Text('certificate'), ''),
+    ('serial', Text('serial number'), ''),
 )
 _NUMBERS = 'factor', 'passes'
 # Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
-    'warm_up': 'Warm-up',
-    'zero': 'Zero',
-    'outside': 'Outside the range of speeds',
-    'eccentricity': 'Eccentricity',
-    'repeatability': 'Repeatability',
-    'static': 'Masses at rest',
+    'warm_up': Text('Warm-up'),
+    'zero': Text('Zero'),
+    'outside': Text('Outside the range of speeds'),
+    'eccentricity': Text('Eccentricity'),
+    'repeatability': Text('Repeatability'),
+    'static': Text('Masses at rest'),
 }
 
 
@@ -69,7 +69,7 @@ def fields_of(text: str) -> list[tuple[Field, str]]:
     masses = plan.get('references')
     names = list(masses) if isinstance(masses, dict) else []
     of_masses = (
-        Field(('references', name, key), f'{name}: {label}', unit)
+        Field(('references', name, key), Text('{name}: {label}', name=name, label=label), unit)
         for name in names
         for key, label, unit in _OF_MASS
     )
@@ -116,7 +116,7 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
     return {key: own.get(key, value) for key, value in section.items()}
 
 
-def summary(text: str, std_dev: float) -> tuple[str, list[tuple[str, ...]], list[str]]:
+def summary(text: str, std_dev: float) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
     """Return a summary of a plan, its steps as rows, and lines on the steps without a decision.
 
     `std_dev` is the standard deviation of a pass in kg, or 0 if it is not known. If the plan is not
@@ -125,52 +125,68 @@ def summary(text: str, std_dev: float) -> tuple[str, list[tuple[str, ...]], list
     try:
         plan = read_plan(text)
     except ParameterError as error:
-        return f'The plan is not complete: {error}', [], []
+        return Text('The plan is not complete: {error}', error=str(error)), [], []
     steps = steps_of(plan)
-    rows: list[tuple[str, ...]] = [
-        (step_words(step.name), f'{step.count} passes: {step.to_do}' if step.count else step.to_do)
-        for step in steps
-    ]
+    rows = [(step_words(step.name), _to_do(step)) for step in steps]
     passes = sum(step.count for step in steps)
-    line = f'{counted(len(steps), "step")} with {passes} passes'
+    line = Text('Steps: {steps}, passes: {passes}', steps=len(steps), passes=passes)
     return line, rows, list(_doubts(expected_uncertainties(plan, std_dev)))
 
 
-def _doubts(expected: Iterable[Expected]) -> Iterator[str]:
+def _to_do(step: Step) -> str:
+    to_do = from_node(step.to_do)
+    if not step.count:
+        return to_do
+    return Text('{count} passes: {to_do}', count=step.count, to_do=to_do)
+
+
+def _doubts(expected: Iterable[Expected]) -> Iterator[Text]:
     """Yield a line for each reason why steps cannot be decided, with the names of the steps."""
-    names: dict[str, list[str]] = {}
+    names: dict[Text, list[Text]] = {}
     for each in expected:
         if not each.is_decidable:
-            why = (
-                f'the error will be known to {GRAMS * each.uncertainty:.3g} g (k = 2), and its '
-                f'limit is {GRAMS * each.limit:.3g} g'
+            why = Text(
+                'the error will be known to {uncertainty} (k = 2), and its limit is {limit}',
+                uncertainty=_three_digits(each.uncertainty),
+                limit=_three_digits(each.limit),
             )
             names.setdefault(why, []).append(step_words(each.step.name))
     for why, steps in names.items():
-        yield f'Cannot be decided, because {why}: {", ".join(steps)}'
+        listed = steps[0]
+        for step in steps[1:]:
+            listed = Text('{steps}, {step}', steps=listed, step=step)
+        yield Text('Cannot be decided, because {why}: {steps}', why=why, steps=listed)
 
 
-def step_words(name: str) -> str:
+def _three_digits(mass: float) -> Mass:
+    return Mass(float(f'{mass:.3g}'))
+
+
+def step_words(name: str) -> Text:
     """Return the name of a verification step as plain text for the user."""
     kind, _, rest = name.partition('_')
     first, _, last = rest.partition('_')
     match kind, first:
         case 'static', 'up' | 'down':
-            return f'{last} at rest, {"loading" if first == "up" else "unloading"}'
+            if first == 'up':
+                return Text('{load} at rest, loading', load=last)
+            return Text('{load} at rest, unloading', load=last)
         case 'passes', _:
-            return f'{last} at {first} m/min'
+            return Text('{load} at {speed} m/min', load=last, speed=first)
         case 'warm', _:
             *zero, minutes = last.split('_')
-            return f'warm-up, {"zero" if zero else "passes"} after {minutes} min'
+            if zero:
+                return Text('warm-up, zero after {minutes} min', minutes=minutes)
+            return Text('warm-up, passes after {minutes} min', minutes=minutes)
         case 'zero', 'after':
-            return str(StepKind.ZERO_AFTER)
+            return Text('zero after the loads')
         case 'zero', _:
-            return f'zero, reading {rest}'
+            return Text('zero, reading {number}', number=rest)
         case 'outside', _:
-            return f'outside the range of speeds, {rest}'
+            return Text('outside the range of speeds, {number}', number=rest)
         case 'eccentricity', _:
-            return f'beside the middle: {rest}'
-    return name
+            return Text('beside the middle: {place}', place=rest)
+    return Text('repeatability') if name == 'repeatability' else Text('{name}', name=name)
 
 
 def _sections(text: str) -> dict[str, Any]:

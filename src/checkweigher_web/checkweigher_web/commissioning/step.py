@@ -10,6 +10,7 @@ from typing import ClassVar, NamedTuple
 from nicegui import background_tasks
 
 from checkweigher_web.access.users import Role
+from checkweigher_web.languages.language import Text
 from checkweigher_web.work.dialogs import Action, Desk
 from checkweigher_web.work.services import LaneServices, Outcome
 
@@ -17,7 +18,10 @@ _POLL_PERIOD = 0.05  # s
 
 
 class Standing(NamedTuple):
-    """State of a step: whether it is done, and a text on the result or on the missing parts."""
+    """State of a step: whether it is done, and a text on the result or on the missing parts.
+
+    The text is English if it is not a `Text`.
+    """
 
     is_done: bool
     text: str
@@ -26,7 +30,7 @@ class Standing(NamedTuple):
 class Choice(NamedTuple):
     """Button of a step: its label, its function, and whether it can be pressed now."""
 
-    label: str
+    label: Text
     press: Callable[[], Awaitable[object]]
     is_open: bool = True
 
@@ -38,8 +42,8 @@ class Step(ABC):
     outcome, and `reason` returns the reason that the user has entered.
     """
 
-    title: ClassVar[str]
-    to_do: ClassVar[str]
+    title: ClassVar[Text]
+    to_do: ClassVar[Text]
 
     def __init__(
         self,
@@ -50,7 +54,7 @@ class Step(ABC):
     ) -> None:
         self.desk = desk
         self.services = services
-        self.lane = desk.lane
+        self.lane, self.say = desk.lane, desk.say
         self.tell = tell
         self._reason = reason
         self._build()

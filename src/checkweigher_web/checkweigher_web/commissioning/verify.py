@@ -27,18 +27,19 @@ from checkweigher_web.commissioning.plan_form import (
     with_value,
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.commissioning.wording import in_words
-from checkweigher_web.elements import Lines, Table, text_file_input
+from checkweigher_web.elements import Lines, Table, named, show_told, text_file_input, told
+from checkweigher_web.languages.language import Text
+from checkweigher_web.languages.wording import from_node, in_words
 from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
 _MANY = 10  # maximum number of verifications in the list
 _RECENT = 50  # number of latest items that predict the standard deviation of a pass
-_EXAMPLE = 'example'
+_EXAMPLE = Text('example')
 _STATES = {
-    ProgressState.ASKING: 'Do this, then press "Make it": ',
-    ProgressState.DECIDING: 'Failed: make it again, or go on? ',
+    ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
+    ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
 _LONGEST_FILE = 4 * LONGEST  # number of characters of a file that are read
 
@@ -46,43 +47,48 @@ _LONGEST_FILE = 4 * LONGEST  # number of characters of a file that are read
 class VerifyStep(Step):
     """Step of the verification, which continues after the user leaves the page."""
 
-    title = 'Verify'
-    to_do = (
+    title = Text('Verify')
+    to_do = Text(
         'Fill in the plan, and see below whether each test can be decided. Then begin: you are '
         'asked for one step after another. A step that failed may be made again; one is skipped '
         'with a reason, which the report has.'
     )
 
     def _build(self) -> None:
+        say = self.say
         self._said: VerificationProgress | None = None
         self._text = EXAMPLE
         self._paths: dict[str, Path] = {}  # plans by their relative paths in the folder
         with ui.element('div').classes('fields') as self._choice:
-            self._plans = ui.select([_EXAMPLE], label='Plan', on_change=self._read_chosen)
+            self._plans = ui.select(self._named(), label=say('Plan'), on_change=self._read_chosen)
             self._plans.props('outlined dense')
-            text_file_input('Plan from a file', _LONGEST_FILE, self._show_text)
+            text_file_input(say('Plan from a file'), _LONGEST_FILE, self._show_text)
             self._form = ui.element('div').classes('form')
-            with ui.expansion('The plan as text, for experts').classes('expert'):
-                self._plan = ui.textarea('Text of the plan', on_change=self._edit)
+            with ui.expansion(say('The plan as text, for experts')).classes('expert'):
+                self._plan = ui.textarea(say('Text of the plan'), on_change=self._edit)
                 self._plan.props('outlined dense debounce=300').classes('plan')
         self._found = ui.label('').classes('found').props('role=status')
-        self._doubts = Lines().classes('lines doubts').props('aria-label="cannot be decided"')
+        self._doubts = named(Lines().classes('lines doubts'), say('cannot be decided'))
         self._state = ui.label('').classes('state').props('role=status')
         self._lines = Lines().classes('read lines')
-        self._lines.props('tabindex=0 aria-label="what came in this step, the latest first"')
-        with ui.element('div').classes('steps').props('tabindex=0 aria-label="steps"'):
-            self._table = Table(('step', 'what to do, or the result'))
-        self._reports = ui.element('ol').classes('reports').props('aria-label="reports"')
+        named(self._lines.props('tabindex=0'), say('what came in this step, the latest first'))
+        steps = ui.element('div').classes('steps').props('tabindex=0')
+        with named(steps, say('steps')):
+            self._table = Table((say('step'), say('what to do, or the result')))
+        self._reports = ui.element('ol').classes('reports')
+        named(self._reports, say('reports'))
         self._show_text(EXAMPLE)
 
     def standing(self) -> Standing:
         """Return the verdict of the last verification, or the progress of a running one."""
         said = self.services.verification
         if said is None:
-            return Standing(False, 'not available: the line was started without a folder')
+            return Standing(False, Text('not available: the line was started without a folder'))
         if said.state is not ProgressState.IDLE:
-            return Standing(False, f'step {said.step + 1} of {len(said.steps)}')
-        return Standing(said.text.endswith(': passed'), in_words(said.text) or 'not verified')
+            text = Text('step {step} of {count}', step=said.step + 1, count=len(said.steps))
+            return Standing(False, text)
+        verdict = in_words(said.text) if said.text else Text('not verified')
+        return Standing(said.text.endswith(': passed'), verdict)
 
     # Plan
 
@@ -110,21 +116,23 @@ class VerifyStep(Step):
         with self._form:
             for entry, value in fields:
                 self._add_field(entry, value)
-            for key, label in TESTS.items() if fields else ():
-                made = ui.checkbox(label, value=key in tests)
+            for key, name in TESTS.items() if fields else ():
+                made = ui.checkbox(self.say(name), value=key in tests)
                 made.on_value_change(partial(self._set_test, key))
         self._show_summary()
 
     def _add_field(self, entry: Field, value: str) -> None:
         change = partial(self._set_value, entry.path)
         if not entry.choices:
-            shown = field(entry.label, value, entry.unit).props('debounce=300')
+            shown = field(self.say(entry.label), value, entry.unit).props('debounce=300')
             shown.on_value_change(change)
             if entry.path[-1] == 'mass_g':
                 shown.classes('row-begins')
             return
         known = value if value in entry.choices else None
-        choice = ui.select(list(entry.choices), label=entry.label, value=known, on_change=change)
+        choice = ui.select(
+            list(entry.choices), label=self.say(entry.label), value=known, on_change=change
+        )
         choice.props('outlined dense')
 
     def _set_value(self, path: tuple[str, ...], event: object) -> None:
@@ -140,10 +148,10 @@ class VerifyStep(Step):
 
     def _show_summary(self) -> None:
         line, rows, doubts = summary(self._text, self._std_dev())
-        self._found.set_text(line)
-        self._doubts.show(doubts)
+        self._found.set_text(self.say(line))
+        self._doubts.show(map(self.say, doubts))
         self._doubts.set_visibility(bool(doubts))
-        self._table.show(rows)
+        self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _std_dev(self) -> float:
         """Return the median standard deviation in kg of the latest items, or 0 if none is known."""
@@ -160,11 +168,12 @@ class VerifyStep(Step):
             return
         self._said = said
         is_idle = said.state is ProgressState.IDLE
-        self._state.set_text(_state(said))
-        self._lines.show(map(in_words, reversed(said.lines)))
+        show_told(self._state, _state(said), self.say)
+        self._lines.show(self.say(in_words(line)) for line in reversed(said.lines))
         if said.steps and not (is_idle and before is None):
-            names = (step_words(each) for each in said.steps)
-            self._table.show(zip(names, said.results, strict=True))
+            names = (self.say(step_words(each)) for each in said.steps)
+            results = (told(from_node(each), self.say) for each in said.results)
+            self._table.show(zip(names, results, strict=True))
         if before is None or before.state is not said.state:
             for element in (self._choice, self._found, self._doubts):
                 element.set_visibility(is_idle)
@@ -175,42 +184,50 @@ class VerifyStep(Step):
         made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]
         known = [*sorted((folder / PLANS).glob('*.yaml')), *made]
         self._paths = {str(path.relative_to(folder)): path for path in known}
-        self._plans.set_options([*self._paths, _EXAMPLE])
+        self._plans.set_options(self._named())
         self._reports.clear()
         with self._reports:
             list_reports(self.lane.name, VERIFICATION, _made(path.parent for path in made))
+
+    def _named(self) -> dict[str, str]:
+        """Return the names of the plans to choose from, by their keys."""
+        return {**{path: path for path in self._paths}, str(_EXAMPLE): self.say(_EXAMPLE)}
 
     def primary(self) -> Choice:
         """Return the button that begins the verification or makes the requested step."""
         said = self.services.verification
         if said is None or said.state is ProgressState.IDLE:
-            return Choice('Begin', self._begin, said is not None)
-        make = partial(self._answer, StepAnswer.MAKE, 'make')
-        return Choice('Make it', make, said.state in _STATES)
+            return Choice(Text('Begin'), self._begin, said is not None)
+        what = Text('make step {step} of verification {name}')
+        make = partial(self._answer, StepAnswer.MAKE, what)
+        return Choice(Text('Make it'), make, said.state in _STATES)
 
     def others(self) -> tuple[Choice, ...]:
         """Return the buttons that break off the verification, skip a step, and go on."""
         state = self._said.state if self._said else ProgressState.IDLE
-        skip = partial(self._answer, StepAnswer.SKIP, 'skip')
-        leave = partial(self._answer, StepAnswer.GO_ON, 'go on after')
+        skipped = Text('skip step {step} of verification {name}')
+        left = Text('go on after step {step} of verification {name}')
+        skip = partial(self._answer, StepAnswer.SKIP, skipped)
+        leave = partial(self._answer, StepAnswer.GO_ON, left)
         return (
-            Choice('Break off', self._break_off, state is not ProgressState.IDLE),
-            Choice('Skip', skip, state is ProgressState.ASKING),
-            Choice('Go on', leave, state is ProgressState.DECIDING),
+            Choice(Text('Break off'), self._break_off, state is not ProgressState.IDLE),
+            Choice(Text('Skip'), skip, state is ProgressState.ASKING),
+            Choice(Text('Go on'), leave, state is ProgressState.DECIDING),
         )
 
     async def _begin(self) -> None:
         async def verify() -> str:
             answer = await self.services.do(ports.RUN_VERIFICATION, plan=self._text)
-            return f'the verification has ended: {answer.message}'
+            verdict = str(answer.message)
+            return Text('the verification has ended: {verdict}', verdict=verdict)
 
-        await self.begin('begin verification', verify, ports.RUN_VERIFICATION)
+        await self.begin(Text('begin verification'), verify, ports.RUN_VERIFICATION)
 
     async def _break_off(self) -> None:
         end = partial(self.services.cancel, ports.RUN_VERIFICATION)
-        await self.perform('break off verification', end)
+        await self.perform(Text('break off verification'), end)
 
-    async def _answer(self, answer: StepAnswer, verb: str) -> None:
+    async def _answer(self, answer: StepAnswer, what: Text) -> None:
         """Answer the question on the page. The verifier refuses an answer to an older question."""
         seen = self._said
         if seen is None or not seen.steps:
@@ -221,9 +238,9 @@ class VerifyStep(Step):
             await self.services.call(
                 ports.ANSWER_VERIFICATION, question=question, answer=int(answer), reason=reason
             )
-            return f'{step_words(step)}: taken'
+            return Text('{step}: taken', step=step_words(step))
 
-        await self.perform(f'{verb} step {step} of verification {seen.name}', give)
+        await self.perform(Text(what.template, step=step, name=seen.name), give)
 
 
 def _state(said: VerificationProgress) -> str:
@@ -231,9 +248,15 @@ def _state(said: VerificationProgress) -> str:
         return in_words(said.text)
     name = said.steps[said.step]
     words = step_words(name)
-    text = said.text.replace(name, words)
-    return (
-        f'Step {said.step + 1} of {len(said.steps)}, {words}: {_STATES.get(said.state, "")}{text}'
+    text = from_node(said.text.replace(name, words))
+    if said.state in _STATES:
+        text = Text(_STATES[said.state].template, text=text)
+    return Text(
+        'Step {number} of {count}, {step}: {text}',
+        number=said.step + 1,
+        count=len(said.steps),
+        step=words,
+        text=text,
     )
 
 

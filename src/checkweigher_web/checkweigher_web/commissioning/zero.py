@@ -7,15 +7,15 @@ from functools import partial
 from nicegui import ui
 
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.words import clock, grams
+from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work import actions
 
 
 class ZeroStep(Step):
     """Step that sets the zero of the empty belt."""
 
-    title = 'Zero'
-    to_do = (
+    title = Text('Zero')
+    to_do = Text(
         'Stop the feed, clear the belt, and keep away from it until the bar above is full. Then '
         'set the zero: masses are read from what the empty belt weighs.'
     )
@@ -25,18 +25,19 @@ class ZeroStep(Step):
 
     async def update(self) -> None:
         """Show the time and the value of the zero."""
-        self._state.set_text(f'Zero: {self.standing().text}')
+        self._state.set_text(self.say('Zero: {state}', state=self.standing().text))
 
     def standing(self) -> Standing:
         """Return the time of the zero, and its offset from the zero of the calibration in g."""
         zero = self.lane.zero
         if zero is None:
-            return Standing(False, 'not set yet')
-        return Standing(True, f'set at {clock(zero.stamp)}, {grams(zero.zero, " g", 2)}')
+            return Standing(False, Text('not set yet'))
+        time, mass = self.say.clock(zero.stamp), Mass(round(zero.zero, 5))
+        return Standing(True, Text('set at {time}, {mass}', time=time, mass=mass))
 
     def primary(self) -> Choice:
         """Return the button that sets the zero."""
-        return Choice('Set the zero', self._zero)
+        return Choice(Text('Set the zero'), self._zero)
 
     async def _zero(self) -> None:
-        await self.perform('zero', partial(actions.zero, self.services))
+        await self.perform(Text('zero'), partial(actions.zero, self.services))

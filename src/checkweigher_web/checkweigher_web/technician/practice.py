@@ -10,32 +10,33 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.records import GRAMS
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Lane
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.shift import Shift
 from checkweigher_web.views.view import View
 from checkweigher_web.work import actions
-from checkweigher_web.work.dialogs import Desk, field, number_in
+from checkweigher_web.work.dialogs import Desk, field, mass_in, number_in, show_outcome
 from checkweigher_web.work.services import ActionRefusedError, Outcome
 
 _MM, _PER_MINUTE = 1000.0, 60.0
 _REASON = 'practice'  # reason in the audit log
-_TEXT = (
+_TEXT = Text(
     'Make a fault, and find it on this page. A change takes up to two seconds. It holds until it '
     'is taken back, or until the driver is started again. An empty field is as configured.'
 )
 _FARTHEST = 60  # largest displacement of an eye in mm
-# Fields for numbers: parameter, label, unit, and factor from the parameter to the unit.
+# Fields for numbers: parameter, label, unit, and factor from the parameter to the unit, or '' and 0
+# for masses, which are in the unit of the user.
 _NUMBERS = (
-    ('speed', 'Belt speed', 'm/min', _PER_MINUTE),
-    ('mass', 'Mass of each product', 'g', GRAMS),
-    ('gap', 'Gap between products', 'mm', _MM),
-    ('load', 'Mass that lies on the belt', 'g', GRAMS),
-    ('zero', 'The zero has drifted by', 'g', GRAMS),
+    ('speed', Text('Belt speed'), 'm/min', _PER_MINUTE),
+    ('mass', Text('Mass of each product'), '', 0.0),
+    ('gap', Text('Gap between products'), 'mm', _MM),
+    ('load', Text('Mass that lies on the belt'), '', 0.0),
+    ('zero', Text('The zero has drifted by'), '', 0.0),
 )
-_EYES = 'infeed', 'outfeed'
+_EYES = {'infeed': Text('Infeed eye'), 'outfeed': Text('Outfeed eye')}
 
 
 class Practice:
@@ -55,40 +56,42 @@ class Practice:
         """Change settings of the machine."""
         what = ', '.join(f'{name} {value}' for name, value in values.items())
         act = partial(actions.operate, await self._desk.services(), values)
-        return await self._desk.perform(Role.TECHNICIAN, f'simulated machine: {what}', act, _REASON)
+        text = Text('simulated machine: {settings}', settings=what)
+        return await self._desk.perform(Role.TECHNICIAN, text, act, _REASON)
 
 
 class PracticeView(View):
     """Simulated machine from above, for technicians. The view is hidden for a real machine."""
 
-    title = 'Practice: the simulated machine from above'
+    title = Text('Practice: the simulated machine from above')
     columns = 2, 12
     recorded = False
 
     def _build(self) -> None:
         self._now = OperationParameters()
         with ui.element('div').classes('machine') as self._machine:
-            ui.label(_TEXT).classes('about')
+            ui.label(self.say(_TEXT)).classes('about')
             self._picture = ui.html('', sanitize=False)
             with ui.element('div').classes('form'):
                 self._numbers = {each[0]: self._number(*each) for each in _NUMBERS}
             with ui.element('div').classes('form'):
-                self._eyes = {name: _EyeControls(name, self._change) for name in _EYES}
+                self._eyes = {name: _EyeControls(name, self._change, self.say) for name in _EYES}
             with ui.element('div').classes('in-a-row'):
-                self._feed = ui.switch('Products come', on_change=self._set_feed)
-                self._put_mass = field('Mass of one product', unit='g').props('stack-label')
+                self._feed = ui.switch(self.say('Products come'), on_change=self._set_feed)
+                label = self.say('Mass of one product')
+                self._put_mass = field(label, unit=self.say.unit).props('stack-label')
                 for text, click in (
-                    ('Put it on the belt', self._put),
-                    ('Kill the driver', self._kill),
-                    ('All as configured', self._restore),
+                    (self.say('Put it on the belt'), self._put),
+                    (self.say('Kill the driver'), self._kill),
+                    (self.say('All as configured'), self._restore),
                 ):
                     ui.button(text, on_click=click).props('outline')
             self._result = ui.label('').props('role=status')
         self._machine.set_visibility(False)
 
-    def _number(self, name: str, label: str, unit: str, factor: float) -> ui.input:
-        given = field(label, unit=unit).props('debounce=800 stack-label')
-        given.on_value_change(partial(self._set_number, name, factor))
+    def _number(self, name: str, label: Text, unit: str, factor: float) -> ui.input:
+        given = field(self.say(label), unit=unit or self.say.unit).props('debounce=800 stack-label')
+        given.on_value_change(partial(self._set_number, name, factor or self.say.per_kg))
         return given
 
     def _state(self) -> object:
@@ -111,15 +114,16 @@ class PracticeView(View):
         self._now = now
         for name, _, _, factor in _NUMBERS:
             value = getattr(now, name)
-            self._numbers[name].set_value(f'{round(factor * value, 6):g}' if value else '')
+            text = self.say.entry(round((factor or self.say.per_kg) * value, 9)) if value else ''
+            self._numbers[name].set_value(text)
         for eye in self._eyes.values():
             eye.show(now)
         self._feed.set_value(now.feed)
-        self._picture.set_content(picture(now))
+        self._picture.set_content(picture(now, self.say))
 
     async def _set_number(self, name: str, factor: float) -> None:
         try:
-            value = number_in(self._numbers[name], empty=0.0) / factor
+            value = number_in(self._numbers[name], self.say, empty=0.0) / factor
         except ActionRefusedError as error:
             self._tell(Outcome(False, str(error)))
             return
@@ -130,7 +134,7 @@ class PracticeView(View):
 
     async def _put(self) -> None:
         try:
-            mass = number_in(self._put_mass, empty=0.0) / GRAMS
+            mass = mass_in(self._put_mass, self.say, empty=0.0)
         except ActionRefusedError as error:
             self._tell(Outcome(False, str(error)))
             return
@@ -158,24 +162,26 @@ class PracticeView(View):
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:
-        self._result.set_text(outcome.line)
+        show_outcome(self._result, outcome, self.say)
 
 
 class _EyeControls:
     """Controls of the place, the lens and the cable of a photo-eye."""
 
-    def __init__(self, name: str, change: Callable[..., Any]) -> None:
+    def __init__(self, name: str, change: Callable[..., Any], say: Language) -> None:
+        eye = say(_EYES[name])
         self._name, self._change = name, change
         with ui.element('div').classes('eye'):
-            ui.label(f'{name.capitalize()} eye')
+            ui.label(eye)
             self._place = ui.slider(min=-_FARTHEST, max=_FARTHEST, step=5, value=0)
-            self._place.props(f'label aria-label="Place of the {name} eye in mm"')
+            label = say('{eye}: place in mm', eye=eye)
+            self._place.props(f'label aria-label="{label}"')
             self._place.on(
                 'update:model-value', self._set_place, throttle=0.5, leading_events=False
             )
             with ui.element('div').classes('in-a-row'):
-                self._dirty = ui.switch('dirty', on_change=self._set_lens)
-                self._dead = ui.switch('cable off', on_change=self._set_lens)
+                self._dirty = ui.switch(say('dirty'), on_change=self._set_lens)
+                self._dead = ui.switch(say('cable off'), on_change=self._set_lens)
 
     async def _set_place(self) -> None:
         await self._change(**{f'{self._name}_place': self._place.value / _MM})
@@ -202,7 +208,7 @@ _PRODUCT, _USUAL_GAP, _WIDEST_GAP = 40, 60, 300
 _SCALE = 1000.0  # px per m of a gap or of the displacement of an eye, which are enlarged
 
 
-def picture(now: OperationParameters) -> str:
+def picture(now: OperationParameters, say: Language = ENGLISH) -> str:
     """Return the line from above as SVG, with the products, load and eyes of the settings."""
     parts = [
         _box(begin, _TOP, end - begin - 4, _BOTTOM - _TOP, kind)
@@ -221,34 +227,35 @@ def picture(now: OperationParameters) -> str:
     if now.load:
         parts.append(f'<circle class="load" cx="{middle:g}" cy="{_TOP + 30}" r="10"/>')
     for y, holds, text in (
-        (_BOTTOM + 24, now.load, f'{GRAMS * now.load:g} g on the belt'),
-        (_BOTTOM + 46, now.zero, f'zero off by {GRAMS * now.zero:g} g'),
+        (_BOTTOM + 24, now.load, say('{mass} on the belt', mass=say.short(now.load))),
+        (_BOTTOM + 46, now.zero, say('zero off by {mass}', mass=say.short(now.zero))),
     ):
         if holds:
             parts.append(_text(middle, y, text))
     if not now.feed:
-        parts.append(_text(_BEGIN / 2, (_TOP + _BOTTOM) / 2 + 6, 'no products come'))
-    parts += [_eye(now, 'infeed', _BEGIN, 'end'), _eye(now, 'outfeed', _END, 'start')]
+        parts.append(_text(_BEGIN / 2, (_TOP + _BOTTOM) / 2 + 6, say('no products come')))
+    parts += [_eye(now, 'infeed', _BEGIN, 'end', say), _eye(now, 'outfeed', _END, 'start', say)]
+    label = say('the line from above')
     return (
         f'<svg class="line" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
-        f'aria-label="the line from above">{"".join(parts)}</svg>'
+        f'aria-label="{label}">{"".join(parts)}</svg>'
     )
 
 
-def _eye(now: OperationParameters, name: str, place: float, anchor: str) -> str:
+def _eye(now: OperationParameters, name: str, place: float, anchor: str, say: Language) -> str:
     """Return the beam of an eye as SVG, with its name and state as text."""
     dirty, dead = getattr(now, f'{name}_dirty'), getattr(now, f'{name}_dead')
     moved = getattr(now, f'{name}_place')
     x = place + _SCALE * moved
     kind = 'dead' if dead else 'dirty' if dirty else 'clean'
-    told = 'cable off' if dead else 'dirty' if dirty else ''
+    told = say('cable off') if dead else say('dirty') if dirty else ''
     moved_by = f'{_MM * moved:+g} mm' if moved else ''
     state = ', '.join(filter(None, (told, moved_by)))
     at = place + (25 if anchor == 'end' else -25)
     return (
         f'<line class="beam {kind}" x1="{x:g}" y1="{_TOP - 16}" x2="{x:g}" y2="{_BOTTOM + 8}"/>'
         f'<circle class="lens {kind}" cx="{x:g}" cy="{_TOP - 20}" r="7"/>'
-        + _text(at, 17, f'{name} eye', anchor)
+        + _text(at, 17, say(_EYES[name]), anchor)
         + _text(at, 38, state, anchor)
     )
 

@@ -11,7 +11,6 @@ from typing import Any
 from nicegui import json, ui
 
 from checkweigher_core.parameters import SettingsError, flatten
-from checkweigher_core.records import GRAMS
 from checkweigher_core.settings_files import read_settings
 from checkweigher_core.yaml_files import opened, yaml_text
 from checkweigher_production.recipes import (
@@ -21,20 +20,28 @@ from checkweigher_production.recipes import (
     replace_recipes,
 )
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import ItemList, text_file_input
+from checkweigher_web.elements import ItemList, named, text_file_input
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, number_in, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 
 Keys = dict[str, Any]  # keys and values of a recipe in the recipe file
 
-_HEADS = 'product', 'nominal', 'limits', 'guard', 'length', 'speed'
-_TEXT = (
+_HEADS = (
+    Text('product'),
+    Text('nominal'),
+    Text('limits'),
+    Text('guard'),
+    Text('length'),
+    Text('speed'),
+)
+_TEXT = Text(
     'Choose a recipe to change it, or fill in the fields for a new one. A change holds from the '
     'next selection of the product. Comments in the file are lost with the first change.'
 )
-_REMOVE = 'The recipe leaves the file. A product that is on the line stays there.'
-_IMPORT = 'All recipes are replaced by those of the chosen file: {}.'
+_REMOVE = Text('The recipe leaves the file. A product that is on the line stays there.')
+_IMPORT = Text('All recipes are replaced by those of the chosen file: {names}.')
 _LARGEST = 256 * 1024  # maximum number of characters of a recipe file from a browser
 _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 
@@ -43,45 +50,46 @@ _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 class _Entry:
     """Field of the form: its key in a recipe, label, unit, and place in a list.
 
-    A number in the form is `factor` times the number in the recipe.
+    A number in the form is `factor` times the number in the recipe. A mass is in the unit of the
+    user, and its `unit` is ''.
     """
 
     key: str
-    label: str
-    unit: str
-    factor: float
+    label: Text
+    unit: str = ''
+    factor: float = 0.0
     place: int | None = None
     words: tuple[str, ...] = ()  # allowed values that are not numbers
 
-    def text(self, keys: Mapping[str, Any]) -> str:
+    def text(self, keys: Mapping[str, Any], say: Language) -> str:
         """Return the text of the field for a recipe."""
         value = _inner(keys, self.key)
         if self.place is not None and isinstance(value, list):
             value = value[self.place]
-        return value if isinstance(value, str) else '' if value is None else self.number(value)
+        return value if isinstance(value, str) else '' if value is None else self.number(value, say)
 
-    def number(self, value: float) -> str:
+    def number(self, value: float, say: Language) -> str:
         """Return the text of the field for a number in the recipe."""
-        return f'{round(self.factor * value, 6):g}'
+        return say.entry(round((self.factor or say.per_kg) * value, 9))
 
-    def value(self, given: ui.input) -> float | str | None:
+    def value(self, given: ui.input, say: Language) -> float | str | None:
         """Return the value for the recipe, or None for an empty field."""
         text = str(given.value or '').strip()
         if text.upper() in self.words:
             return text.upper()
-        return round(number_in(given) / self.factor, 9) if text else None
+        return round(number_in(given, say) / (self.factor or say.per_kg), 9) if text else None
 
 
 _ENTRIES = (
-    _Entry('nominal', 'Nominal mass of the contents', 'g', GRAMS),
-    _Entry('tare', 'Mass of the packaging', 'g', GRAMS),
-    _Entry('lower_limit', 'Lower limit, or TU1 or TU2', 'g', GRAMS, words=('TU1', 'TU2')),
-    _Entry('upper_limit', 'Upper limit', 'g', GRAMS),
-    _Entry('guard.risk', 'Guard band: risk', '%', _PERCENT),
-    _Entry('length', 'Shortest length', 'mm', _MM, 0),
-    _Entry('length', 'Longest length', 'mm', _MM, 1),
-    _Entry('speed', 'Slowest belt', 'm/min', _PER_MINUTE, 0),
-    _Entry('speed', 'Fastest belt', 'm/min', _PER_MINUTE, 1),
+    _Entry('nominal', Text('Nominal mass of the contents')),
+    _Entry('tare', Text('Mass of the packaging')),
+    _Entry('lower_limit', Text('Lower limit, or TU1 or TU2'), words=('TU1', 'TU2')),
+    _Entry('upper_limit', Text('Upper limit')),
+    _Entry('guard.risk', Text('Guard band: risk'), '%', _PERCENT),
+    _Entry('length', Text('Shortest length'), 'mm', _MM, 0),
+    _Entry('length', Text('Longest length'), 'mm', _MM, 1),
+    _Entry('speed', Text('Slowest belt'), 'm/min', _PER_MINUTE, 0),
+    _Entry('speed', Text('Fastest belt'), 'm/min', _PER_MINUTE, 1),
 )
 _OWN = {entry.key.partition('.')[0] for entry in _ENTRIES}
 
@@ -95,30 +103,32 @@ class RecipesDialog(Dialog):
     """Dialog with a table of recipes, and a form for the chosen one."""
 
     def __init__(self, desk: Desk, path: Path) -> None:
-        super().__init__('Recipes', wide=True)
+        super().__init__(Text('Recipes'), desk.say, wide=True)
+        say = desk.say
         self._desk, self._path = desk, path
         self._recipes: dict[str, Keys] = {}
         self._imported = ''
         with self.body:
-            ui.label(_TEXT)
-            with ui.element('div').classes('choices').props('tabindex=0 aria-label="recipes"'):
-                self._list = ItemList(_HEADS, self._choose, 'change recipe')
+            ui.label(say(_TEXT))
+            choices = ui.element('div').classes('choices').props('tabindex=0')
+            with named(choices, say('recipes')):
+                self._list = ItemList(map(say, _HEADS), self._choose, say('change recipe'))
             with ui.element('div').classes('form'):
-                self._name = field('Product')
+                self._name = field(say('Product'))
                 self._fields = {
-                    each: field(each.label, unit=each.unit).props('stack-label')
+                    each: field(say(each.label), unit=each.unit or say.unit).props('stack-label')
                     for each in _ENTRIES
                 }
-            self._more = ui.textarea('Further keys, as in the file').classes('plan')
+            self._more = ui.textarea(say('Further keys, as in the file')).classes('plan')
             self._more.props('outlined dense')
             with ui.element('label').classes('in-a-row'):
-                ui.label('Recipes from a file')
-                text_file_input('Recipes from a file', _LARGEST, self._take_file)
+                ui.label(say('Recipes from a file'))
+                text_file_input(say('Recipes from a file'), _LARGEST, self._take_file)
             self._reason = reason_field(desk)
-        self.button('Import', self._import)
-        self.button('Export', self._export)
-        self.button('Remove', self._remove)
-        self.button('Save', self._save)
+        self.button(Text('Import'), self._import)
+        self.button(Text('Export'), self._export)
+        self.button(Text('Remove'), self._remove)
+        self.button(Text('Save'), self._save)
 
     def show(self) -> None:
         """Read the recipe file, and show its recipes."""
@@ -126,24 +136,26 @@ class RecipesDialog(Dialog):
             self._recipes = given_recipes(self._path)
         except SettingsError as error:
             self.tell(Outcome(False, str(error)))
-        self._list.show_text(json.dumps([row(*each) for each in self._recipes.items()]))
+        self._list.show_text(json.dumps([row(*each, self.say) for each in self._recipes.items()]))
 
     def _choose(self, name: str) -> None:
         keys = self._recipes.get(name, {})
         self._list.choose(name)
         self._name.set_value(name)
         for entry, shown in self._fields.items():
-            shown.set_value(entry.text(keys))
+            shown.set_value(entry.text(keys, self.say))
         more = {key: value for key, value in keys.items() if key not in _OWN}
         self._more.set_value(yaml_text(more) if more else '')
 
     async def _save(self) -> None:
         name, keys = str(self._name.value or '').strip(), self._keys()
         if not name:
-            raise ActionRefusedError('Product: give a name')
-        what = f'recipe {name}: {changes(self._recipes.get(name), keys)}'
+            raise ActionRefusedError(Text('Product: give a name'))
+        changed = changes(self._recipes.get(name), keys)
+        what = Text('recipe {name}: {changes}', name=name, changes=changed)
         change = partial(change_recipe, self._path, name, keys)
-        save = partial(actions.change_file, change, f'recipe {name} is saved')
+        said = Text('recipe {name} is saved', name=name)
+        save = partial(actions.change_file, change, said)
         outcome = await self._desk.perform(
             Role.TECHNICIAN, what, save, str(self._reason.value or '')
         )
@@ -155,32 +167,35 @@ class RecipesDialog(Dialog):
         """Return the keys of the recipe in the form, or raise `ActionRefusedError`."""
         keys: Keys = {}
         for entry, given in self._fields.items():
-            _put(keys, entry, entry.value(given))
+            _put(keys, entry, entry.value(given, self.say))
         for key in ('length', 'speed'):
             if None in keys.get(key, ()):
-                raise ActionRefusedError(f'{key}: give both ends of the range, or none')
+                text = Text('{range}: give both ends of the range, or none', range=Text(key))
+                raise ActionRefusedError(text)
         try:
             with opened(str(self._more.value or '{}')) as more:
                 if not isinstance(more, dict) or _OWN & more.keys():
                     raise SettingsError('write "key: value" lines of keys without a field')
                 return keys | more
         except SettingsError as error:
-            raise ActionRefusedError(f'Further keys: {error}') from None
+            raise ActionRefusedError(Text('Further keys: {error}', error=str(error))) from None
 
     async def _remove(self) -> None:
         name = str(self._name.value or '').strip()
         if name not in self._recipes:
-            raise ActionRefusedError('choose a recipe first')
+            raise ActionRefusedError(Text('choose a recipe first'))
         remove = partial(change_recipe, self._path, name, None)
-        self._confirm('Remove recipe', _REMOVE, f'recipe {name}: removed', remove)
+        what = Text('recipe {name}: removed', name=name)
+        self._confirm(Text('Remove recipe'), Text('Remove'), _REMOVE, what, remove)
 
-    def _confirm(self, title: str, text: str, what: str, change: partial[None]) -> None:
+    def _confirm(
+        self, title: Text, verb: Text, text: Text, what: Text, change: partial[None]
+    ) -> None:
         async def act() -> str:
             said = await actions.change_file(change, what)
             self.show()
             return said
 
-        verb = title.partition(' ')[0]
         ask(self._desk, title, text, verb, lambda: (what, act), role=Role.TECHNICIAN)
 
     def _take_file(self, text: str) -> None:
@@ -188,16 +203,18 @@ class RecipesDialog(Dialog):
 
     async def _import(self) -> None:
         if not self._imported:
-            raise ActionRefusedError('choose a file first')
+            raise ActionRefusedError(Text('choose a file first'))
         if len(self._imported) >= _LARGEST:
-            raise ActionRefusedError('the file is too large for recipes')
+            raise ActionRefusedError(Text('the file is too large for recipes'))
         try:
             found = read_settings(self._imported, RecipeFile).products
         except SettingsError as error:
             raise ActionRefusedError(str(error)) from None
         names = ', '.join(found)
         change = partial(replace_recipes, self._path, self._imported)
-        self._confirm('Import recipes', _IMPORT.format(names), f'recipes imported: {names}', change)
+        text = Text(_IMPORT.template, names=names)
+        what = Text('recipes imported: {names}', names=names)
+        self._confirm(Text('Import recipes'), Text('Import'), text, what, change)
 
     async def _export(self) -> None:
         try:
@@ -223,9 +240,9 @@ def _put(keys: Keys, entry: _Entry, value: float | str | None) -> None:
         keys[outer] = {inner: value} if inner else value
 
 
-def row(name: str, keys: Keys) -> list[str]:
+def row(name: str, keys: Keys, say: Language = ENGLISH) -> list[str]:
     """Return the row of a recipe for `ItemList`: key, name, no decision, and further cells."""
-    text = {entry: entry.text(keys) for entry in _ENTRIES}
+    text = {entry: entry.text(keys, say) for entry in _ENTRIES}
     nominal, _, lower, upper, guard, *ranges = _ENTRIES
     limits = f'{text[lower] or "–"} … {text[upper] or "–"}' if text[lower] or text[upper] else ''
     spans = [f'{text[a]} … {text[b]} {a.unit}' if text[a] else '–' for a, b in _pairs(ranges)]
@@ -233,8 +250,8 @@ def row(name: str, keys: Keys) -> list[str]:
         name,
         name,
         '',
-        f'{text[nominal]} g',
-        f'{limits} g' if limits else '–',
+        f'{text[nominal]} {say.unit}',
+        f'{limits} {say.unit}' if limits else '–',
         f'{text[guard]} %' if text[guard] else '–',
         *spans,
     ]

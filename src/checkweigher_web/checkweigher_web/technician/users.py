@@ -9,18 +9,19 @@ from nicegui import json, ui
 
 from checkweigher_web.access import users as accounts
 from checkweigher_web.access.users import ROLES, Role
-from checkweigher_web.elements import ItemList
+from checkweigher_web.elements import ItemList, named
+from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
-_HEADS = 'name', 'role'
-_TEXT = (
+_HEADS = Text('name'), Text('role')
+_TEXT = Text(
     'A viewer sees, an operator also works at the line, a technician also sets it up. A change '
     'ends the sessions of that user.'
 )
-_REMOVE = 'The user may not log in any more.'
-_OWN = 'this is your own account: another technician has to do this'
+_REMOVE = Text('The user may not log in any more.')
+_OWN = Text('this is your own account: another technician has to do this')
 
 
 async def users(desk: Desk, services: LaneServices) -> None:
@@ -32,30 +33,33 @@ class UsersDialog(Dialog):
     """Dialog with a list of users, and a form to add or change one."""
 
     def __init__(self, desk: Desk) -> None:
-        super().__init__('Users')
+        super().__init__(Text('Users'), desk.say)
+        say = desk.say
         self._desk, self._path = desk, desk.users.path
         with self.body:
-            ui.label(_TEXT)
-            with ui.element('div').classes('choices').props('tabindex=0 aria-label="users"'):
-                self._list = ItemList(_HEADS, self._choose, 'change user')
-            self._name = field('Name')
-            self._role = ui.select(list(ROLES), label='Role').props('outlined dense')
+            ui.label(say(_TEXT))
+            choices = ui.element('div').classes('choices').props('tabindex=0')
+            with named(choices, say('users')):
+                self._list = ItemList(map(say, _HEADS), self._choose, say('change user'))
+            self._name = field(say('Name'))
+            roles = {role: say(role) for role in ROLES}
+            self._role = ui.select(roles, label=say('Role')).props('outlined dense')
             self._password, self._again = (
                 ui.input(label, password=True).props(
                     'outlined dense maxlength=200 autocomplete=new-password'
                 )
-                for label in ('New password', 'The same again')
+                for label in (say('New password'), say('The same again'))
             )
             self._reason = reason_field(desk)
-        self.button('Remove', self._remove)
-        self.button('Set password', self._set_password)
-        self.button('Set role', self._set_role)
-        self.button('Add', self._add)
+        self.button(Text('Remove'), self._remove)
+        self.button(Text('Set password'), self._set_password)
+        self.button(Text('Set role'), self._set_role)
+        self.button(Text('Add'), self._add)
 
     def show(self) -> None:
         """Show the present users."""
         known = self._desk.users.now().values()
-        rows = [[user.name, user.name, '', user.role.name.lower()] for user in known]
+        rows = [[user.name, user.name, '', self.say(user.role.name.lower())] for user in known]
         self._list.show_text(json.dumps(rows))
 
     def _choose(self, name: str) -> None:
@@ -67,33 +71,38 @@ class UsersDialog(Dialog):
     async def _add(self) -> None:
         name, role = self._given_name(), self._given_role()
         add = partial(accounts.add_user, self._path, name, role, self._given_password())
-        await self._perform(f'add user {name} as {role.name.lower()}', add)
+        await self._perform(
+            Text('add user {name} as {role}', name=name, role=Text(role.name.lower())), add
+        )
 
     async def _set_role(self) -> None:
         name, role = self._of_other(), self._given_role()
         change = partial(accounts.change_user, self._path, name, role=role)
-        await self._perform(f'user {name} becomes {role.name.lower()}', change)
+        await self._perform(
+            Text('user {name} becomes {role}', name=name, role=Text(role.name.lower())), change
+        )
 
     async def _set_password(self) -> None:
         name = self._given_name()
         change = partial(accounts.change_user, self._path, name, password=self._given_password())
-        await self._perform(f'new password for user {name}', change)
+        await self._perform(Text('new password for user {name}', name=name), change)
 
     async def _remove(self) -> None:
         name = self._of_other()
 
         async def act() -> str:
             remove = partial(accounts.remove_user, self._path, name)
-            said = await actions.change_file(remove, 'done: removed')
+            said = await actions.change_file(remove, Text('done: removed'))
             self.show()
             return said
 
-        what = f'remove user {name}'
-        ask(self._desk, 'Remove user', _REMOVE, 'Remove', lambda: (what, act), role=Role.TECHNICIAN)
+        what = Text('remove user {name}', name=name)
+        title, verb = Text('Remove user'), Text('Remove')
+        ask(self._desk, title, _REMOVE, verb, lambda: (what, act), role=Role.TECHNICIAN)
 
-    async def _perform(self, what: str, change: Callable[[], None]) -> None:
+    async def _perform(self, what: Text, change: Callable[[], None]) -> None:
         reason = str(self._reason.value or '')
-        act = partial(actions.change_file, change, f'done: {what}')
+        act = partial(actions.change_file, change, Text('done: {what}', what=what))
         self.tell(await self._desk.perform(Role.TECHNICIAN, what, act, reason))
         self._password.set_value('')
         self._again.set_value('')
@@ -102,7 +111,7 @@ class UsersDialog(Dialog):
     def _given_name(self) -> str:
         name = str(self._name.value or '').strip()
         if not name:
-            raise ActionRefusedError('Name: choose a user or give a name')
+            raise ActionRefusedError(Text('Name: choose a user or give a name'))
         return accounts.account_name(name)
 
     def _of_other(self) -> str:
@@ -112,10 +121,10 @@ class UsersDialog(Dialog):
 
     def _given_role(self) -> Role:
         if not self._role.value:
-            raise ActionRefusedError('Role: choose one')
+            raise ActionRefusedError(Text('Role: choose one'))
         return Role[str(self._role.value).upper()]
 
     def _given_password(self) -> str:
         if self._password.value != self._again.value:
-            raise ActionRefusedError('the two passwords differ')
+            raise ActionRefusedError(Text('the two passwords differ'))
         return str(self._password.value or '')

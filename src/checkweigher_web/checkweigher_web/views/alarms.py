@@ -9,13 +9,22 @@ from nicegui import ui
 
 from checkweigher_core.records import NANOSECONDS, Alarm
 from checkweigher_web.drawing import Drawing
-from checkweigher_web.elements import Figure, Lines, Table
-from checkweigher_web.views.signal import drawn
+from checkweigher_web.elements import Cell, Figure, Lines, Table, told
+from checkweigher_web.languages.language import ENGLISH, Language, Text
+from checkweigher_web.languages.wording import from_node
+from checkweigher_web.views.signal import Signal, item_text, signal_of, signal_texts
 from checkweigher_web.views.view import View
-from checkweigher_web.words import clock, said, when
 
 _FAULT = 'fault'  # source of alarms that items raise
-_HEADS = 'order', 'alarm', 'first', 'last', 'times', 'state', 'what to check'
+_HEADS = (
+    Text('order'),
+    Text('alarm'),
+    Text('first'),
+    Text('last'),
+    Text('times'),
+    Text('state'),
+    Text('what to check'),
+)
 Picture = tuple[str, str, tuple[str, ...]]  # text on an item, its figure as JSON, and its marks
 
 
@@ -26,7 +35,7 @@ class AlarmsView(View):
     the first fault.
     """
 
-    title = 'Alarms'
+    title = Text('Alarms')
     columns = 1, 7
     recorded = False
 
@@ -35,11 +44,12 @@ class AlarmsView(View):
             self._headline = ui.label('').classes('about')
             if 'Acknowledge alarms' in self.look.work:
                 acknowledge = self.look.work['Acknowledge alarms']
-                ui.button('Acknowledge alarms', on_click=acknowledge).props('outline')
-        self._rows = Table(_HEADS)
+                text = self.say('Acknowledge alarms')
+                ui.button(text, on_click=acknowledge).props('outline')
+        self._rows = Table(map(self.say, _HEADS))
         with ui.element('div') as self._picture:
             self._about = ui.label('').classes('about')
-            self._figure = Figure('signal of the first alarm')
+            self._figure = Figure(self.say('signal of the first alarm'), self.say)
             self._marks = Lines().classes('marks')
 
     def _state(self) -> object:
@@ -49,8 +59,15 @@ class AlarmsView(View):
     def _show(self) -> None:
         alarms, over = in_order(self.lane.alarms), self.lane.over
         waiting = sum(not each.acknowledged_by for each in alarms)
-        self._headline.set_text(f'{waiting} not acknowledged, {len(over)} over since the page runs')
-        self._rows.show([*rows(alarms, time.time_ns()), *rows(over[::-1], 0)])
+        self._headline.set_text(
+            self.say(
+                '{waiting} not acknowledged, {over} over since the page runs',
+                waiting=waiting,
+                over=len(over),
+            )
+        )
+        now = time.time_ns()
+        self._rows.show([*rows(alarms, now, self.say), *rows(over[::-1], 0, self.say)])
         picture = self._shot()
         self._picture.set_visibility(picture is not None)
         if picture is not None:
@@ -60,7 +77,8 @@ class AlarmsView(View):
             self._marks.show(marks)
 
     def _shot(self) -> Picture | None:
-        return self.drawing.each_second('picture', lambda: picture_of(self.drawing))
+        name = 'shot', self.say
+        return self.drawing.each_second(name, lambda: picture_of(self.drawing, self.say))
 
 
 def in_order(alarms: Sequence[Alarm]) -> list[Alarm]:
@@ -68,39 +86,48 @@ def in_order(alarms: Sequence[Alarm]) -> list[Alarm]:
     return sorted(alarms, key=lambda each: (bool(each.acknowledged_by), each.first))
 
 
-def rows(alarms: Sequence[Alarm], now: int) -> list[tuple[str, ...]]:
+def rows(alarms: Sequence[Alarm], now: int, say: Language = ENGLISH) -> list[tuple[Cell, ...]]:
     """Return a row for each alarm at time `now` in ns, which is 0 for alarms that are over."""
     return [
         (
-            'over' if not now else 'first' if place == 0 and not each.acknowledged_by else '',
-            f'{each.source} {each.reason}',
-            clock(each.first),
-            clock(each.last),
+            say(_order(place, each, now)),
+            f'{say(each.source)} {each.reason}',
+            say.clock(each.first),
+            say.clock(each.last),
             str(each.count),
-            state_of(each, now),
-            each.text,
+            state_of(each, now, say),
+            told(from_node(each.text), say),
         )
         for place, each in enumerate(alarms)
     ]
 
 
-def state_of(alarm: Alarm, now: int = 0) -> str:
+def _order(place: int, alarm: Alarm, now: int) -> str:
+    if not now:
+        return Text('over')
+    return Text('first') if place == 0 and not alarm.acknowledged_by else ''
+
+
+def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
     """Return a text on the duration and the acknowledgement of an alarm at time `now` in ns."""
     lasted = alarm.duration
     if alarm.active and now:
         lasted += max(now - alarm.last, 0) / NANOSECONDS
-    parts = ['lasts'] if alarm.active and now else []
+    parts = [say('lasts')] if alarm.active and now else []
     parts += [f'{lasted:.0f} s'] if lasted else []
-    acknowledged = f'acknowledged by {alarm.acknowledged_by}' if alarm.acknowledged_by else ''
-    return ', '.join([*parts, acknowledged or ('not acknowledged' if now else 'over')])
+    if alarm.acknowledged_by:
+        parts.append(say('acknowledged by {name}', name=alarm.acknowledged_by))
+    else:
+        parts.append(say('not acknowledged') if now else say('over'))
+    return ', '.join(parts)
 
 
-def picture_of(drawing: Drawing) -> Picture | None:
+def picture_of(drawing: Drawing, say: Language = ENGLISH) -> Picture | None:
     """Return the signal of an item with the first fault in the alarms, or None without a signal.
 
     The signal is cached, because the lane soon drops its samples.
     """
-    pictures: dict[tuple[str, int], Picture] = drawing.once('pictures', None, dict)
+    pictures: dict[tuple[str, int], Signal] = drawing.once('pictures', None, dict)
     alarms = [each for each in in_order(drawing.lane.alarms) if each.source == _FAULT]
     if not alarms:
         return None
@@ -110,7 +137,11 @@ def picture_of(drawing: Drawing) -> Picture | None:
         item = next((each for each in faults if key[0] in each.verdict.reasons), None)
         if item is None or drawing.lane.with_signals(item).stretch is None:
             return None
-        about = f'item {item.verdict.item_id} at {when(item.verdict)}: {said(item.verdict)}'
         pictures.clear()
-        pictures[key] = about, *drawn(drawing, item)
-    return pictures[key]
+        pictures[key] = signal_of(drawing, item)
+    signal, cell = pictures[key], drawing.lane.load_cell
+
+    def draw() -> Picture:
+        return item_text(signal[0], say), *signal_texts(*signal, cell, say)
+
+    return drawing.once(('picture', say), key, draw)

@@ -6,53 +6,64 @@ from typing import ClassVar
 
 import numpy as np
 
-from checkweigher_core.records import GRAMS
 from checkweigher_production.control_chart import SUBGROUP, begun, control_chart
 from checkweigher_web import charts
 from checkweigher_web.charts import DENOISED, Options
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.views.view import FigureView, Look
 
 _ROOM = 0.05  # margin above and below the data and limits, as a fraction of their range
+# Symbols of the rules of `control_chart`.
+_SYMBOLS = {
+    Text('beyond the limits'): 'diamond',
+    Text('beyond the limit'): 'diamond',
+    Text('7 on one side'): 'rect',
+    Text('7 rising'): 'triangle',
+    Text('7 falling'): 'triangle',
+}
 
 
 class MeansView(FigureView):
     """Control chart of the means of the subgroups in this batch."""
 
-    title = 'Control chart: means'
-    label = 'control chart of the means'
+    title = Text('Control chart: means')
+    label = Text('control chart of the means')
     spread: ClassVar[bool] = False
 
     @classmethod
     def _draw(cls, look: Look) -> Options:
-        return control_figure(look.series(), spread=cls.spread)
+        return control_figure(look.series(), look.say, spread=cls.spread)
 
 
 class SpreadsView(MeansView):
     """Control chart of the standard deviations of the subgroups in this batch."""
 
-    title = 'Control chart: standard deviations'
-    label = 'control chart of the standard deviations'
+    title = Text('Control chart: standard deviations')
+    label = Text('control chart of the standard deviations')
     spread = True
 
 
-def control_figure(series: MassSeries, *, spread: bool) -> Options:
+def control_figure(series: MassSeries, say: Language = ENGLISH, *, spread: bool) -> Options:
     """Return the figure of a control chart over time with its limits.
 
     The figure shows the standard deviations of the subgroups with `spread`, otherwise their means.
     A symbol marks the first subgroup of each run that breaks a rule, and the legend names the rule.
     """
-    masses, reference = ([GRAMS * m for m in each] for each in (series.masses, series.reference))
+    masses, reference = (
+        [say.per_kg * mass for mass in each] for each in (series.masses, series.reference)
+    )
     chart = control_chart(masses, reference)
     if chart is None:
-        return charts.nothing(f'needs two subgroups of {SUBGROUP} accepted items of the batch')
+        text = say('needs two subgroups of {size} accepted items of the batch', size=SUBGROUP)
+        return charts.nothing(text)
     if spread:
-        name, unit, values = 's', 'g', chart.std_devs
-        limits = {'mean': chart.spread, 'limit': chart.spread_upper}
+        name, unit, values = 's', say.unit, chart.std_devs
+        limits = {say('mean'): chart.spread, say('limit'): chart.spread_upper}
         rules = np.array(begun(np.where(values > chart.spread_upper, 'beyond the limit', '')))
     else:
-        name, unit, values = 'mean', 'gross, g', chart.means
-        limits = {'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper}
+        name, unit, values = say('mean'), say('gross, {unit}', unit=say.unit), chart.means
+        limits = {say('lower'): chart.lower, say('mean'): chart.centre, say('upper'): chart.upper}
         rules = np.array(chart.marks)
     time = charts.local_times(series.stamps[SUBGROUP - 1 :: SUBGROUP])
     marks = charts.mark_lines(limits, axis='yAxis')
@@ -62,7 +73,7 @@ def control_figure(series: MassSeries, *, spread: bool) -> Options:
     ]
     for rule in sorted({*rules} - {''}):
         broken = rules == rule
-        symbols = charts.symbols(rule, time[broken], values[broken], _symbol(rule), 14)
+        symbols = charts.symbols(say(rule), time[broken], values[broken], _SYMBOLS[rule], 14)
         shown.append(symbols | {'symbolRotate': 180 if rule.endswith('falling') else 0})
     figure = charts.figure(shown, '', unit) | {'useUTC': True}
     figure['xAxis'] |= {'type': 'time', 'axisLabel': {'hideOverlap': True}}
@@ -72,9 +83,3 @@ def control_figure(series: MassSeries, *, spread: bool) -> Options:
     figure['yAxis'] |= {'min': low - room, 'max': high + room}
     figure['yAxis']['axisLabel'] |= {'showMaxLabel': False}
     return figure
-
-
-def _symbol(rule: str) -> str:
-    if rule.startswith('beyond'):
-        return 'diamond'
-    return 'rect' if rule.endswith('side') else 'triangle'

@@ -10,12 +10,11 @@ from nicegui import json
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_core.records import GRAMS
 from checkweigher_web import charts
 from checkweigher_web.charts import DENOISED, Options
 from checkweigher_web.elements import Figure, Table
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.views.view import View
-from checkweigher_web.words import grams
 
 _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
@@ -34,7 +33,7 @@ class SpectralLine:
 
     frequency: float  # Hz
     amplitude: float  # kg
-    guess: str  # possible cause
+    guess: Text  # possible cause
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +48,12 @@ class Spectrum:
 class EmptyBeltView(View):
     """Spectrum of the empty belt, and a table of its lines."""
 
-    title = 'Empty belt'
+    title = Text('Empty belt')
     columns = 1, 7
 
     def _build(self) -> None:
-        self._figure = Figure('spectrum of the empty belt')
-        self._lines = Table(('Hz', 'g', 'what it might be'))
+        self._figure = Figure(self.say('spectrum of the empty belt'), self.say)
+        self._lines = Table(('Hz', self.say.unit, self.say('what it might be')))
 
     def _state(self) -> object:
         if self.look.board is not None:
@@ -64,10 +63,15 @@ class EmptyBeltView(View):
     def _show(self) -> None:
         if self.lane.load_cell is None:
             return
-        figure, lines = self.drawing.once('belt', self._state(), self._draw)
+        figure, lines = self.drawing.once(('belt', self.say), self._state(), self._draw)
         self._figure.show_text(figure)
         self._lines.show(
-            (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in lines
+            (
+                self.say.number(each.frequency, 1),
+                self.say.amount(each.amplitude),
+                self.say(each.guess),
+            )
+            for each in lines
         )
 
     def _draw(self) -> tuple[str, tuple[SpectralLine, ...]]:
@@ -76,17 +80,17 @@ class EmptyBeltView(View):
         known = None if item is None else item.estimate
         of_item = () if known is None else (known.belt_speed, known.natural_frequency)
         found = spectrum(self.lane.empty_belt(item), cell.sample_rate, *of_item)
-        return json.dumps(spectrum_chart(found)), found.lines if found else ()
+        return json.dumps(spectrum_chart(found, self.say)), found.lines if found else ()
 
 
-def spectrum_chart(found: Spectrum | None) -> Options:
+def spectrum_chart(found: Spectrum | None, say: Language = ENGLISH) -> Options:
     """Return the figure of a spectrum with its lines marked."""
     if found is None:
-        return charts.nothing('needs a stretch of the empty belt')
+        return charts.nothing(say('needs a stretch of the empty belt'))
     shown = found.frequencies <= _HIGHEST
-    amplitudes = GRAMS * found.amplitudes[shown]
-    line = charts.line('amplitude', found.frequencies[shown], amplitudes, DENOISED, width=1)
-    figure = charts.figure([line], 'Hz', 'g')
+    amplitudes = say.per_kg * found.amplitudes[shown]
+    line = charts.line(say('amplitude'), found.frequencies[shown], amplitudes, DENOISED, width=1)
+    figure = charts.figure([line], 'Hz', say.unit)
     figure['xAxis'] |= {'min': 0, 'max': min(_HIGHEST, float(found.frequencies[-1]))}
     charts.mark_apart(figure, {f'{each.frequency:.0f}': each.frequency for each in found.lines})
     return figure
@@ -127,17 +131,26 @@ def _surrounding(amplitudes: NDArray[np.float64], k: int) -> float:
     return float(np.median(amplitudes[max(k - _SURROUNDING, 1) : k + _SURROUNDING + 1]))
 
 
-def _guess(frequency: float, belt_speed: float, platform: float) -> str:
+def _guess(frequency: float, belt_speed: float, platform: float) -> Text:
     """Return the possible cause of a line with this frequency in Hz."""
     mains = [known for known in _MAINS if abs(frequency - known) <= _NEAR * known]
     if mains:
-        return f'mains or a motor at {mains[0]:g} Hz: check the shield of the cable'
+        return Text(
+            'mains or a motor at {frequency} Hz: check the shield of the cable',
+            frequency=round(mains[0]),
+        )
     if abs(frequency - platform) <= _PLATFORM * platform:
-        return f'the platform itself, whose natural frequency is about {platform:.0f} Hz'
-    guess = 'floor or building' if frequency < _FLOOR else 'motor or roller'
+        return Text(
+            'the platform itself, whose natural frequency is about {frequency} Hz',
+            frequency=round(platform),
+        )
+    guess = Text('floor or building') if frequency < _FLOOR else Text('motor or roller')
     if belt_speed > 0:
         diameter = 1000 * belt_speed / (math.pi * frequency)
-        guess += (
-            f'; a roller of {diameter:.0f} mm turns at this rate, {2 * diameter:.0f} mm at half'
+        return Text(
+            '{guess}; a roller of {diameter} mm turns at this rate, {double} mm at half',
+            guess=guess,
+            diameter=round(diameter),
+            double=round(2 * diameter),
         )
     return guess

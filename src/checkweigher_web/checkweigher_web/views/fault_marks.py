@@ -11,17 +11,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_core.printable import counted
-from checkweigher_core.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 from checkweigher_web.lane import ShownItem
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.raw_signal import Stretch
 
 _BEFORE_RISE = 0.3  # duration in s of the empty belt before a rise
 _GAP = 1.5  # longest time between two samples without a loss, in sample periods
 _FLICKER = 0.25  # shortest time between two edges, relative to the longest blockage of the eye
-_EYES = {Eye.INFEED: 'infeed eye', Eye.OUTFEED: 'outfeed eye'}
+EYES = {Eye.INFEED: Text('infeed eye'), Eye.OUTFEED: Text('outfeed eye')}
 # Edges of an item: the eye, and whether the item blocks it.
 EDGES = {
     't1': (Eye.INFEED, True),
@@ -55,9 +55,14 @@ class Scene:
         Signal in kg, relative to the zero of calibration.
     usual_speed : float
         Belt speed of earlier items in m/s, or NaN if it is not known.
+    say : Language
+        Language of the texts of its marks.
     """
 
-    def __init__(self, item: ShownItem, stretch: Stretch, load_cell: LoadCell) -> None:
+    def __init__(
+        self, item: ShownItem, stretch: Stretch, load_cell: LoadCell, say: Language = ENGLISH
+    ) -> None:
+        self.say = say
         self.reasons = item.verdict.reasons
         self.stretch = stretch
         self.load_cell = load_cell
@@ -140,18 +145,23 @@ def _over(
 
 
 def _missing_edges(scene: Scene) -> Iterator[Mark]:
-    expected = _expected_times(scene)
+    expected, say = _expected_times(scene), scene.say
     missing = [name for name in ('t1', 't2', 't3') if name not in scene.times]
     if not missing:
         yield from _equal_edges(scene)
     for name in missing:
         eye, blocked = EDGES[name]
-        text = f'{_EYES[eye]}: {name} is missing, it did not {"block" if blocked else "clear"}'
+        text = (
+            Text('{eye}: {edge} is missing, it did not block', eye=EYES[eye], edge=name)
+            if blocked
+            else Text('{eye}: {edge} is missing, it did not clear', eye=EYES[eye], edge=name)
+        )
         if name in expected:
-            yield Mark(f'{text}; expected here', expected[name], expected[name], name)
+            at = expected[name]
+            yield Mark(say('{missing}; expected here', missing=text), at, at, name)
         elif scene.times:
             last = max(scene.times.values())
-            yield Mark(f'{text} after this', last, last)
+            yield Mark(say('{missing} after this', missing=text), last, last)
 
 
 def _equal_edges(scene: Scene) -> Iterator[Mark]:
@@ -159,9 +169,12 @@ def _equal_edges(scene: Scene) -> Iterator[Mark]:
     for eye in Eye:
         for one, other in pairwise(scene.edges_of(eye)):
             if one.blocked == other.blocked:
-                what = 'blocked' if one.blocked else 'cleared'
-                text = f'{_EYES[eye]}: {what} twice; the edge between is missing'
-                yield Mark(text, one.stamp, other.stamp)
+                text = (
+                    Text('{eye}: blocked twice; the edge between is missing', eye=EYES[eye])
+                    if one.blocked
+                    else Text('{eye}: cleared twice; the edge between is missing', eye=EYES[eye])
+                )
+                yield Mark(scene.say(text), one.stamp, other.stamp)
 
 
 def _expected_times(scene: Scene) -> dict[str, int]:
@@ -192,10 +205,11 @@ def _neighbours(scene: Scene) -> Iterator[Mark]:
     begin, end = span
     for edge in scene.edges_of(Eye.INFEED):
         if edge.blocked and begin < edge.stamp < end:
-            yield Mark('the next product is on the belt as well', edge.stamp, end)
+            text = scene.say('the next product is on the belt as well')
+            yield Mark(text, edge.stamp, end)
     left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if begin < edge.stamp < end]
     if left:
-        yield Mark('the product before is still on the belt', begin, left[-1])
+        yield Mark(scene.say('the product before is still on the belt'), begin, left[-1])
 
 
 def _change(scene: Scene, begin: int, end: int) -> str:
@@ -203,9 +217,10 @@ def _change(scene: Scene, begin: int, end: int) -> str:
     if len(load) < 4:
         return ''
     change = float(np.mean(load[-(len(load) // 4) :]) - np.mean(load[: len(load) // 2]))
-    return (
-        f'the load changes by {GRAMS * change:+.1f} g: something came onto the belt or left '
-        'it that the eyes did not show'
+    return scene.say(
+        'the load changes by {change}: something came onto the belt or left it that the eyes did '
+        'not show',
+        change=scene.say.mass(change, 1, '+'),
     )
 
 
@@ -219,32 +234,50 @@ def _chatter(scene: Scene) -> Iterator[Mark]:
         blocked = lengths[[edge.blocked for edge in edges[:-1]]]
         longest = blocked.max() if len(blocked) else lengths.max()
         for begin, end in runs(lengths < _FLICKER * longest):
-            span = 1e-6 * (stamps[end] - stamps[begin])
-            text = f'{_EYES[eye]}: switches {end - begin + 1} times in {span:.1f} ms'
+            text = scene.say(
+                '{eye}: switches {count} times in {time}',
+                eye=EYES[eye],
+                count=end - begin + 1,
+                time=scene.say.number(1e-6 * (stamps[end] - stamps[begin]), 1, ' ms'),
+            )
             yield Mark(text, int(stamps[begin]), int(stamps[end]))
 
 
 def _speed(scene: Scene, begin: int, end: int) -> str:
     if end <= begin:
         return ''
-    speed = scene.load_cell.weigh_length / seconds(end - begin)
-    text = f'from eye to eye in {1e-6 * (end - begin):.0f} ms: {60 * speed:.1f} m/min'
+    speed, say = scene.load_cell.weigh_length / seconds(end - begin), scene.say
+    text = say(
+        'from eye to eye in {time}: {speed}',
+        time=say.number(1e-6 * (end - begin), 0, ' ms'),
+        speed=say.number(60 * speed, 1, ' m/min'),
+    )
     if math.isfinite(scene.usual_speed) and scene.usual_speed != speed:
-        text += f'; the item before: {60 * scene.usual_speed:.1f} m/min'
+        before = say.number(60 * scene.usual_speed, 1, ' m/min')
+        text = say('{speed}; the item before: {before}', speed=text, before=before)
     return text
 
 
 def _length(scene: Scene, begin: int, end: int) -> str:
-    text = f'the infeed eye is blocked for {1e-6 * (end - begin):.0f} ms'
+    time, say = scene.say.number(1e-6 * (end - begin), 0, ' ms'), scene.say
     belt, out = scene.load_cell.weigh_length, scene.times.get('t3', begin)
     if out > begin:
         length = belt * (end - begin) / (out - begin)
-        text += f': {1e3 * length:.0f} mm on a belt of {1e3 * belt:.0f} mm'
-    return text
+        return say(
+            'the infeed eye is blocked for {time}: {length} on a belt of {belt}',
+            time=time,
+            length=say.number(1e3 * length, 0, ' mm'),
+            belt=say.number(1e3 * belt, 0, ' mm'),
+        )
+    return say('the infeed eye is blocked for {time}', time=time)
 
 
 def _short_window(scene: Scene, begin: int, end: int) -> str:
-    return f'fully on the belt for {counted(len(scene.between(begin, end)), "sample")}'
+    return scene.say.plural(
+        'fully on the belt for {count} sample',
+        'fully on the belt for {count} samples',
+        len(scene.between(begin, end)),
+    )
 
 
 def _lost_samples(scene: Scene) -> Iterator[Mark]:
@@ -252,29 +285,47 @@ def _lost_samples(scene: Scene) -> Iterator[Mark]:
     for place in np.flatnonzero(np.diff(time) > _GAP * period):
         begin, end = int(time[place]), int(time[place + 1])
         count = round((end - begin) / period) - 1
-        yield Mark(f'{counted(count, "sample")} lost in {1e-6 * (end - begin):.1f} ms', begin, end)
+        text = scene.say.plural(
+            '{count} sample lost in {time}',
+            '{count} samples lost in {time}',
+            count,
+            time=scene.say.number(1e-6 * (end - begin), 1, ' ms'),
+        )
+        yield Mark(text, begin, end)
 
 
 def _saturation(scene: Scene) -> Iterator[Mark]:
     time, counts, cell = scene.stretch.time, scene.stretch.counts, scene.load_cell
-    ends = {'lowest': counts <= cell.min_counts, 'highest': counts >= cell.max_counts}
-    for name, outside in ends.items():
+    for is_low, outside in ((True, counts <= cell.min_counts), (False, counts >= cell.max_counts)):
         for begin, end in runs(outside):
-            text = f'{counted(end - begin, "sample")} at the {name} value of the converter'
+            text = (
+                scene.say.plural(
+                    '{count} sample at the lowest value of the converter',
+                    '{count} samples at the lowest value of the converter',
+                    end - begin,
+                )
+                if is_low
+                else scene.say.plural(
+                    '{count} sample at the highest value of the converter',
+                    '{count} samples at the highest value of the converter',
+                    end - begin,
+                )
+            )
             yield Mark(text, int(time[begin]), int(time[end - 1]))
 
 
 def _sample(place: int, text: str, scene: Scene) -> list[Mark]:
     stamp = int(scene.stretch.time[place])
-    return [Mark(text, stamp, stamp)]
+    return [Mark(scene.say(text), stamp, stamp)]
 
 
 def _load(text: str, scene: Scene) -> Iterator[Mark]:
-    """Mark the time from t2 to t3. `text` is formatted with the mean load and capacity in g."""
+    """Mark the time from t2 to t3. `text` has places for the mean load and the capacity."""
 
     def describe(scene: Scene, begin: int, end: int) -> str:
-        load, capacity = GRAMS * scene.mean(begin, end), GRAMS * scene.load_cell.capacity
-        return '' if math.isnan(load) else text.format(load=load, capacity=capacity)
+        load, say = scene.mean(begin, end), scene.say
+        masses = {'load': say.mass(load, 1), 'capacity': say.mass(scene.load_cell.capacity, 0)}
+        return '' if math.isnan(load) else say(text, **masses)
 
     return _over('t2', 't3', describe, scene)
 
@@ -283,7 +334,10 @@ def _zero(scene: Scene) -> Iterator[Mark]:
     found = empty_belt(scene)
     if found is not None:
         begin, end, reading = found
-        text = f'the empty belt reads {GRAMS * reading:+.1f} g from the zero of calibration'
+        text = scene.say(
+            'the empty belt reads {mass} from the zero of calibration',
+            mass=scene.say.mass(reading, 1, '+'),
+        )
         yield Mark(text, begin, end)
 
 
@@ -291,8 +345,11 @@ def _late_edges(scene: Scene) -> Iterator[Mark]:
     latest = 0
     for edge in scene.stretch.edges:  # in order of arrival
         if edge.stamp < latest:
-            behind = 1e-6 * (latest - edge.stamp)
-            text = f'{_EYES[edge.eye]}: this edge came after one that is {behind:.1f} ms younger'
+            text = scene.say(
+                '{eye}: this edge came after one that is {time} younger',
+                eye=EYES[edge.eye],
+                time=scene.say.number(1e-6 * (latest - edge.stamp), 1, ' ms'),
+            )
             yield Mark(text, edge.stamp, edge.stamp)
         latest = max(latest, edge.stamp)
 
@@ -303,11 +360,14 @@ def _mismatch(scene: Scene) -> Iterator[Mark]:
         return
     seen = RiseLag() if out is None else _rise(scene, *rise, out)
     if not seen.is_known:
-        yield Mark('the rise does not follow the eyes', *rise)
+        yield Mark(scene.say('the rise does not follow the eyes'), *rise)
         return
-    way = 'later' if seen.lag > 0 else 'earlier'
-    shift = round(NANOSECONDS * seen.lag)
-    text = f'the load rises {1e3 * abs(seen.lag):.1f} ms {way} than the eyes say'
+    shift, time = round(NANOSECONDS * seen.lag), scene.say.number(1e3 * abs(seen.lag), 1, ' ms')
+    text = (
+        scene.say('the load rises {time} later than the eyes say', time=time)
+        if seen.lag > 0
+        else scene.say('the load rises {time} earlier than the eyes say', time=time)
+    )
     yield Mark(text, min(rise[0], rise[0] + shift), max(rise[0], rise[0] + shift))
 
 
@@ -344,14 +404,14 @@ _FINDERS: dict[Reason, Finder] = {
     Reason.SAMPLES_LOST: _lost_samples,
     Reason.CLOCK_JUMP: _lost_samples,
     Reason.SATURATION: _saturation,
-    Reason.STREAM_ENDED: partial(_sample, -1, 'the samples end here'),
-    Reason.SOURCE_RESTARTED: partial(_sample, -1, 'the source began again after this'),
-    Reason.START_UP: partial(_sample, 0, 'the samples begin here'),
-    Reason.NO_LOAD: partial(_load, 'the load is {load:.1f} g: nothing rests on the belt'),
+    Reason.STREAM_ENDED: partial(_sample, -1, Text('the samples end here')),
+    Reason.SOURCE_RESTARTED: partial(_sample, -1, Text('the source began again after this')),
+    Reason.START_UP: partial(_sample, 0, Text('the samples begin here')),
+    Reason.NO_LOAD: partial(_load, Text('the load is {load}: nothing rests on the belt')),
     Reason.OVERLOAD: partial(
-        _load, 'the load is {load:.1f} g, the capacity of the cell {capacity:.0f} g'
+        _load, Text('the load is {load}, the capacity of the cell {capacity}')
     ),
-    Reason.NO_CONVERGENCE: partial(_load, 'no level was found here; the mean is {load:.1f} g'),
+    Reason.NO_CONVERGENCE: partial(_load, Text('no level was found here; the mean is {load}')),
     Reason.ZERO_OUT_OF_RANGE: _zero,
     Reason.LATE_EDGE: _late_edges,
     Reason.EDGE_MISMATCH: _mismatch,

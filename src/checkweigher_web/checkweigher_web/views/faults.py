@@ -8,23 +8,26 @@ from nicegui import ui
 
 from checkweigher_core.records.reasons import hint_of
 from checkweigher_web.elements import Table
+from checkweigher_web.languages.language import Text
 from checkweigher_web.views.view import View
 
 
 class FaultsView(View):
     """Fault reasons so far, each with a hint, the most frequent reason first."""
 
-    title = 'Faults'
+    title = Text('Faults')
     columns = 1, 7
     live = False
 
     def _build(self) -> None:
         self._headline = ui.label('').classes('about')
-        self._reasons = Table(('items', 'reason', 'what to check'))
+        self._reasons = Table((self.say('items'), self.say('reason'), self.say('what to check')))
 
     def _show(self) -> None:
         known = self.lane.statistics
         counts = zip(known.reasons, known.reason_counts, strict=True) if known else ()
         found = Counter(dict(counts)).most_common()
-        self._headline.set_text('' if found else 'no fault until now')
-        self._reasons.show((str(count), reason, hint_of(reason)) for reason, count in found)
+        self._headline.set_text('' if found else self.say('no fault until now'))
+        self._reasons.show(
+            (str(count), reason, self.say(hint_of(reason))) for reason, count in found
+        )

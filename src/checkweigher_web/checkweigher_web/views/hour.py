@@ -18,22 +18,23 @@ from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.elements import Figure
 from checkweigher_web.history import HOUR, History, intervals
 from checkweigher_web.lane import Key, ShownItem
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.views.fault_marks import Scene, empty_belt
 from checkweigher_web.views.view import SLOW, View
-from checkweigher_web.words import when
 
 _INTERVALS = 60
 _SHORTEST = 10 * NANOSECONDS  # shortest interval in ns
 _MANY, _RARELY = 1000, 10  # number of items from which the figure is drawn every `_RARELY` s
 _TICK = NANOSECONDS // 2  # width in ns of the time bins with one tick for accepted items
-# Heights of the charts in px.
-_HEIGHTS = {
-    'items': 34,
-    'items/min': 62,
-    'gross, g': 84,
-    'zero, g': 62,
-    'noise, g': 50,
-    'events': 34,
+_HEIGHTS = 34, 62, 84, 62, 50, 34  # heights of the charts in px
+
+
+# Texts if there is no further fault (or item) after (or before) the chosen one.
+_NO_MORE = {
+    (False, True): Text('no item after it'),
+    (False, False): Text('no item before it'),
+    (True, True): Text('no fault after it'),
+    (True, False): Text('no fault before it'),
 }
 
 
@@ -43,24 +44,26 @@ class HourView(View):
     The other views show only the part of the time axis that the viewer has selected.
     """
 
-    title = 'Over time'
+    title = Text('Over time')
     columns = 2, 12
     period = SLOW
 
     def _build(self) -> None:
         with ui.element('div').classes('in-a-row'):
             for text, step, faults in (
-                ('previous item', -1, False),
-                ('next item', 1, False),
-                ('previous fault', -1, True),
-                ('next fault', 1, True),
+                (Text('previous item'), -1, False),
+                (Text('next item'), 1, False),
+                (Text('previous fault'), -1, True),
+                (Text('next fault'), 1, True),
             ):
-                button = ui.button(text, on_click=lambda s=step, f=faults: self._move(s, f))
+                button = ui.button(
+                    self.say(text), on_click=lambda s=step, f=faults: self._move(s, f)
+                )
                 button.props('outline')
-            self._whole = ui.button('whole time', on_click=lambda: self._select(None))
+            self._whole = ui.button(self.say('whole time'), on_click=lambda: self._select(None))
             self._whole.props('outline')
             self._where = ui.label('').classes('where').props('role=status')
-        self._figure = Figure('items over time', linked=True)
+        self._figure = Figure(self.say('items over time'), self.say, linked=True)
         self._figure.props('role=slider tabindex=0')
         self._figure.on('span', self._zoom)
         self._figure.on('at', self._choose_at)
@@ -73,18 +76,25 @@ class HourView(View):
         return self.lane.version, self.look.chosen, self.look.span
 
     def _show(self) -> None:
-        self._figure.show_text(hour(self.drawing, live=self.look.board is not None))
+        self._figure.show_text(hour(self.drawing, self.say, live=self.look.board is not None))
         self._whole.set_visibility(self.look.span is not None)
         place, count = self.look.place()
         item = self.look.item()
-        where = '' if item is None else f'item {place} of {count}, {when(item.verdict)}'
+        where = ''
+        if item is not None:
+            where = self.say(
+                'item {place} of {count}, {time}',
+                place=place,
+                count=count,
+                time=self.say.clock(item.verdict.time),
+            )
         self._where.set_text(where)
         values = {'aria-valuemin': 1, 'aria-valuemax': count, 'aria-valuenow': place}
         self._figure.props.update(values | {'aria-valuetext': where})
 
     def _move(self, step: float, faults: bool) -> None:
         if not self.look.move(step, faults=faults):
-            ui.notify(f'no {"fault" if faults else "item"} {"after" if step > 0 else "before"} it')
+            ui.notify(self.say(_NO_MORE[faults, step > 0]))
         self.update()
 
     def _select(self, span: tuple[int, int] | None) -> None:
@@ -105,22 +115,23 @@ class HourView(View):
             self.update()
 
 
-def hour(drawing: Drawing, *, live: bool) -> str:
+def hour(drawing: Drawing, say: Language = ENGLISH, *, live: bool) -> str:
     """Return the figure of the last hour, or of a whole recorded shift, as JSON."""
     many = len(drawing.items()) >= _MANY
     now = int(time.monotonic() / _RARELY) if many and live else drawing.lane.version
-    return drawing.once('hour', now, lambda: json.dumps(_draw(drawing, live=live)))
+    return drawing.once(('hour', say), now, lambda: json.dumps(_draw(drawing, say, live=live)))
 
 
-def _draw(drawing: Drawing, *, live: bool) -> Options:
+def _draw(drawing: Drawing, say: Language, *, live: bool) -> Options:
     history = drawing.lane.history()
     if not len(history.stamps):
-        return charts.nothing('waiting for items')
+        return charts.nothing(say('waiting for items'))
     end = time.time_ns() if live else int(history.stamps.max()) + 1
     if live and not 0 <= end - history.stamps[-1] < HOUR:
         end = int(history.stamps[-1]) + 1  # The source has another clock, or the line stands.
     begin = max(int(history.stamps.min()), end - HOUR) if live else int(history.stamps.min())
-    return hour_figure(history, drawing.lane.alarms, _read_empty_belts(drawing), begin, end)
+    readings = _read_empty_belts(drawing)
+    return hour_figure(history, drawing.lane.alarms, readings, begin, end, say)
 
 
 def hour_figure(
@@ -129,6 +140,7 @@ def hour_figure(
     readings: Mapping[int, float],
     begin: int,
     end: int,
+    say: Language = ENGLISH,
 ) -> Options:
     """Return the figure of a history from `begin` to `end` in ns.
 
@@ -138,65 +150,73 @@ def hour_figure(
     count = min(_INTERVALS, max(2, (end - begin) // _SHORTEST))
     means = intervals(history, begin, end, count)
     at = charts.local_times(means.times)
+    scale = say.per_kg / GRAMS
+    times, noise = charts.local_times(history.noise[:, 0]), scale * history.noise[:, 1]
     rows = {
-        'items': _ticks(history),
-        'items/min': [charts.line('items/min', at, means.rates, DENOISED, width=2)],
-        'gross, g': _band(at, means.means, means.std_devs),
-        'zero, g': [charts.line('zero', at, means.zeros, DENOISED, width=2), *_read(readings)],
-        'noise, g': [charts.line('noise', *_columns(history.noise), DENOISED, width=2)],
-        'events': [
-            *_events('alarm', _alarm_events(alarms), 'triangle', ALARM),
-            *_events('change', history.changes, 'diamond', INK),
+        say('items'): _ticks(history, say),
+        say('items/min'): [charts.line(say('items/min'), at, means.rates, DENOISED, width=2)],
+        say('gross, {unit}', unit=say.unit): _band(
+            at, scale * means.means, scale * means.std_devs, say
+        ),
+        say('zero, {unit}', unit=say.unit): [
+            charts.line(say('zero'), at, scale * means.zeros, DENOISED, width=2),
+            *_read(readings, say),
+        ],
+        say('noise, {unit}', unit=say.unit): [
+            charts.line(say('noise'), times, noise, DENOISED, width=2)
+        ],
+        say('events'): [
+            *_events(say('alarm'), _alarm_events(alarms, say), 'triangle', ALARM),
+            *_events(say('change'), [(s, say(t)) for s, t in history.changes], 'diamond', INK),
         ],
     }
+    heights = dict(zip(rows, _HEIGHTS, strict=True))
     # Omit rows without data, because a recording has neither noise nor alarms.
     shown = {name: own for name, own in rows.items() if any(each['data'] for each in own)}
-    heights = {name: _HEIGHTS[name] for name in shown}
     ends = charts.local_times([begin - NANOSECONDS, end + NANOSECONDS])
-    return charts.rows([*shown.values()], heights, ends)
+    return charts.rows([*shown.values()], {name: heights[name] for name in shown}, ends)
 
 
-def _ticks(history: History) -> list[Options]:
+def _ticks(history: History, say: Language) -> list[Options]:
     """Return the ticks of the items, which are coloured for rejected items."""
     series = []
     for name, decisions, color, width in (
         ('ACCEPT', (Decision.ACCEPT,), MUTED, 1),
-        ('UNDER, OVER', (Decision.UNDER, Decision.OVER), '--amber', 3),
+        (Text('UNDER, OVER'), (Decision.UNDER, Decision.OVER), '--amber', 3),
         ('FAULT', (Decision.FAULT,), ALARM, 3),
     ):
         stamps = history.stamps[np.isin(history.decisions, decisions)]
         if decisions == (Decision.ACCEPT,):
             stamps = np.unique(stamps // _TICK) * _TICK
         at = charts.local_times(stamps)
-        mark = charts.symbols(name, at, np.zeros(len(at)), 'rect', 0)
+        mark = charts.symbols(say(name), at, np.zeros(len(at)), 'rect', 0)
         series.append(mark | {'symbolSize': [width, 26], 'color': color, 'silent': True,
                               'tooltip': {'show': False}})  # fmt: skip
     return series
 
 
-def _band(at: np.ndarray, mean: np.ndarray, std_dev: np.ndarray) -> list[Options]:
+def _band(at: np.ndarray, mean: np.ndarray, std_dev: np.ndarray, say: Language) -> list[Options]:
     lower, upper = (
         charts.line(name, at, values, DENOISED, width=1, dash='dashed')
-        for name, values in (('mean - s', mean - std_dev), ('mean + s', mean + std_dev))
+        for name, values in (
+            (say('mean - s'), mean - std_dev),
+            (say('mean + s'), mean + std_dev),
+        )
     )
-    return [charts.line('mean', at, mean, DENOISED, width=2), lower, upper]
+    return [charts.line(say('mean'), at, mean, DENOISED, width=2), lower, upper]
 
 
-def _read(readings: Mapping[int, float]) -> list[Options]:
+def _read(readings: Mapping[int, float], say: Language) -> list[Options]:
     stamps = sorted(stamp for stamp, mass in readings.items() if math.isfinite(mass))
     if not stamps:
         return []
-    values = np.array([readings[stamp] for stamp in stamps])
-    name = f'as read, {Reason.ZERO_OUT_OF_RANGE.value}'
+    values = say.per_kg / GRAMS * np.array([readings[stamp] for stamp in stamps])
+    name = say('as read, {reason}', reason=Reason.ZERO_OUT_OF_RANGE.value)
     return [charts.symbols(name, charts.local_times(stamps), values, 'diamond', 10)]
 
 
-def _columns(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return charts.local_times(pairs[:, 0]), pairs[:, 1]
-
-
-def _alarm_events(alarms: Sequence[Alarm]) -> list[tuple[int, str]]:
-    return [(each.first, f'{each.source} {each.reason}') for each in alarms]
+def _alarm_events(alarms: Sequence[Alarm], say: Language) -> list[tuple[int, str]]:
+    return [(each.first, f'{say(each.source)} {each.reason}') for each in alarms]
 
 
 def _events(name: str, events: Sequence[tuple[int, str]], symbol: str, color: str) -> list[Options]:

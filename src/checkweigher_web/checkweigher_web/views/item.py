@@ -16,9 +16,10 @@ from checkweigher_web.charts import stacked
 from checkweigher_web.drawing import row_key
 from checkweigher_web.elements import Reading
 from checkweigher_web.lane import ShownItem
-from checkweigher_web.views.masses import limits_of
+from checkweigher_web.languages.language import ENGLISH, Language, Text
+from checkweigher_web.languages.words import why
+from checkweigher_web.views.masses import limit_label, limits_of
 from checkweigher_web.views.view import FAST, View
-from checkweigher_web.words import grams, when, why
 
 _DOTS = 20  # maximum number of items on the scale
 _ROOM = 0.12  # margins of the scale outside the limits, as a fraction of their range
@@ -26,26 +27,29 @@ _NARROWEST = 300  # width in px of the scale on a phone
 _WEIGHS = ('driver', *STAGES)
 # Texts for the states of the driver in which the lane does not weigh.
 ENDED = {
-    'inactive': 'weighing is stopped',
-    'finished': 'weighing has ended, for the source has',
-    'failed': 'weighing has ended, for the source has failed',
+    'inactive': Text('weighing is stopped'),
+    'finished': Text('weighing has ended, for the source has'),
+    'failed': Text('weighing has ended, for the source has failed'),
 }
 
 
 class ItemView(View):
     """Mass and verdict of the latest item with a scale, grey while the lane does not weigh."""
 
-    title = 'Item'
+    title = Text('Item')
     columns = 2, 12
     period = FAST
 
     def _build(self) -> None:
         self._still = ui.label('').classes('still level-ERROR').props('role=status')
-        self._reading = Reading()
+        self._reading = Reading(self.say)
         with ui.element('div').classes('stop level-ERROR').props('role=alert') as self._stop:
             self._request = ui.label('')
+            self._more = ui.label('').props('lang=en')  # from the node
             if 'Reset stop' in self.look.work:
-                ui.button('Reset stop', on_click=self.look.work['Reset stop']).props('outline')
+                ui.button(self.say('Reset stop'), on_click=self.look.work['Reset stop']).props(
+                    'outline'
+                )
 
     def _state(self) -> object:
         return super()._state(), standstill(self.look.nodes())
@@ -55,36 +59,48 @@ class ItemView(View):
         live = self.look.board is not None  # A recorded shift shows the chosen item instead.
         item = self.drawing.latest() if live else self.look.item()
         self._stop.set_visibility(stop is not None)
-        self._request.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
-        last = f', last item at {when(item.verdict)}' if still and item else ''
-        self._still.set_text(f'{still}{last}')
+        self._request.set_text(
+            '' if stop is None else f'STOP {stop.reason}: {self.say(stop.reason.hint)}'
+        )
+        if stop is not None:
+            self._more.set_text(stop.text)
+        self._still.set_text(self.say(still))
+        if still and item:
+            at = self.say.clock(item.verdict.time)
+            self._still.set_text(self.say('{still}, last item at {time}', still=still, time=at))
         if item is not None:
             state = self.lane.version, row_key(item)
-            text = self.drawing.once('reading', state, lambda: self._draw(item))
+            name = 'reading', self.say
+            text = self.drawing.once(name, state, lambda: self._draw(item))
             age = time.monotonic() - self.lane.judged if live else None
             self._reading.show(text, age, still=bool(still))
 
     def _draw(self, item: ShownItem) -> str:
         items = self.drawing.items()
-        return json.dumps(reading(item, items[items.index(item) :], self.lane.statistics))
+        before = items[items.index(item) :]
+        return json.dumps(reading(item, before, self.lane.statistics, self.say))
 
 
 def reading(
-    item: ShownItem, items: Sequence[ShownItem], statistics: Statistics | None
+    item: ShownItem,
+    items: Sequence[ShownItem],
+    statistics: Statistics | None,
+    say: Language = ENGLISH,
 ) -> dict[str, object]:
     """Return the reading of an item, with a scale that also shows the first of `items`."""
     verdict = item.verdict
     return {
         'decision': verdict.decision.name,
-        'mass': grams(verdict.mass, ' g', digits=2),
-        'about': about(item),
-        'why': why(verdict),
-        'scale': _scale(verdict, [each.verdict for each in items[:_DOTS]], statistics),
+        'word': say(verdict.decision.name),
+        'mass': say.mass(verdict.mass, 2),
+        'about': about(item, say),
+        'why': why(verdict, say),
+        'scale': _scale(verdict, [each.verdict for each in items[:_DOTS]], statistics, say),
     }
 
 
 def _scale(
-    verdict: Verdict, latest: Sequence[Verdict], statistics: Statistics | None
+    verdict: Verdict, latest: Sequence[Verdict], statistics: Statistics | None, say: Language
 ) -> dict[str, object] | None:
     """Return a scale with limits and masses as positions from 0 to 1, or None without them."""
     of = verdict.product, verdict.batch
@@ -94,11 +110,15 @@ def _scale(
     ruler = _ruler([*limits.values()], [GRAMS * each.mass for each in shown])
     if ruler is None:
         return None
-    labels = {f'{name} {mass:g}': ruler.at(mass) for name, mass in limits.items()}
+    labels = {limit_label(name, mass, say): ruler.at(mass) for name, mass in limits.items()}
     rows = stacked({name: _NARROWEST * place for name, place in labels.items()})
     dots = [(each, ruler.at(GRAMS * each.mass)) for each in shown]
     return {
-        'label': f'scale of {ruler.low:.1f} to {ruler.high:.1f} g with the latest items',
+        'label': say(
+            'scale of {low} to {high} with the latest items',
+            low=say.mass(ruler.low / GRAMS, 1),
+            high=say.mass(ruler.high / GRAMS, 1),
+        ),
         'accepted': [ruler.at(GRAMS * each) for each in (verdict.lower_limit, verdict.upper_limit)],
         'limits': [[name, place, rows[name]] for name, place in labels.items()],
         'dots': [[place, each.decision.name] for each, place in dots if each is not verdict],
@@ -127,17 +147,23 @@ def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
     return _Ruler(min(places) - room, max(places) + room)
 
 
-def about(item: ShownItem) -> str:
+def about(item: ShownItem, say: Language = ENGLISH) -> str:
     """Return a text with further values of an item, such as its number and the belt speed."""
     verdict, known = item.verdict, item.estimate
     parts = (
-        f'item {verdict.item_id}',
-        'gross' if math.isfinite(verdict.mass) else '',
-        f'± {GRAMS * verdict.std_dev:.2f} g' if math.isfinite(verdict.std_dev) else '',
-        f'{60 * known.belt_speed:.1f} m/min' if known and math.isfinite(known.belt_speed) else '',
+        say('item {number}', number=verdict.item_id),
+        say('gross') if math.isfinite(verdict.mass) else '',
+        f'± {say.mass(verdict.std_dev, 2)}' if math.isfinite(verdict.std_dev) else '',
+        say.number(60 * known.belt_speed, 1, ' m/min')
+        if known and math.isfinite(known.belt_speed)
+        else '',
         known.estimator if known else '',
-        'no limits' if math.isinf(verdict.lower_limit) and math.isinf(verdict.upper_limit) else '',
-        f'reference {GRAMS * item.reference:.2f} g' if math.isfinite(item.reference) else '',
+        say('no limits')
+        if math.isinf(verdict.lower_limit) and math.isinf(verdict.upper_limit)
+        else '',
+        say('reference {mass}', mass=say.mass(item.reference, 2))
+        if math.isfinite(item.reference)
+        else '',
     )
     return ', '.join(filter(None, parts))
 
@@ -145,10 +171,12 @@ def about(item: ShownItem) -> str:
 def standstill(rows: Sequence[Row]) -> str:
     """Return the reason in the diagnostics why a lane does not weigh, or '' if it weighs."""
     if silent := silence(rows):
-        return f'silent for {silent:.0f} s'
+        return Text('silent for {seconds} s', seconds=round(silent))
     source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]
     state = dict(source[0].values).get('state', '') if source else ''
-    return '' if state in ('', 'running') else ENDED.get(state, f'unknown state {state!r}')
+    if state in ('', 'running'):
+        return ''
+    return ENDED.get(state, Text('unknown state {state}', state=repr(state)))
 
 
 def silence(rows: Sequence[Row]) -> float:

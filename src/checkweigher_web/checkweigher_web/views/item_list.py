@@ -7,24 +7,33 @@ from nicegui import json, ui
 from checkweigher_web.drawing import row_key
 from checkweigher_web.elements import ItemList
 from checkweigher_web.lane import ShownItem
+from checkweigher_web.languages.language import Language, Text
+from checkweigher_web.languages.words import said
 from checkweigher_web.views.view import FAST, Look, View
-from checkweigher_web.words import grams, said, when
 
 _SHOWN = 100  # maximum number of items in the list
-_HEADS = 'item', 'time', 'gross, g', '± g', 'reference g', 'verdict'
+_HEADS = (
+    Text('item'),
+    Text('time'),
+    Text('gross, {unit}'),
+    Text('± {unit}'),
+    Text('reference {unit}'),
+    Text('verdict'),
+)
 
 
 class ItemListView(View):
     """Latest items, or only the faults."""
 
-    title = 'Items'
+    title = Text('Items')
     columns = 1, 5
     period = FAST
 
     def _build(self) -> None:
-        ui.checkbox('faults only').bind_value_to(self.look, 'only_faults')
+        ui.checkbox(self.say('faults only')).bind_value_to(self.look, 'only_faults')
         with ui.element('div').classes('items'):
-            self._list = ItemList(_HEADS, self.look.choose)
+            heads = (self.say(head, unit=self.say.unit) for head in _HEADS)
+            self._list = ItemList(heads, self.look.choose, self.say('show item'))
 
     def _show(self) -> None:
         self._list.show_text(rows_of(self.look))
@@ -39,15 +48,16 @@ def rows_of(look: Look) -> str:
     begin = 0 if place < _SHOWN else place - _SHOWN // 2
 
     def draw() -> str:
-        return json.dumps([_row(item) for item in items[begin : begin + _SHOWN]])
+        return json.dumps([_row(item, look.say) for item in items[begin : begin + _SHOWN]])
 
     if begin or look.span is not None:
         return draw()
-    return drawing.once(('rows', look.only_faults), drawing.lane.version, draw)
+    return drawing.once(('rows', look.only_faults, look.say), drawing.lane.version, draw)
 
 
-def _row(item: ShownItem) -> list[str]:
+def _row(item: ShownItem, say: Language) -> list[str]:
     verdict = item.verdict
     key, decision = row_key(item), verdict.decision.name
-    masses = (grams(mass) for mass in (verdict.mass, verdict.std_dev, item.reference))
-    return [key, str(verdict.item_id), decision, when(verdict), *masses, said(verdict)]
+    masses = (say.amount(mass) for mass in (verdict.mass, verdict.std_dev, item.reference))
+    time = say.clock(verdict.time)
+    return [key, str(verdict.item_id), decision, time, *masses, said(verdict, say)]

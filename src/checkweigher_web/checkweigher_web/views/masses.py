@@ -10,27 +10,35 @@ from numpy.typing import NDArray
 from checkweigher_core.records import GRAMS, Statistics, Verdict
 from checkweigher_web import charts
 from checkweigher_web.charts import DENOISED, Options
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.views.view import FigureView, Look
 
 _BINS = 25
 _NARROWEST = 0.01  # minimum total width of the bins in g
+_SAME = ' = '  # between the names of equal limits
+_NOMINAL, _LOWER, _UPPER = Text('nominal'), Text('lower'), Text('upper')
 
 
 class MassesView(FigureView):
     """Histogram of the accepted masses in this batch, with the limits."""
 
-    title = 'Masses of the accepted items'
-    label = 'histogram of the masses'
+    title = Text('Masses of the accepted items')
+    label = Text('histogram of the masses')
 
     @classmethod
     def _draw(cls, look: Look) -> Options:
         item = next(iter(look.items()), None)
         latest = None if item is None else item.verdict
-        return histogram(look.series(), latest, look.drawing.lane.statistics)
+        return histogram(look.series(), latest, look.drawing.lane.statistics, look.say)
 
 
-def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:
+def histogram(
+    series: MassSeries,
+    latest: Verdict | None,
+    statistics: Statistics | None,
+    say: Language = ENGLISH,
+) -> Options:
     """Return a histogram of masses, with the limits, TU1, TU2 and the nominal mass.
 
     The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are shown if the
@@ -38,18 +46,20 @@ def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics
     """
     masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:
-        return charts.nothing('needs two accepted items of the batch')
-    limits = limits_of(series.product, series.batch, latest, statistics)
+        return charts.nothing(say('needs two accepted items of the batch'))
+    scale, known = say.per_kg / GRAMS, limits_of(series.product, series.batch, latest, statistics)
+    limits = {limit_name(name, say): scale * mass for name, mass in known.items()}
     counts, bounds = np.histogram(masses, bins=_bounds(masses, latest))
+    bounds = scale * bounds
     centres = (bounds[:-1] + bounds[1:]) / 2
     bars: Options = {
         'type': 'bar',
-        'name': 'items',
+        'name': say('items'),
         'barWidth': '95%',
         'itemStyle': {'color': DENOISED},
         'data': np.column_stack([centres, counts]).tolist(),
     }
-    figure = charts.figure([bars], 'gross, g', 'items')
+    figure = charts.figure([bars], say('gross, {unit}', unit=say.unit), say('items'))
     places = [bounds[0], bounds[-1], *limits.values()]
     figure['xAxis'] |= {'min': min(places), 'max': max(places)}
     charts.mark_apart(figure, limits)
@@ -71,22 +81,32 @@ def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.f
     return origin + width * np.arange(math.floor(first), math.floor(last) + 2)
 
 
+def limit_name(name: str, say: Language) -> str:
+    """Return the translation of a name of `limits_of`."""
+    return _SAME.join(map(say, name.split(_SAME)))
+
+
+def limit_label(name: str, mass: float, say: Language) -> str:
+    """Return the name of a limit and its mass, which is given in g, without unit."""
+    return f'{limit_name(name, say)} {say.entry(round(say.per_kg * mass / GRAMS, 6))}'
+
+
 def limits_of(
     product: str, batch: str, latest: Verdict | None, statistics: Statistics | None
 ) -> dict[str, float]:
-    """Return the gross limits in g by name, in increasing order.
+    """Return the gross limits in g by English name, in increasing order.
 
     The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are included if the
     statistics are those of the product and the batch. Equal limits share one entry.
     """
     known: dict[str, float] = {}
     if statistics is not None and (statistics.product, statistics.batch) == (product, batch):
-        net = {'TU1': statistics.tu1, 'TU2': statistics.tu2, 'nominal': statistics.nominal}
+        net = {'TU1': statistics.tu1, 'TU2': statistics.tu2, _NOMINAL: statistics.nominal}
         known |= {name: mass + statistics.tare for name, mass in net.items()}
     if latest is not None:
-        known |= {'lower': latest.lower_limit, 'upper': latest.upper_limit}
+        known |= {_LOWER: latest.lower_limit, _UPPER: latest.upper_limit}
     found: dict[float, list[str]] = {}
     for name, mass in known.items():
         if math.isfinite(mass):
             found.setdefault(round(GRAMS * mass, 6), []).append(name)
-    return {' = '.join(names): mass for mass, names in sorted(found.items())}
+    return {_SAME.join(names): mass for mass, names in sorted(found.items())}

@@ -13,8 +13,8 @@ from checkweigher_core.records import GRAMS, NANOSECONDS, FillerFeedback, Statis
 from checkweigher_dsp.rejection.batch_rules import ROUNDING, BatchTally
 from checkweigher_web.elements import Production, Table
 from checkweigher_web.history import HOUR, History, intervals
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.views.view import View
-from checkweigher_web.words import grams, number
 
 _INTERVALS, _MINUTE = 60, 60 * NANOSECONDS
 _FULL = 2.0  # used fraction of a broken rule without a margin
@@ -24,21 +24,23 @@ Rule = tuple[str, str, float | None]  # name, state, and the used fraction of th
 class ProductionView(View):
     """Counts of the product and the batch, and the state of the packers' rules."""
 
-    title = 'Production'
+    title = Text('Production')
     columns = 1, 5
 
     def _build(self) -> None:
         self._figures = Production()
-        self._counts = Table(('what', 'value'))
+        self._counts = Table((self.say('what'), self.say('value')))
 
     def _state(self) -> object:
         return super()._state() if self.look.board is None else int(time.monotonic())
 
     def _show(self) -> None:
         known, live = self.lane.statistics, self.look.board is not None
-        text = self.drawing.once('production', self._state(), lambda: self._draw(live=live))
+        text = self.drawing.once(
+            ('production', self.say), self._state(), lambda: self._draw(live=live)
+        )
         self._figures.show_text(text)
-        self._counts.show(production(known, self.lane.filler))
+        self._counts.show(production(known, self.lane.filler, self.say))
 
     def _draw(self, *, live: bool) -> str:
         known, item = self.lane.statistics, self.drawing.latest()
@@ -46,11 +48,13 @@ class ProductionView(View):
         last = int(history.stamps[-1]) if len(history.stamps) else 0
         # On a running line the last minute ends now, so that the rate falls to 0 if nothing passes.
         now = time.time_ns() if live and 0 <= time.time_ns() - last < HOUR else last
-        rules = batch_rules(known, None if item is None else item.verdict)
-        return json.dumps({'figures': figures(history, known, now), 'rules': rules})
+        rules = batch_rules(known, None if item is None else item.verdict, self.say)
+        return json.dumps({'figures': figures(history, known, now, self.say), 'rules': rules})
 
 
-def figures(history: History, known: Statistics | None, now: int) -> list[tuple[str, str, str]]:
+def figures(
+    history: History, known: Statistics | None, now: int, say: Language = ENGLISH
+) -> list[tuple[str, str, str]]:
     """Return the main figures, each with its name, its text, and the points of its course.
 
     The course has a point for each interval of the last hour before `now` in ns. The points are
@@ -65,10 +69,10 @@ def figures(history: History, known: Statistics | None, now: int) -> list[tuple[
     giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
     rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan
     return [
-        ('items/min, last minute', number(passed / share, 0), _points(course.rates)),
-        ('rejected', number(100 * rejects, 1, ' %'), _points(course.rejects)),
-        ('giveaway', grams(known.giveaway if known else math.nan, ' g', 2), _points(giveaway)),
-        ('net mean', grams(known.mean if known else math.nan, ' g', 2), _points(mean)),
+        (say('items/min, last minute'), say.number(passed / share, 0), _points(course.rates)),
+        (say('rejected'), say.number(100 * rejects, 1, ' %'), _points(course.rejects)),
+        (say('giveaway'), say.mass(known.giveaway if known else math.nan, 2), _points(giveaway)),
+        (say('net mean'), say.mass(known.mean if known else math.nan, 2), _points(mean)),
     ]
 
 
@@ -79,37 +83,49 @@ def _points(values: NDArray[np.float64]) -> str:
     return ' '.join(f'{100 * k / (len(values) - 1):.1f},{29 - 28 * height[k]:.1f}' for k in known)
 
 
-def production(known: Statistics | None, filler: FillerFeedback | None) -> list[tuple[str, str]]:
+def production(
+    known: Statistics | None, filler: FillerFeedback | None, say: Language = ENGLISH
+) -> list[tuple[str, str]]:
     """Return the counts of the product and the batch, and the correction of the filler."""
     if known is None:
-        return [('', 'no statistics: the node product does not run')]
+        return [('', say('no statistics: the node product does not run'))]
     counts = {
-        'product': known.product or 'none',
-        'batch': known.batch or 'none',
-        'items': known.items,
-        'accepted': known.accepted,
-        'under': known.under,
-        'over': known.over,
-        'faults': known.faults,
+        say('product'): known.product or say('none'),
+        say('batch'): known.batch or say('none'),
+        say('items'): known.items,
+        say('accepted'): known.accepted,
+        say('below the limits'): known.under,
+        say('above the limits'): known.over,
+        say('faults'): known.faults,
         **dict(zip(known.reasons, known.reason_counts, strict=True)),
-        'net mean, g': grams(known.mean),
-        'std dev, g': grams(known.std_dev),
-        'giveaway, g': grams(known.giveaway),
-        'below TU1': known.below_tu1,
-        'below TU2': known.below_tu2,
-        'items/min': number(known.throughput, 1),
+        say('net mean, {unit}', unit=say.unit): say.amount(known.mean),
+        say('std dev, {unit}', unit=say.unit): say.amount(known.std_dev),
+        say('giveaway, {unit}', unit=say.unit): say.amount(known.giveaway),
+        say('below TU1'): known.below_tu1,
+        say('below TU2'): known.below_tu2,
+        say('items/min'): say.number(known.throughput, 1),
     }
-    return [*((name, str(value)) for name, value in counts.items()), *_correction(known, filler)]
+    shown = [(name, str(value)) for name, value in counts.items()]
+    return [*shown, *_correction(known, filler, say)]
 
 
-def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[str, str]]:
+def _correction(
+    known: Statistics, filler: FillerFeedback | None, say: Language
+) -> list[tuple[str, str]]:
     if filler is None or filler.product != known.product:
         return []
-    text = f'{GRAMS * filler.correction:+.3f}, at a median of {grams(filler.median)}'
-    return [('filler correction, g', f'{text}; limited' if filler.limited else text)]
+    text = say(
+        '{correction}, at a median of {median}',
+        correction=say.amount(filler.correction, sign='+'),
+        median=say.amount(filler.median),
+    )
+    shown = say('{correction}; limited', correction=text) if filler.limited else text
+    return [(say('filler correction, {unit}', unit=say.unit), shown)]
 
 
-def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[Rule]:
+def batch_rules(
+    known: Statistics | None, latest: Verdict | None, say: Language = ENGLISH
+) -> list[Rule]:
     """Return the packers' rules for the present batch, each with its present state.
 
     The statistics in `known` contain the rules of the recipe, and the `latest` verdict contains the
@@ -120,41 +136,61 @@ def batch_rules(known: Statistics | None, latest: Verdict | None) -> list[Rule]:
     tally = BatchTally() if latest is None else BatchTally.of(latest)
     if tally.key != (known.product, known.batch):  # Begin at 0 before the first item of this batch.
         tally = BatchTally(known.product, known.batch)
-    none_below = f'{_kept(not known.below_tu2)}{known.below_tu2} accepted'
+    none_below = say('{count} accepted', count=known.below_tu2)
     return [
-        ('net mean at least nominal', *_mean_rule(known, tally)),
-        (f'share below TU1, {grams(known.tu1)} g net', *_tu1_rule(known, tally)),
-        (f'none below TU2, {grams(known.tu2)} g net', none_below, _FULL * bool(known.below_tu2)),
+        (say('net mean at least nominal'), *_mean_rule(known, tally, say)),
+        (
+            say('share below TU1, {mass} net', mass=say.mass(known.tu1)),
+            *_tu1_rule(known, tally, say),
+        ),
+        (
+            say('none below TU2, {mass} net', mass=say.mass(known.tu2)),
+            _kept(not known.below_tu2) + none_below,
+            _FULL * bool(known.below_tu2),
+        ),
     ]
 
 
-def _mean_rule(known: Statistics, tally: BatchTally) -> tuple[str, float | None]:
+def _mean_rule(known: Statistics, tally: BatchTally, say: Language) -> tuple[str, float | None]:
     if not known.mean_value:
-        return f'not asked by the recipe; the mean is {grams(known.mean)} g', None
+        text = say('not asked by the recipe; the mean is {mass}', mass=say.mass(known.mean))
+        return text, None
     if not tally.accepted:
-        return 'nothing accepted yet', None
+        return say('nothing accepted yet'), None
     mean = known.nominal + tally.surplus / tally.accepted
     # The margin is used up at the nominal mass, and full if the mean exceeds it by nominal - TU1.
     used = max(1.0 - (mean - known.nominal) / (known.nominal - known.tu1), 0.0)
-    return (
-        f'{_kept(mean >= known.nominal * (1 - ROUNDING))}{grams(mean)} g of '
-        f'{grams(known.nominal)} g; an item may lack {grams(max(tally.surplus, 0.0), " g")}',
-        used,
+    text = say(
+        '{mean} of {nominal}; an item may lack {surplus}',
+        mean=say.mass(mean),
+        nominal=say.mass(known.nominal),
+        surplus=say.mass(max(tally.surplus, 0.0)),
     )
+    return _kept(mean >= known.nominal * (1 - ROUNDING)) + text, used
 
 
-def _tu1_rule(known: Statistics, tally: BatchTally) -> tuple[str, float | None]:
+def _tu1_rule(known: Statistics, tally: BatchTally, say: Language) -> tuple[str, float | None]:
     quota = known.tu1_quota
     if not math.isfinite(quota):
-        part = number(100 * known.share_below_tu1, 2, ' %')
-        return f'not asked by the recipe; {known.below_tu1} accepted, {part}', None
+        text = say(
+            'not asked by the recipe; {count} accepted, {share}',
+            count=known.below_tu1,
+            share=say.number(100 * known.share_below_tu1, 2, ' %'),
+        )
+        return text, None
     share = tally.below_tu1 / tally.accepted if tally.accepted else 0.0
-    what = 'is accepted' if tally.has_room(quota) else 'is rejected, TU1Quota'
-    return (
-        f'{_kept(share <= quota * (1 + ROUNDING))}{tally.below_tu1} of {tally.accepted} accepted, '
-        f'{100 * share:.2f} % of at most {100 * quota:g} %; the next one {what}',
-        share / quota if quota else _FULL * (share > 0),
+    text = say(
+        '{below} of {accepted} accepted, {share} of at most {quota}; {next}',
+        below=tally.below_tu1,
+        accepted=tally.accepted,
+        share=say.number(100 * share, 2, ' %'),
+        quota=f'{say.entry(100 * quota)} %',
+        next=Text('the next one is accepted')
+        if tally.has_room(quota)
+        else Text('the next one is rejected, TU1Quota'),
     )
+    used = share / quota if quota else _FULL * (share > 0)
+    return _kept(share <= quota * (1 + ROUNDING)) + text, used
 
 
 def _kept(kept: bool) -> str:

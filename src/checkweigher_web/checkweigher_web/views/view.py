@@ -18,6 +18,7 @@ from checkweigher_web.charts import Options
 from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.elements import Figure
 from checkweigher_web.lane import ShownItem, Span
+from checkweigher_web.languages.language import ENGLISH, Language
 from checkweigher_web.mass_series import MassSeries
 
 if TYPE_CHECKING:
@@ -34,7 +35,8 @@ class Look:
     maps the label of each allowed action to a function that opens its dialog. `practice` is the
     access to a simulated machine, or None if the viewer may not change it.
     `chosen` is the key of the item that the viewer has chosen, or '' for the latest item.
-    `span` is the selected part of the time axis, or None for the whole axis.
+    `span` is the selected part of the time axis, or None for the whole axis. `say` is the language
+    of the viewer.
     """
 
     drawing: Drawing
@@ -45,6 +47,7 @@ class Look:
     chosen: str = ''
     only_faults: bool = False
     span: Span | None = None
+    say: Language = ENGLISH
 
     def choose(self, key: str) -> None:
         """Choose the item with a key, or the latest item for the key ''."""
@@ -116,7 +119,7 @@ class View(ABC):
     Attributes
     ----------
     title : str
-        Heading of the panel.
+        Heading of the panel in English.
     columns : tuple of int
         Width of the panel in columns, of 2 columns on a tablet and of 12 on a desktop.
     period : float
@@ -132,7 +135,7 @@ class View(ABC):
     recorded: ClassVar[bool] = True
 
     def __init__(self, look: Look) -> None:
-        self.look = look
+        self.look, self.say = look, look.say
         self.drawing = look.drawing
         self.lane = look.drawing.lane
         self._shown: object = None
@@ -159,7 +162,7 @@ class View(ABC):
 
 
 class FigureView(View):
-    """View with one figure of many items. `label` is the name of the figure for screen readers."""
+    """View with one figure of many items. `label` is its English name for screen readers."""
 
     label: ClassVar[str]
 
@@ -169,7 +172,8 @@ class FigureView(View):
         if look.span is not None:
             return json.dumps(cls._draw(look))
         state = look.drawing.of_items()
-        return look.drawing.once(cls.label, state, lambda: json.dumps(cls._draw(look)))
+        name = cls.label, look.say
+        return look.drawing.once(name, state, lambda: json.dumps(cls._draw(look)))
 
     @classmethod
     @abstractmethod
@@ -177,7 +181,7 @@ class FigureView(View):
         """Return the figure of the items that the viewer has selected."""
 
     def _build(self) -> None:
-        self._figure = Figure(self.label)
+        self._figure = Figure(self.say(self.label), self.say)
 
     def _state(self) -> object:
         return self.drawing.of_items(), self.look.span

@@ -6,26 +6,25 @@ import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-import re
 
 from lifecycle_msgs.msg import State, Transition
 
 from checkweigher_core.parameters import ParameterError, flatten
-from checkweigher_core.printable import counted
-from checkweigher_core.records import GRAMS, ProductOnLine
+from checkweigher_core.records import ProductOnLine
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.line_parameters import python_value
 from checkweigher_core.ros.node_parameters import ros_parameters
 from checkweigher_core.ros.services import SETTER
 from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.rejection.parameters import limit_text, limits_of
+from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_recording.simulation.operation import OperationParameters
+from checkweigher_web.languages.language import Mass, Text
+from checkweigher_web.languages.wording import in_grams, in_words
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
 _MANAGED = 'reject', 'driver'  # nodes in the order of their activation
-_MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
 _STEPS = {
     State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
     State.PRIMARY_STATE_INACTIVE: Transition.TRANSITION_ACTIVATE,
@@ -39,8 +38,10 @@ class MassLimits:
     lower: float
     upper: float
 
-    def __str__(self) -> str:
-        return f'{limit_text(self.lower)} and {limit_text(self.upper)}'
+    @property
+    def text(self) -> Text:
+        """Text with both limits."""
+        return Text('{lower} and {upper}', lower=Mass(self.lower), upper=Mass(self.upper))
 
 
 async def products(services: LaneServices) -> dict[str, Product]:
@@ -56,10 +57,11 @@ async def products(services: LaneServices) -> dict[str, Product]:
 
 async def recipe_file(services: LaneServices) -> Path:
     """Return the path of the recipe file of a lane, or raise `ActionRefusedError` without one."""
-    return await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
+    missing = Text('the node product has no recipe file: set its parameter recipes')
+    return await _path(services, 'recipes', missing)
 
 
-async def change_file(change: Callable[[], None], said: str) -> str:
+async def change_file(change: Callable[[], None], said: Text) -> Text:
     """Change a file in a thread, and return the text on that.
 
     Raises `ActionRefusedError` if `change` raises `ParameterError` or `OutputError`.
@@ -74,26 +76,32 @@ async def change_file(change: Callable[[], None], said: str) -> str:
 async def select_product(services: LaneServices, name: str) -> str:
     """Select the product of a lane."""
     await services.call('select_product', product=name)
-    return f'product {name} is selected'
+    return Text('product {name} is selected', name=name)
 
 
 async def new_batch(services: LaneServices, name: str) -> str:
     """Begin a new batch, which ends the present batch."""
     answer = await services.call('new_batch', batch=name)
-    return f'batch {name} has begun; the one before had {counted(answer.finished.items, "item")}'
+    return Text(
+        'batch {name} has begun; items of the batch before: {count}',
+        name=name,
+        count=answer.finished.items,
+    )
 
 
 async def zero(services: LaneServices) -> str:
     """Set the zero to the next empty belt."""
     try:
-        return in_grams(await services.message(ports.ZERO)) or 'the zero is set'
+        return in_words(await services.message(ports.ZERO)) or Text('the zero is set')
     except ActionRefusedError as error:
         raise ActionRefusedError(in_grams(str(error))) from None
 
 
 async def reset_stop(services: LaneServices) -> str:
     """Reset the stop request of a lane."""
-    return await services.message(ports.RESET_STOP_REQUEST) or 'the stop request is taken back'
+    return await services.message(ports.RESET_STOP_REQUEST) or Text(
+        'the stop request is taken back'
+    )
 
 
 async def acknowledge_alarms(services: LaneServices) -> str:
@@ -104,7 +112,7 @@ async def acknowledge_alarms(services: LaneServices) -> str:
 async def stop(services: LaneServices) -> str:
     """Stop weighing by deactivating the driver."""
     await _change(services, 'driver', Transition.TRANSITION_DEACTIVATE)
-    return 'weighing has stopped'
+    return Text('weighing has stopped')
 
 
 async def start(services: LaneServices) -> str:
@@ -114,7 +122,7 @@ async def start(services: LaneServices) -> str:
             state = (await services.call(f'{node}/get_state')).current_state.id
             if state in _STEPS:
                 await _change(services, node, _STEPS[state])
-    return 'weighing has started'
+    return Text('weighing has started')
 
 
 async def _change(services: LaneServices, node: str, step: int) -> None:
@@ -129,19 +137,21 @@ def limits(services: LaneServices) -> MassLimits:
 
 def _in_use(services: LaneServices) -> ProductOnLine:
     if services.product is None:
-        raise ActionRefusedError('the node reject has not said its limits yet')
+        raise ActionRefusedError(Text('the node reject has not said its limits yet'))
     return services.product
 
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits, or neither."""
     if wanted.lower > wanted.upper:  # The node would refuse this with a message in kg.
-        raise ActionRefusedError(
-            f'the lower limit, {limit_text(wanted.lower)}, is above the upper one, '
-            f'{limit_text(wanted.upper)}'
+        text = Text(
+            'the lower limit, {lower}, is above the upper one, {upper}',
+            lower=Mass(wanted.lower),
+            upper=Mass(wanted.upper),
         )
+        raise ActionRefusedError(text)
     await _set(services, 'reject', {'lower_limit': wanted.lower, 'upper_limit': wanted.upper})
-    return f'the limits are {wanted}'
+    return Text('the limits are {limits}', limits=wanted.text)
 
 
 _OPERATION = f'{OperationParameters.node}.'
@@ -152,14 +162,14 @@ async def operation(services: LaneServices) -> OperationParameters:
     names = list(OperationParameters.entries())
     values = await _parameters(services, 'driver', *(_OPERATION + name for name in names))
     if len(values) != len(names) or None in values:
-        raise ActionRefusedError('the machine of this lane is not simulated')
+        raise ActionRefusedError(Text('the machine of this lane is not simulated'))
     return OperationParameters.from_mapping(dict(zip(names, values, strict=True)))
 
 
 async def operate(services: LaneServices, wanted: Mapping[str, object]) -> str:
     """Change settings of a simulated machine."""
     await _set(services, 'driver', {_OPERATION + name: each for name, each in wanted.items()})
-    return 'the machine does so within two seconds'
+    return Text('the machine does so within two seconds')
 
 
 async def line_parameters(services: LaneServices) -> LineParameters:
@@ -169,7 +179,8 @@ async def line_parameters(services: LaneServices) -> LineParameters:
         names = list(getattr(defaults, node).as_mapping())
         values = await _parameters(services, node, *names)
         if len(values) != len(names):
-            raise ActionRefusedError(f'the node {node} is of another version: it lacks parameters')
+            text = Text('the node {node} is of another version: it lacks parameters', node=node)
+            raise ActionRefusedError(text)
         found |= {f'{node}.{name}': each for name, each in zip(names, values, strict=True)}
     found |= flatten({'reject': limits_of(_in_use(services))})
     try:
@@ -178,28 +189,26 @@ async def line_parameters(services: LaneServices) -> LineParameters:
         raise ActionRefusedError(str(error)) from None
 
 
-def in_grams(text: str) -> str:
-    """Return a text with its masses in kg converted to g."""
-    # Adding zero turns -0.0 into 0.0.
-    return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)
-
-
 async def batch_folder(services: LaneServices) -> Path:
     """Return the folder of the batch records, or raise `ActionRefusedError` if there is none."""
-    return await _path(services, 'batch_folder', 'keeps no records: set its parameter batch_folder')
+    missing = Text('the node product keeps no records: set its parameter batch_folder')
+    return await _path(services, 'batch_folder', missing)
 
 
 async def audit_log(services: LaneServices) -> Path:
     """Return the path of the audit log of a lane, or raise `ActionRefusedError` without a log."""
-    missing = 'writes no audit log: set its parameter audit_log, or run the line with --folder'
+    missing = Text(
+        'the node product writes no audit log: set its parameter audit_log, or run the line with '
+        '--folder'
+    )
     return (await _path(services, 'audit_log', missing)).absolute()
 
 
-async def _path(services: LaneServices, name: str, missing: str) -> Path:
+async def _path(services: LaneServices, name: str, missing: Text) -> Path:
     """Return a path in a parameter of the node `product`, or raise `ActionRefusedError`."""
     (path,) = await _parameters(services, 'product', name)
     if not path:
-        raise ActionRefusedError(f'the node product {missing}')
+        raise ActionRefusedError(missing)
     return Path(str(path))
 
 

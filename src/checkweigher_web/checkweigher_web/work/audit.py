@@ -7,7 +7,8 @@ from pathlib import Path
 from nicegui import ui
 
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import Table
+from checkweigher_web.elements import Table, named
+from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import HEADS, AuditView
 from checkweigher_web.work.dialogs import Desk, Dialog, field
@@ -25,29 +26,30 @@ class AuditDialog(Dialog):
     """Dialog that shows an audit log."""
 
     def __init__(self, desk: Desk, log: Path) -> None:
-        super().__init__('Audit log', wide=True)
+        super().__init__(Text('Audit log'), desk.say, wide=True)
         self._desk = desk
         self._log = log
         self._reading = False
         with self.body:
             self._conclusion = ui.label('').classes('conclusion').props('role=status')
             self._seals = ui.label('').classes('seals')
-            self._wanted = field('Filter: node, who, what, why')
+            self._wanted = field(self.say('Filter: node, who, what, why'))
             self._wanted.props('debounce=300').on_value_change(self.update)
             self._count = ui.label('').classes('about count').props('role=status')
-            with ui.element('div').classes('audit').props('tabindex=0 aria-label="entries"'):
-                self._rows = Table(HEADS)
-        self.button('Read again', self.update)
+            entries = ui.element('div').classes('audit').props('tabindex=0')
+            with named(entries, self.say('entries')):
+                self._rows = Table(map(self.say, HEADS))
+        self.button(Text('Read again'), self.update)
 
     async def update(self) -> None:
         """Read the log, and read it again if the filter has changed meanwhile."""
         if self._reading:
             return
         if self._desk.role < Role.OPERATOR:
-            self.tell(Outcome(False, 'this needs a login as operator'))
+            self.tell(Outcome(False, Text('this needs a login as operator')))
             return
         self._reading, read = True, None
-        self._count.set_text(f'reading {self._log} ...')
+        self._count.set_text(self.say('reading {path} ...', path=self._log))
         try:
             while read != (wanted := str(self._wanted.value or '')):
                 read = wanted

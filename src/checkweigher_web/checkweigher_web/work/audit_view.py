@@ -13,9 +13,17 @@ from checkweigher_core.printable import one_line
 from checkweigher_production.audit_log import AuditError, Entry, Verification, read_log
 from checkweigher_production.audit_seal import hold_to_seals, sealing, seals_path
 from checkweigher_production.audit_words import changes, conclusion, shortened
+from checkweigher_web.languages.language import Text
 
 NEWEST = 200  # maximum number of entries that are shown
-HEADS = 'entry', 'time, UTC', 'who', 'kind', 'what: before → after', 'why'
+HEADS = (
+    Text('entry'),
+    Text('time, UTC'),
+    Text('who'),
+    Text('kind'),
+    Text('what: before → after'),
+    Text('why'),
+)
 _MOST = 20  # maximum number of changes of an entry that are shown
 _LONGEST = 200  # maximum number of characters of a name or a value
 

@@ -11,6 +11,7 @@ from nicegui.element import Element
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import menu_entry
 from checkweigher_web.lane import Lane, ShownItem
+from checkweigher_web.languages.language import Text
 from checkweigher_web.technician.practice import is_simulated
 from checkweigher_web.technician.recipes import recipes
 from checkweigher_web.technician.users import users
@@ -27,18 +28,18 @@ from checkweigher_web.work.signing import sign_records
 from checkweigher_web.work.simulated_machine import operate
 
 _PERIOD = 1.0  # s
-_ZERO = 'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.'
-_START = 'Weighing starts. The machine may move: see that nobody reaches into it.'
-_STOP = (
+_ZERO = Text('The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.')
+_START = Text('Weighing starts. The machine may move: see that nobody reaches into it.')
+_STOP = Text(
     'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it is '
     'started and its stop is reset.'
 )
-_ACKNOWLEDGE = 'You have seen all alarms. Those that are over leave the list.'
+_ACKNOWLEDGE = Text('You have seen all alarms. Those that are over leave the list.')
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
 def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
-    """Return functions that open the dialogs that the role of the user allows, by label."""
+    """Return functions that open the dialogs that the role of the user allows, by English label."""
     return {
         label: partial(_open, desk, label, role, begin)
         for label, role, begin in _ACTIONS
@@ -48,8 +49,9 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 def work_bar(look: Look) -> None:
     """Show a button for each main action, with Start or Stop depending on the lane."""
-    with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
-        buttons = {label: ui.button(label, on_click=look.work[label]) for label in _MAIN}
+    label = look.say('Work on the machine')
+    with ui.element('nav').classes('work').props(f'aria-label="{label}"'):
+        buttons = {each: ui.button(look.say(each), on_click=look.work[each]) for each in _MAIN}
     for button in buttons.values():
         button.props('outline')
 
@@ -66,7 +68,7 @@ def work_menu(desk: Desk, look: Look) -> None:
     """Add an entry to a menu for each action that has no button of its own."""
     for label, open_dialog in look.work.items():
         if label not in _MAIN:
-            entry = menu_entry(label, open_dialog)
+            entry = menu_entry(look.say(label), open_dialog)
             if label == _SIMULATED:
                 entry.set_visibility(False)
                 ui.timer(_PERIOD, partial(_show_simulated, entry, desk.lane))
@@ -85,13 +87,16 @@ async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
             parameters = await actions.line_parameters(services)
             return await keeper.keep(desk.lane.name, recording, parameters, item)
 
-        text = (
-            f'Item {number} is written to {keeper.folder} as a small bag, with what came before it '
-            'and its mass needs.'
+        text = Text(
+            'Item {number} is written to {folder} as a small bag, with what came before it and its '
+            'mass needs.',
+            number=number,
+            folder=keeper.folder,
         )
-        ask(desk, 'Keep item', text, 'Keep', lambda: (f'keep item {number}', keep))
+        what = Text('keep item {number}', number=number)
+        ask(desk, _KEEP, text, Text('Keep'), lambda: (what, keep))
 
-    await _open(desk, 'Keep item', Role.OPERATOR, begin)
+    await _open(desk, _KEEP, Role.OPERATOR, begin)
 
 
 async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
@@ -102,7 +107,7 @@ async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
     try:
         await begin(desk, await desk.begin())
     except ActionRefusedError as error:
-        Dialog(label).tell(Outcome(False, str(error)))
+        Dialog(label, desk.say).tell(Outcome(False, error.text))
 
 
 async def _product(desk: Desk, services: LaneServices) -> None:
@@ -110,33 +115,34 @@ async def _product(desk: Desk, services: LaneServices) -> None:
     now = desk.lane.statistics.product if desk.lane.statistics else ''
 
     def choice() -> ui.select:
-        return ui.select(list(known), label='Product', value=now if now in known else None).props(
-            'outlined dense'
-        )
+        label, value = desk.say('Product'), now if now in known else None
+        return ui.select(list(known), label=label, value=value).props('outlined dense')
 
     def plan(choice: ui.select) -> tuple[str, Action]:
         name = choice.value
         if name not in known:
-            raise ActionRefusedError('choose a product')
-        return f'select product {name}', partial(actions.select_product, services, name)
+            raise ActionRefusedError(Text('choose a product'))
+        return Text('select product {name}', name=name), partial(
+            actions.select_product, services, name
+        )
 
-    text = 'All parameters of the product are set. Change it while the belt is empty.'
-    ask(desk, 'Product', text, 'Select', plan, choice)
+    text = Text('All parameters of the product are set. Change it while the belt is empty.')
+    ask(desk, Text('Product'), text, Text('Select'), plan, choice)
 
 
 async def _batch(desk: Desk, services: LaneServices) -> None:
     def plan(batch: ui.input) -> tuple[str, Action]:
         name = str(batch.value or '').strip()
-        return f'begin batch {name}', partial(actions.new_batch, services, name)
+        return Text('begin batch {name}', name=name), partial(actions.new_batch, services, name)
 
-    text = 'The counts of this batch end, and those of the new one begin at 0.'
-    ask(desk, 'New batch', text, 'Begin', plan, partial(field, 'Batch'))
+    text = Text('The counts of this batch end, and those of the new one begin at 0.')
+    ask(desk, _NEW_BATCH, text, Text('Begin'), plan, partial(field, desk.say('Batch')))
 
 
 _Act = Callable[[LaneServices], Awaitable[str]]
 
 
-def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
+def _confirmed(verb: Text, what: Text, act: _Act, text: Text) -> _Begin:
     """Return a function that opens a dialog to confirm an action."""
 
     async def begin(desk: Desk, services: LaneServices) -> None:
@@ -147,39 +153,60 @@ def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
 
 async def _reset(desk: Desk, services: LaneServices) -> None:
     stop = desk.lane.stop
-    why = 'No stop is requested. ' if stop is None else f'{stop.reason}: {stop.hint}. '
-    text = f'{why}Then the machine may run again. Make sure that the cause of the stop is removed.'
-    plan = 'reset stop request', partial(actions.reset_stop, services)
-    ask(desk, 'Reset stop', text, 'Reset', lambda: plan)
+    why = Text('No stop is requested.')
+    if stop is not None:
+        hint = Text(stop.reason.hint)
+        why = Text('{reason}: {hint}.', reason=str(stop.reason), hint=hint)
+    text = Text(
+        '{why} Then the machine may run again. Make sure that the cause of the stop is removed.',
+        why=why,
+    )
+    plan = Text('reset stop request'), partial(actions.reset_stop, services)
+    ask(desk, Text('Reset stop'), text, Text('Reset'), lambda: plan)
 
 
 async def _commission(desk: Desk, services: LaneServices) -> None:
     ui.navigate.to(f'/commissioning/{desk.lane.name}')
 
 
-_SIMULATED = 'Simulated machine'
+_KEEP, _NEW_BATCH, _SIMULATED = Text('Keep item'), Text('New batch'), Text('Simulated machine')
 _MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # others are in the menu
 # Label, lowest role and function of each dialog. A new dialog is a function and a row here.
-_ACTIONS: tuple[tuple[str, Role, _Begin], ...] = (
-    ('Product', Role.OPERATOR, _product),
-    ('New batch', Role.OPERATOR, _batch),
-    ('Zero', Role.OPERATOR, _confirmed('Zero', 'zero', actions.zero, _ZERO)),
-    ('Start', Role.OPERATOR, _confirmed('Start', 'start weighing', actions.start, _START)),
-    ('Stop', Role.OPERATOR, _confirmed('Stop', 'stop weighing', actions.stop, _STOP)),
-    ('Reset stop', Role.OPERATOR, _reset),
+_ACTIONS: tuple[tuple[Text, Role, _Begin], ...] = (
+    (Text('Product'), Role.OPERATOR, _product),
+    (_NEW_BATCH, Role.OPERATOR, _batch),
     (
-        'Acknowledge alarms',
+        Text('Zero'),
+        Role.OPERATOR,
+        _confirmed(Text('Zero'), Text('zero'), actions.zero, _ZERO),
+    ),
+    (
+        Text('Start'),
+        Role.OPERATOR,
+        _confirmed(Text('Start'), Text('start weighing'), actions.start, _START),
+    ),
+    (
+        Text('Stop'),
+        Role.OPERATOR,
+        _confirmed(Text('Stop'), Text('stop weighing'), actions.stop, _STOP),
+    ),
+    (Text('Reset stop'), Role.OPERATOR, _reset),
+    (
+        Text('Acknowledge alarms'),
         Role.OPERATOR,
         _confirmed(
-            'Acknowledge alarms', 'acknowledge alarms', actions.acknowledge_alarms, _ACKNOWLEDGE
+            Text('Acknowledge alarms'),
+            Text('acknowledge alarms'),
+            actions.acknowledge_alarms,
+            _ACKNOWLEDGE,
         ),
     ),
-    ('Performance test', Role.OPERATOR, performance_test),
-    ('Batch reports', Role.OPERATOR, batch_reports),
-    ('Sign', Role.OPERATOR, sign_records),
-    ('Audit log', Role.OPERATOR, audit_log),
-    ('Commissioning', Role.TECHNICIAN, _commission),
-    ('Recipes', Role.TECHNICIAN, recipes),
-    ('Users', Role.TECHNICIAN, users),
+    (Text('Performance test'), Role.OPERATOR, performance_test),
+    (Text('Batch reports'), Role.OPERATOR, batch_reports),
+    (Text('Sign'), Role.OPERATOR, sign_records),
+    (Text('Audit log'), Role.OPERATOR, audit_log),
+    (Text('Commissioning'), Role.TECHNICIAN, _commission),
+    (Text('Recipes'), Role.TECHNICIAN, recipes),
+    (Text('Users'), Role.TECHNICIAN, users),
     (_SIMULATED, Role.TECHNICIAN, operate),
 )

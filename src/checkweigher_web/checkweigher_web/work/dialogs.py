@@ -16,21 +16,32 @@ from checkweigher_validation.batch.signing import Signable, SigningError
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import Role, WrongPasswordError, sign_by
+from checkweigher_web.elements import show_told
 from checkweigher_web.lane import Deed, Lane
+from checkweigher_web.languages.language import Language, Text
+from checkweigher_web.languages.wording import from_node
 from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-# Numbers in which the comma may be a thousands separator or a decimal mark.
-_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2},[0-9]{3}')
+# Numbers in which a comma or point may be a thousands separator or a decimal mark. It is a decimal
+# mark if it is the one of the user's language.
+_THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2}([.,])[0-9]{3}')
 Action = Callable[[], Awaitable[str]]
+
+
+_NEEDS_LOGIN = {
+    Role.OPERATOR: Text('this needs a login as operator'),
+    Role.TECHNICIAN: Text('this needs a login as technician'),
+}
 
 
 class Desk:
     """Access of one user to a lane.
 
-    `services` returns the services of the lane, and `auditor` reads its audit log.
+    `services` returns the services of the lane, and `auditor` reads its audit log. `say` is the
+    language of the user.
     """
 
     def __init__(
@@ -39,8 +50,10 @@ class Desk:
         lane: Lane,
         services: Callable[[], Awaitable[LaneServices]],
         auditor: Auditor,
+        say: Language,
     ) -> None:
         self.lane = lane
+        self.say = say
         self.services = services
         self.auditor = auditor
         self.users = access.users
@@ -74,10 +87,10 @@ class Desk:
         """Perform an action with audit log entries if the role of the user allows it."""
         session = self._access.session_of(self._client)
         if session is None or session.user.role < role:
-            return Outcome(False, f'this needs a login as {role.name.lower()}')
+            return Outcome(False, _NEEDS_LOGIN[role])
         reason = one_line(reason.strip(), 200)
         if self.needs_reason and not reason:
-            return Outcome(False, 'the recipe on the line asks for a reason')
+            return Outcome(False, Text('the recipe on the line asks for a reason'))
         person = Person(session.user.name, session.address)
         outcome = await (await self.services()).act(person, what, reason, action)
         if outcome.done:
@@ -92,10 +105,12 @@ class Desk:
         """
         session, throttle = self._access.session_of(self._client), self._access.throttle
         if session is None:
-            raise ActionRefusedError('this needs a login')
+            raise ActionRefusedError(Text('this needs a login'))
         user, keys = session.user, keys_of(session.user.name, session.address)
         if wait := throttle.wait(*keys):
-            raise ActionRefusedError(f'too many failed attempts: try again in {wait + 1:.0f} s')
+            seconds = round(wait + 1)
+            text = Text('too many failed attempts: try again in {seconds} s', seconds=seconds)
+            raise ActionRefusedError(text)
         arguments = self._access.users.path, user, password, what, meaning
         try:
             made = await asyncio.to_thread(sign_by, *arguments)
@@ -107,13 +122,19 @@ class Desk:
         return made
 
 
+_CLOSE = Text('Close')
+
+
 class Dialog:
     """Dialog with a title, a body for the fields of the caller, a line for results, and buttons.
 
-    A `wide` dialog has room for a table.
+    Titles are English texts, which the dialog translates. A `wide` dialog has room for a table.
     """
 
-    def __init__(self, title: str, closing: str = 'Close', *, wide: bool = False) -> None:
+    def __init__(
+        self, title: str, say: Language, closing: str = _CLOSE, *, wide: bool = False
+    ) -> None:
+        self.say, title = say, say(title)
         self._dialog = ui.dialog().props(f'persistent aria-label="{title}"')
         self._dialog.on('hide', self._dialog.delete)
         with self._dialog, ui.element('div').classes(f'panel dialog{" wide" if wide else ""}'):
@@ -122,7 +143,7 @@ class Dialog:
             self._result = ui.label('').classes('result').props('role=status')
             self._buttons = ui.element('div').classes('buttons')
             with self._buttons:
-                self._closing = ui.button(closing, on_click=self._dialog.close)
+                self._closing = ui.button(say(closing), on_click=self._dialog.close)
             self._closing.props('outline no-caps')
         self._dialog.open()
 
@@ -135,30 +156,32 @@ class Dialog:
             try:
                 await click()
             except ActionRefusedError as error:
-                self.tell(Outcome(False, str(error)))
+                self.tell(Outcome(False, error.text))
             finally:
                 button.props(remove='loading')
                 self._closing.enable()
 
         with self._buttons:
-            button = ui.button(text, on_click=work).props('no-caps')
+            button = ui.button(self.say(text), on_click=work).props('no-caps')
         return button
 
     def tell(self, outcome: Outcome) -> None:
         """Show the outcome of an action."""
-        show_outcome(self._result, outcome)
-        self._closing.set_text('Close')
+        show_outcome(self._result, outcome, self.say)
+        self._closing.set_text(self.say(_CLOSE))
 
 
-def show_outcome(label: ui.label, outcome: Outcome) -> None:
-    """Show the outcome of an action in a label."""
-    label.set_text(outcome.line)
+def show_outcome(label: ui.label, outcome: Outcome, say: Language) -> None:
+    """Show the outcome of an action in a label, after a mark whether it was done."""
+    show_told(label, from_node(outcome.text), say)
+    text = label.text
+    label.set_text(f'✓ {text}' if outcome.done else say('✗ not done: {text}', text=text))
     label.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
 
 
 def reason_field(desk: Desk) -> ui.input:
     """Add a field for the reason of an action."""
-    return field('Reason' if desk.needs_reason else 'Reason (may be empty)')
+    return field(desk.say('Reason') if desk.needs_reason else desk.say('Reason (may be empty)'))
 
 
 def field(label: str, value: str = '', unit: str = '') -> ui.input:
@@ -168,22 +191,35 @@ def field(label: str, value: str = '', unit: str = '') -> ui.input:
     return found.props(f'suffix="{unit}" stack-label') if unit else found
 
 
-def number_in(given: ui.input, *, empty: float | None = None) -> float:
+def number_in(given: ui.input, say: Language, *, empty: float | None = None) -> float:
     """Return the number in a field, or `empty` if the field is empty.
 
-    Raises `ActionRefusedError` if the number is missing or ambiguous.
+    Raises `ActionRefusedError` if the number is missing or ambiguous in the language of the user.
     """
     text = str(given.value or '').strip()
     if not text and empty is not None:
         return empty
+    label = given.props['label']
     if not _NUMBER.fullmatch(text):
-        raise ActionRefusedError(f'{given.props["label"]}: {one_line(text)!r} is not a number')
-    if _THOUSANDS.fullmatch(text):
+        shown = repr(one_line(text))
+        raise ActionRefusedError(Text('{label}: {text} is not a number', label=label, text=shown))
+    if (found := _THOUSANDS.fullmatch(text)) and found[1] != say.point:
+        decimal, whole = text.replace(found[1], say.point), text.replace(found[1], '')
         raise ActionRefusedError(
-            f'{given.props["label"]}: {text} may be {text.replace(",", ".")} or '
-            f'{text.replace(",", "")}: write one of these'
+            Text(
+                '{label}: {text} may be {decimal} or {whole}: write one of these',
+                label=label,
+                text=text,
+                decimal=decimal,
+                whole=whole,
+            )
         )
     return float(text.replace(',', '.'))
+
+
+def mass_in(given: ui.input, say: Language, *, empty: float | None = None) -> float:
+    """Return the mass in kg in a field for the unit of the user. See `number_in`."""
+    return round(number_in(given, say, empty=empty) / say.per_kg, 9)
 
 
 def ask(
@@ -197,13 +233,14 @@ def ask(
 ) -> Element:
     """Open a dialog that asks for confirmation of an action, and return the body of the dialog.
 
-    Each function in `fields` adds a field and returns its element. The function `plan` gets these
-    elements. `plan` returns the name of the action in the audit log and the action, or raises
-    `ActionRefusedError` if a field is not valid. `role` is the lowest role that may confirm.
+    `title`, `text` and `verb` are English texts. Each function in `fields` adds a field and returns
+    its element. The function `plan` gets these elements. `plan` returns the name of the action in
+    the audit log and the action, or raises `ActionRefusedError` if a field is not valid. `role` is
+    the lowest role that may confirm.
     """
-    dialog = Dialog(title, 'Cancel')
+    dialog = Dialog(title, desk.say, Text('Cancel'))
     with dialog.body:
-        ui.label(text)
+        ui.label(desk.say(text))
         given = [add() for add in fields]
         reason = reason_field(desk)
 

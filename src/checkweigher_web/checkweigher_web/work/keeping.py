@@ -7,16 +7,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import GRAMS, NANOSECONDS
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import ShownItem
+from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work.services import ActionRefusedError
 
 HELD = 120.0  # duration in s of the samples that the page holds for users who keep an item
-_ELSE = 'record the line, and cut the item out with checkweigher keep'
+_ELSE = Text('record the line, and cut the item out with checkweigher keep')
 
 
 class Keeper:
@@ -44,15 +45,28 @@ class Keeper:
         verdict, estimate = item.verdict, item.estimate
         stamps = [each for each in item.key if each is not None]
         if estimate is None or not stamps:
-            raise ActionRefusedError(f'item {verdict.item_id} has no place in the signal: {_ELSE}')
+            raise ActionRefusedError(
+                Text(
+                    'item {number} has no place in the signal: {advice}',
+                    number=verdict.item_id,
+                    advice=_ELSE,
+                )
+            )
         if recording is None:
             raise ActionRefusedError(
-                'the page holds no samples yet: it takes them while somebody looks'
+                Text('the page holds no samples yet: it takes them while somebody looks')
             )
         begin, end = recording.blocks[0].stamp, recording.blocks[-1].stamp
-        held = f'the page holds {(end - begin) / NANOSECONDS:.0f} s'
+        seconds = round((end - begin) / NANOSECONDS)
         if min(stamps) < begin:
-            raise ActionRefusedError(f'item {verdict.item_id} came before what {held} of: {_ELSE}')
+            raise ActionRefusedError(
+                Text(
+                    'item {number} came before what the page holds, {seconds} s: {advice}',
+                    number=verdict.item_id,
+                    seconds=seconds,
+                    advice=_ELSE,
+                )
+            )
         try:
             part, result = keep_item(recording, parameters, estimate, verdict)
             when = datetime.fromtimestamp(min(stamps) / NANOSECONDS, UTC)
@@ -61,13 +75,22 @@ class Keeper:
             write_bag(path, part.load_cell, part, lane)
         except KeepError:
             raise ActionRefusedError(
-                f'{held}, in which item {verdict.item_id} is weighed another way: earlier samples '
-                f'are missing, or a parameter was changed since; {_ELSE}'
+                Text(
+                    'the page holds {seconds} s, in which item {number} is weighed another way: '
+                    'earlier samples are missing, or a parameter was changed since; {advice}',
+                    seconds=seconds,
+                    number=verdict.item_id,
+                    advice=_ELSE,
+                )
             ) from None
         except OutputError as error:
             raise ActionRefusedError(str(error)) from None
         found = result.verdict
-        weighed = f'{found.decision.name} {" ".join(found.reasons)}'.strip()
-        return (
-            f'{path}: it is item {found.item_id} of this bag, {GRAMS * found.mass:.3f} g, {weighed}'
+        return Text(
+            '{path}: it is item {number} of this bag, {mass}, {decision} {reasons}',
+            path=path,
+            number=found.item_id,
+            mass=Mass(round(found.mass, 6)),
+            decision=Text(found.decision.name),
+            reasons=' '.join(found.reasons),
         )

@@ -13,6 +13,7 @@ from nicegui import ui
 from checkweigher_core.input_files import read_input
 from checkweigher_production.batch_record import SUFFIX
 from checkweigher_validation.verification.plan import VERIFICATIONS
+from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog
 from checkweigher_web.work.services import LaneServices, Workshop
@@ -71,11 +72,15 @@ async def batch_reports(desk: Desk, services: LaneServices) -> None:
     """Show links to the reports on the batches of a lane, the latest first."""
     services.batch_folder = folder = await actions.batch_folder(services)
     records = [each for each in latest_records(folder) if each.with_suffix('.html').is_file()]
-    dialog = Dialog('Batch reports')
+    dialog = Dialog(Text('Batch reports'), desk.say)
     with dialog.body:
         ui.label(
-            f'{len(records)} in {folder}. A batch has one when it has ended and the node '
-            'batch_reporter runs, as with run --folder.'
+            desk.say(
+                '{count} in {folder}. A batch has one when it has ended and the node '
+                'batch_reporter runs, as with run --folder.',
+                count=len(records),
+                folder=folder,
+            )
         )
         with ui.element('ol').classes('reports'):
             stems = (path.stem for path in records[:_MANY])

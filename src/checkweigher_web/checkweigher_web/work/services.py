@@ -37,6 +37,7 @@ from checkweigher_core.ros.services import (
     changes_line,
 )
 from checkweigher_core.ros.spinner import Spinner
+from checkweigher_web.languages.language import Text
 
 _DISCOVERY = 3.0  # maximum time in s until a service is discovered
 _PATIENCE = 120.0  # maximum time in s until an answer, which may wait until a load is at rest
@@ -77,6 +78,11 @@ _FOLLOWED = {
 class ActionRefusedError(Exception):
     """Raised if an action is refused. The message is the reason."""
 
+    @property
+    def text(self) -> str:
+        """Reason, which is a `Text` if the page itself refuses the action."""
+        return self.args[0] if isinstance(self.args[0], Text) else one_line(self.args[0])
+
 
 @dataclass(frozen=True)
 class Person:
@@ -88,21 +94,16 @@ class Person:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of an action, with a text for the user."""
+    """Outcome of an action, with a text for the user, which is English if it is not a `Text`."""
 
     done: bool
     text: str
-
-    @property
-    def line(self) -> str:
-        """Text after a mark that shows whether the action was done."""
-        return f'{"✓" if self.done else "✗ not done:"} {self.text}'
 
 
 class LoadRead(NamedTuple):
     """Reading of a load at rest and its standard uncertainty in kg, by the previous calibration."""
 
-    load: str  # text on the load for the user
+    load: Text  # text on the load for the user
     mass: float
     uncertainty: float
 
@@ -120,8 +121,8 @@ class LaneServices(PortNode):
         Latest feedback of each running action that the page has begun.
     readings : list of LoadRead
         Readings of loads for a calibration.
-    calibrated : str
-        Text on the calibration that the page has written, or ''.
+    calibrated : Text or None
+        Text on the calibration that the page has written.
     setting, test, verification, product
         Latest message on each topic, or None if none has arrived.
     batch_folder : Path or None
@@ -139,7 +140,7 @@ class LaneServices(PortNode):
         self.feedback: dict[str, Any] = {}
         self._has_log = False
         self.readings: list[LoadRead] = []
-        self.calibrated = ''
+        self.calibrated: Text | None = None
         self.setting: DynamicSetting | None = None
         self.test: PerformanceTest | None = None
         self.verification: VerificationProgress | None = None
@@ -157,7 +158,7 @@ class LaneServices(PortNode):
         answer = await self._answer(client, kind.Request(**values), node)
         if not getattr(answer, 'success', True):
             raise ActionRefusedError(
-                getattr(answer, 'message', '') or f'{node} refused; see Diagnostics'
+                getattr(answer, 'message', '') or Text('{node} refused; see Diagnostics', node=node)
             )
         return answer
 
@@ -183,7 +184,7 @@ class LaneServices(PortNode):
             raise
         ends = {GoalStatus.STATUS_SUCCEEDED, *([GoalStatus.STATUS_CANCELED] if may_end else [])}
         if answer is None or answer.status not in ends:
-            raise ActionRefusedError((answer and answer.result.message) or 'it was cancelled')
+            raise ActionRefusedError((answer and answer.result.message) or Text('it was cancelled'))
         return answer.result
 
     async def _follow(
@@ -205,7 +206,7 @@ class LaneServices(PortNode):
     async def cancel(self, name: str) -> str:
         """Cancel all goals of an action, and return a text for the user."""
         await self.call(f'{name}/_action/cancel_goal')
-        return 'it ends'
+        return Text('it ends')
 
     async def found(self, name: str) -> Client:
         """Return the client of a service, or raise `ActionRefusedError` if it does not run."""
@@ -234,8 +235,10 @@ class LaneServices(PortNode):
             except TimeoutError:
                 gone = not is_ready()
                 if gone or time.monotonic() - asked > patience:
-                    why = 'ended before it answered' if gone else 'does not answer'
-                    raise ActionRefusedError(f'the node {node} {why}') from None
+                    text = Text('the node {node} does not answer', node=node)
+                    if gone:
+                        text = Text('the node {node} ended before it answered', node=node)
+                    raise ActionRefusedError(text) from None
 
     async def act(
         self, person: Person, what: str, reason: str, action: Callable[[], Awaitable[str]]
@@ -251,26 +254,31 @@ class LaneServices(PortNode):
         try:
             await self._note(acting, f'{what}: asked from {person.address}{why}')
         except ActionRefusedError as error:
-            return Outcome(False, f'nothing was done: not in the audit log: {error}')
+            text = Text('nothing was done: not in the audit log: {error}', error=error.text)
+            return Outcome(False, text)
         token = ACTING.set(acting)
         try:
             outcome, ending = Outcome(True, await action()), 'done'
         except ActionRefusedError as error:
-            outcome = Outcome(False, one_line(error))
+            outcome = Outcome(False, error.text)
             ending = f'refused: {outcome.text}'
         except Exception as error:
             self.fail(error, what)
-            ending = f'failed: {type(error).__name__}: {one_line(error)}'
-            outcome = Outcome(False, f'it {ending}')
+            failure = f'{type(error).__name__}: {one_line(error)}'
+            ending = f'failed: {failure}'
+            outcome = Outcome(False, Text('it failed: {failure}', failure=failure))
         finally:
             ACTING.reset(token)
         try:
             await self._note(acting)
             await self._note(acting, f'{what}: {ending}')
         except ActionRefusedError as error:
-            return Outcome(
-                outcome.done, f'{outcome.text}; its end is not in the audit log: {error}'
+            text = Text(
+                '{outcome}; its end is not in the audit log: {error}',
+                outcome=outcome.text,
+                error=error.text,
             )
+            return Outcome(outcome.done, text)
         return outcome
 
     async def write_signature(self, subject: str, value: Mapping[str, str]) -> None:
@@ -308,7 +316,7 @@ async def _ready(is_ready: Callable[[], bool], node: str) -> None:
     deadline = time.monotonic() + _DISCOVERY
     while not is_ready():
         if time.monotonic() > deadline:
-            raise ActionRefusedError(f'the node {node} does not run in this lane')
+            raise ActionRefusedError(Text('the node {node} does not run in this lane', node=node))
         await asyncio.sleep(0.05)
 
 

@@ -18,12 +18,13 @@ from checkweigher_validation.batch.signing import (
     signable_entries,
     signable_entry,
 )
+from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Action, Desk, ask
 from checkweigher_web.work.reports import latest_records
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
-_TEXT = (
+_TEXT = Text(
     'You sign with your name and the time. The signature is void if one byte of what was signed '
     'changes. A release needs a technician and, if the recipe asks for two persons, the signature '
     'of another person before.'
@@ -38,23 +39,25 @@ async def sign_records(desk: Desk, services: LaneServices) -> None:
     known = await asyncio.to_thread(_choices, log, folder)
 
     def choice() -> ui.select:
-        return ui.select(list(known), label='What').props('outlined dense')
+        return ui.select(list(known), label=desk.say('What')).props('outlined dense')
 
     def meanings() -> ui.toggle:
-        return ui.toggle(list(MEANINGS)).props('no-caps')
+        return ui.toggle({each: desk.say(each) for each in MEANINGS}).props('no-caps')
 
     def password() -> ui.input:
-        return ui.input('Password', password=True).props('outlined dense autocomplete=off')
+        return ui.input(desk.say('Password'), password=True).props(
+            'outlined dense autocomplete=off'
+        )
 
     def plan(what: ui.select, meaning: ui.toggle, password: ui.input) -> tuple[str, Action]:
         if what.value not in known or meaning.value is None:
-            raise ActionRefusedError('choose what you sign, and what the signature means')
+            raise ActionRefusedError(Text('choose what you sign, and what the signature means'))
         title, find = known[what.value]
         given = str(password.value or '')
         act = partial(_sign, desk, services, find, meaning.value, given)
-        return f'{meaning.value} of {title}', act
+        return Text('{meaning} of {title}', meaning=Text(meaning.value), title=title), act
 
-    ask(desk, 'Sign', _TEXT, 'Sign', plan, choice, meanings, password)
+    ask(desk, Text('Sign'), _TEXT, Text('Sign'), plan, choice, meanings, password)
 
 
 async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, password: str) -> str:
@@ -65,7 +68,13 @@ async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, pa
         raise ActionRefusedError(str(error)) from None
     made = await desk.sign(what, meaning, password)
     await services.write_signature(what.subject, made.value)
-    return f'{meaning} of {what.title} signed by {made.who}, {made.time}'
+    return Text(
+        '{meaning} of {title} signed by {name}, {time}',
+        meaning=Text(meaning),
+        title=what.title,
+        name=made.who,
+        time=made.time,
+    )
 
 
 def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:

@@ -30,9 +30,9 @@ async def operate(desk: Desk, services: LaneServices) -> None:
     ) -> tuple[str, Action]:
         wanted = {
             'feed': bool(feed.value),
-            'speed': number_in(speed, empty=0.0) / 60,
-            'mass': number_in(mass, empty=0.0) / GRAMS,
-            'load': number_in(load, empty=0.0) / GRAMS,
+            'speed': number_in(speed, desk.say, empty=0.0) / 60,
+            'mass': number_in(mass, desk.say, empty=0.0) / GRAMS,
+            'load': number_in(load, desk.say, empty=0.0) / GRAMS,
         }
         what = ', '.join(f'{name} {value:g}' for name, value in wanted.items())
         return f'simulated machine: {what}', partial(actions.operate, services, wanted)

@@ -52,7 +52,7 @@ def test_a_test_is_left_out_and_taken_in_again(key: str):
 def test_a_plan_says_what_cannot_be_decided():
     text = with_value(EXAMPLE, ('references', 'small', 'uncertainty_g'), '0.1')
     line, rows, doubts = summary(text, 0.0)
-    assert line.startswith(f'{len(rows)} steps with ')
+    assert line.startswith(f'Steps: {len(rows)}, passes: ')
     (doubt,) = doubts
     assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
     assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt

@@ -11,6 +11,7 @@ import yaml
 
 from checkweigher_production.recipes import given_recipes
 from checkweigher_web.access.users import Role
+from checkweigher_web.languages.language import ENGLISH
 from checkweigher_web.technician.recipes import RecipesDialog, changes, row
 from checkweigher_web.work.services import ActionRefusedError, Outcome
 
@@ -31,6 +32,7 @@ class Desk:
     """Desk of a technician that performs each action and adds it to `noted`."""
 
     needs_reason = False
+    say = ENGLISH
 
     def __init__(self) -> None:
         self.noted: list[str] = []

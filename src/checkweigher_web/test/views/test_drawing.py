@@ -135,7 +135,7 @@ def test_all_that_happened_is_on_one_time_axis():
     assert [gap for _, gap in series['noise']['data']][:2] == [0.1, 0.2]
     events = [each for name in ('alarm', 'change') for each in series[name]['data']]
     assert [(each['name'], stamp_of(each['value'][0]) // NANOSECONDS) for each in events] == [
-        ('fault NoLoad', 7), ('anna: zero', 12), ('zero -1.00 g', 13),
+        ('fault NoLoad', 7), ('anna: zero', 12), ('zero -1 g', 13),
     ]  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from checkweigher_web.access.guard import Access
 from checkweigher_web.access.site import Site
 from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
 from checkweigher_web.lane import Lane
+from checkweigher_web.languages.language import ENGLISH
 from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.dialogs import Desk, field, number_in
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
@@ -50,10 +51,10 @@ def test_a_number_is_understood_in_one_way_or_refused(text: str, understood: flo
     with Client(ui.page('/')):
         given = field('Mass', text, 'g')
     if isinstance(understood, float):
-        assert number_in(given, empty=7.0) == understood
+        assert number_in(given, ENGLISH, empty=7.0) == understood
     else:
         with pytest.raises(ActionRefusedError, match=f'^Mass: {re.escape(understood)}$'):
-            number_in(given)
+            number_in(given, ENGLISH)
 
 
 @pytest.mark.parametrize('needed', [Role.OPERATOR, Role.TECHNICIAN])
@@ -66,7 +67,7 @@ def test_a_role_that_somebody_lacks_when_it_acts_is_refused(needed: Role, tmp_pa
 
     async def act() -> None:
         with Client(ui.page('/'), request=Request(scope)):
-            desk = Desk(access, Lane('a'), nobody, Auditor())
+            desk = Desk(access, Lane('a'), nobody, Auditor(), ENGLISH)
         assert desk.role == Role.OPERATOR
         if needed == Role.OPERATOR:  # the user loses the role while the dialog is open
             known = read_users(users)

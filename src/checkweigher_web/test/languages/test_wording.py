@@ -5,7 +5,7 @@ import pytest
 
 from checkweigher_driver.calibration.session import CalibrationSession
 from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
-from checkweigher_web.commissioning.wording import in_words
+from checkweigher_web.languages.wording import in_words
 
 
 def test_a_message_of_a_node_becomes_what_to_do():

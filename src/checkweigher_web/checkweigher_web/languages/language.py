@@ -1,0 +1,164 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Languages and units of the page: translated texts, and masses, numbers and times as text."""
+
+from collections.abc import Mapping
+from functools import cache
+from gettext import GNUTranslations, NullTranslations
+from io import BytesIO
+import math
+from pathlib import Path
+
+from babel import Locale, negotiate_locale
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po
+from babel.numbers import get_decimal_symbol
+
+from checkweigher_core.records import GRAMS, local_time
+
+LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'  # cookies of the user's choice
+FOLDER = Path(__file__).parent  # with a catalogue NAME.po for each language but English
+_SOURCE = 'en_US'
+NAMES = (_SOURCE, *sorted(path.stem for path in FOLDER.glob('*.po')))
+# Units per kg, and the digits after the point that a mass needs beyond those of a mass in g.
+_UNITS = {'g': (GRAMS, 0), 'kg': (1.0, 3), 'lb': (1 / 0.45359237, 3), 'oz': (16 / 0.45359237, 2)}
+UNITS = tuple(_UNITS)
+
+
+class Mass(float):
+    """Mass in kg as a value of a `Text`. An infinite value means no limit."""
+
+
+class Text(str):
+    """English text that `Language` can translate later, with values for its placeholders.
+
+    The text itself is English and in g, as the audit log needs it. A value may be another `Text`,
+    a `Mass`, an integer, or a name, which is not translated.
+    """
+
+    __slots__ = ('template', 'values')
+    template: str
+    values: Mapping[str, object]
+
+    def __new__(cls, template: str, /, **values: object) -> 'Text':
+        """Return the text for an English template and its values."""
+        text = super().__new__(cls, ENGLISH.filled(template, values))
+        text.template, text.values = template, values
+        return text
+
+
+class Language:
+    """Language and unit of mass of a viewer.
+
+    Called with an English text, it returns the translation. `name` is 'en_US' or the name of a
+    catalogue, and `unit` is a key of `UNITS`. `tag` is the language in HTML. `per_kg` is the
+    number of units in 1 kg, and `more_digits` how many digits a mass has beyond those in g.
+    """
+
+    def __init__(self, name: str = _SOURCE, unit: str = 'g') -> None:
+        self.name, self.unit = name, unit
+        self.tag = name.replace('_', '-')
+        self.per_kg, self.more_digits = _UNITS[unit]
+        self.point = get_decimal_symbol(name)
+        self._texts = _translations(name)
+
+    def __call__(self, text: str, /, **values: object) -> str:
+        """Return the translation of an English text, with values for its placeholders."""
+        if isinstance(text, Text):
+            values = {**text.values, **values}
+            text = text.template
+        return self.filled(self._texts.gettext(text) if text else '', values)
+
+    def plural(self, one: str, many: str, count: int, /, **values: object) -> str:
+        """Return the translation of a text with the placeholder `count`, by its plural form."""
+        return self.filled(self._texts.ngettext(one, many, count), {'count': count, **values})
+
+    def filled(self, template: str, values: Mapping[str, object]) -> str:
+        """Return a translated template with its values."""
+        return (
+            template.format(**{k: self._value(v) for k, v in values.items()})
+            if values
+            else template
+        )
+
+    def _value(self, value: object) -> object:
+        if isinstance(value, Mass):
+            return self.short(value)
+        return self(value) if isinstance(value, Text) else value
+
+    def knows(self, text: str) -> bool:
+        """Return whether a text, which may come from a node, can be shown in this language."""
+        translated = isinstance(text, Text) or self._texts.gettext(text) != text
+        return not text or translated or self.name == _SOURCE
+
+    def number(self, value: float, digits: int, unit: str = '', sign: str = '') -> str:
+        """Return the text for a number with its unit, or a dash for NaN. `sign` '+' adds a plus."""
+        if not math.isfinite(value):
+            return '–'
+        return f'{value:{sign}.{digits}f}'.replace('.', self.point) + unit
+
+    def entry(self, value: float) -> str:
+        """Return the shortest text for a number with 9 significant digits, as in a field."""
+        return f'{value:.9g}'.replace('.', self.point)
+
+    def amount(self, mass: float, digits: int = 3, sign: str = '') -> str:
+        """Return the text for a mass in kg without unit. The digits are those of a mass in g."""
+        return self.number(self.per_kg * mass, digits + self.more_digits, sign=sign)
+
+    def mass(self, mass: float, digits: int = 3, sign: str = '') -> str:
+        """Return the text for a mass in kg with unit. The digits are those of a mass in g."""
+        return f'{self.amount(mass, digits, sign)} {self.unit}'
+
+    def short(self, mass: float) -> str:
+        """Return the shortest text for a mass in kg with its unit, or 'none' if it is infinite."""
+        if not math.isfinite(mass):
+            return self('none')
+        return f'{self.per_kg * mass + 0.0:g}'.replace('.', self.point) + f' {self.unit}'
+
+    def clock(self, stamp: int | None) -> str:
+        """Return the local time of a stamp in ns, or a dash if the stamp is None."""
+        return '–' if stamp is None else f'{local_time(stamp):%H:%M:%S}'
+
+
+@cache
+def language(name: str = _SOURCE, unit: str = 'g') -> Language:
+    """Return a language. All viewers with the same choice share one object, as a key of caches."""
+    return Language(name, unit)
+
+
+def language_of(headers: Mapping[str, str], cookies: Mapping[str, str]) -> Language:
+    """Return the language and unit that a user has chosen, by default the browser's language and g.
+
+    `headers` and `cookies` are those of the request.
+    """
+    name, unit = cookies.get(LANGUAGE, ''), cookies.get(UNIT, '')
+    if name not in NAMES:
+        name = _accepted(headers.get('accept-language', ''))
+    return language(name, unit if unit in UNITS else UNITS[0])
+
+
+def _accepted(header: str) -> str:
+    """Return the first language of an Accept-Language header for which there is a catalogue."""
+    tags = [each.partition(';')[0].strip() for each in header[:200].split(',')]
+    by_family = {name.partition('_')[0]: name for name in NAMES}
+    found = negotiate_locale([tag.partition('-')[0] for tag in tags], by_family)
+    return by_family.get(found or '', _SOURCE)
+
+
+def own_name(name: str) -> str:
+    """Return the name of a language in this language."""
+    return str(Locale.parse(name).get_language_name(name)).capitalize()
+
+
+@cache
+def _translations(name: str) -> NullTranslations:
+    if name == _SOURCE:
+        return NullTranslations()
+    compiled = BytesIO()
+    with (FOLDER / f'{name}.po').open('rb') as file:
+        write_mo(compiled, read_po(file))
+    compiled.seek(0)
+    return GNUTranslations(compiled)
+
+
+ENGLISH = language()
