@@ -85,9 +85,8 @@ def page_language() -> Language:
     """Return the language and unit of the viewer, and make it the language of the page."""
     client = ui.context.client
     say = language_of(client.request.headers, client.request.cookies)
-    client.page = copy(
-        client.page
-    )  # All viewers share the page of NiceGUI, which has one language.
+    # All viewers share the page object of NiceGUI, which has one language.
+    client.page = copy(client.page)
     client.page.language = say.tag  # type: ignore[assignment]
     ui.page_title(say('Checkweigher'))
     return say
@@ -105,7 +104,7 @@ def _choose_language(say: Language) -> None:
             )
         )
 
-    with Dialog(say('Language and unit'), say).body:
+    with Dialog(Text('Language and unit'), say).body:
         choice(say('Language'), LANGUAGE, {name: own_name(name) for name in NAMES}, say.name)
         choice(say('Unit of mass'), UNIT, {unit: unit for unit in UNITS}, say.unit)
 
@@ -139,13 +138,12 @@ class _Facts:
     def _show_health(self, nodes: Sequence[Row]) -> None:
         errors, warnings = (sum(row.level == level for row in nodes) for level in _LEVELS)
         say = self._look.say
-        told = (
-            say.plural('{count} error', '{count} errors', errors)
-            if errors
-            else say.plural('{count} warning', '{count} warnings', warnings)
-        )
+        told = ''
+        if errors:
+            told = say.plural('{count} error', '{count} errors', errors)
+        elif warnings:
+            told = say.plural('{count} warning', '{count} warnings', warnings)
         self._set('health', told, _level(errors, warnings))
-        self._labels['health'].set_visibility(bool(errors or warnings))
 
     def _set(self, name: str, text: str, level: str = '') -> None:
         label = self._labels[name]

@@ -107,7 +107,7 @@ class Language:
 
     def mass(self, mass: float, digits: int = 3, sign: str = '') -> str:
         """Return the text for a mass in kg with unit. The digits are those of a mass in g."""
-        return f'{self.amount(mass, digits, sign)} {self.unit}'
+        return self.number(self.per_kg * mass, digits + self.more_digits, f' {self.unit}', sign)
 
     def short(self, mass: float) -> str:
         """Return the shortest text for a mass in kg with its unit, or 'none' if it is infinite."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import Table, named
+from checkweigher_web.elements import Table, named, show_told
 from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import HEADS, AuditView
@@ -61,9 +61,10 @@ class AuditDialog(Dialog):
             self._reading = False
 
     def _show(self, view: AuditView) -> None:
-        self._conclusion.set_text(f'{"✓" if view.whole else "✗"} {view.conclusion}')
+        show_told(self._conclusion, view.conclusion, self.say)
+        self._conclusion.set_text(f'{"✓" if view.whole else "✗"} {self._conclusion.text}')
         self._conclusion.classes(replace=f'conclusion {_LEVELS[view.whole]}')
-        self._seals.set_text(view.seals)
+        show_told(self._seals, view.seals, self.say)
         self._seals.classes(replace=f'seals {_LEVELS[view.seals_hold]}')
-        self._count.set_text(f'{self._log}: {view.count}' if view.count else '')
+        self._count.set_text(f'{self._log}: {self.say(view.count)}' if view.count else '')
         self._rows.show(view.rows)

@@ -96,21 +96,40 @@ def _sealed(
     if not found.whole:  # Seals can be verified only for an unbroken chain.
         return found, None, ''
     if not path.exists():
-        text = f'There are no seals in {path}. To verify those that are elsewhere, run'
-        return found, None if key is None else False, f'{text} {command} --seals FILE'
+        elsewhere = f'{command} --seals FILE'
+        text = Text(
+            'There are no seals in {path}. To verify those that are elsewhere, run {command}',
+            path=path,
+            command=elsewhere,
+        )
+        return found, None if key is None else False, text
     if key is None:
-        text = f'There are seals in {path}, and the page has no public key to verify them'
-        return found, None, f'{text}: start it with --trust PUBLIC, or run {command}'
+        text = Text(
+            'There are seals in {path}, and the page has no public key to verify them: start it '
+            'with --trust PUBLIC, or run {command}',
+            path=path,
+            command=command,
+        )
+        return found, None, text
     seals, found = hold_to_seals(found, path, key)
     return found, found.whole, sealing(seals, found.entries) if found.whole else ''
 
 
-def _count(found: Verification, matching: int, wanted: str) -> str:
-    before = '' if found.whole or not found.bad_line else f' before line {found.bad_line}'
-    there = f'{len(found.entries)} entries{before}'
+def _count(found: Verification, matching: int, wanted: str) -> Text:
+    count = len(found.entries)
+    there = Text('{count} entries', count=count)
+    if not found.whole and found.bad_line:
+        there = Text('{count} entries before line {line}', count=count, line=found.bad_line)
     if wanted:
-        there = f'{there}, {matching} of them with {wanted!r}'
-    return f'{there}; the newest {NEWEST} are shown' if matching > NEWEST else there
+        there = Text(
+            '{entries}, {count} of them with {text}',
+            entries=there,
+            count=matching,
+            text=repr(wanted),
+        )
+    if matching > NEWEST:
+        there = Text('{entries}; the newest {count} are shown', entries=there, count=NEWEST)
+    return there
 
 
 def _row(entry: Entry) -> tuple[str, ...]:
