@@ -28,7 +28,7 @@ limits for the reject node.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from statistics import NormalDist
@@ -42,7 +42,7 @@ from checkweigher_core.parameters import (
     flatten,
     parameter,
 )
-from checkweigher_core.records import GRAMS, ProductOnLine
+from checkweigher_core.records import GRAMS, NanEqual, ProductOnLine
 from checkweigher_core.settings_files import Settings, read_settings, settings_of
 from checkweigher_core.state_files import changing
 from checkweigher_core.whole_file import output_error, write_whole
@@ -81,8 +81,8 @@ class Guard(Parameters):
     )
 
 
-@dataclass(frozen=True)
-class Product(Settings):
+@dataclass(frozen=True, eq=False)
+class Product(NanEqual, Settings):
     """Recipe of one product. Masses are in kg."""
 
     name: str = parameter(text='by which the operator selects it')
@@ -128,14 +128,6 @@ class Product(Settings):
     release_by: int = parameter(
         1, 'number of persons who must have signed when a batch is released', minimum=1, maximum=2
     )
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Product):
-            return NotImplemented
-        # As in dataclasses before Python 3.13: two recipes with the NaN of "not set" are equal.
-        names = [each.name for each in fields(self) if each.compare]
-        own, others = ([getattr(each, name) for name in names] for each in (self, other))
-        return own == others
 
     def __post_init__(self) -> None:
         own = _parameters(self.parameters)
