@@ -51,9 +51,11 @@ class PortNode(Node):
         self.outputs.append(Output(self, port))
         return self.outputs[-1]
 
-    def held_output(self, port: Port, answer: Port | None = None) -> Output:
+    def held_output(
+        self, port: Port, answer: Port | None = None, before: Callback | None = None
+    ) -> Output:
         """Return a new output that waits for a consumer; see `HeldOutput`."""
-        self.outputs.append(HeldOutput(self, port, answer))
+        self.outputs.append(HeldOutput(self, port, answer, before))
         return self.outputs[-1]
 
     def subscribe(
