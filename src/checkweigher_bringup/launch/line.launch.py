@@ -29,6 +29,7 @@ from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE
 from checkweigher_gateways.settings import read_gateways
+from checkweigher_web.access.site import Site
 
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
@@ -69,7 +70,7 @@ ARGUMENTS = {
     'host': 'name of this host in the file lanes',
     'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
 }
-PAGE_OPTIONS = ('host', 'certificate', 'key')
+PAGE_OPTIONS = {'host': str, 'certificate': Path, 'key': Path}
 WITH_LANES = (
     *('respawn', 'page', *(f'page_{name}' for name in PAGE_OPTIONS), 'gateways'),
     *('lanes', 'host', 'log_level'),
@@ -124,7 +125,7 @@ def make_line(context):
             for name, module in NODES.items()
         ),
         *(node(name, None) for name in OF_MACHINE if folder),
-        make_page(context, kept),
+        *make_page(context, kept),
         *make_gateways(context, kept),
         node('batch_reporter', IfCondition(LaunchConfiguration('batch_reports'))),
     ]
@@ -166,7 +167,7 @@ def make_host(context, lanes, host):
         )
         for share in line.shares(host)
     ]
-    return [*environment, *nodes, make_page(context, kept), *make_gateways(context, kept)]
+    return [*environment, *nodes, *make_page(context, kept), *make_gateways(context, kept)]
 
 
 def parameter_file(parameters, *namespace):
@@ -179,14 +180,22 @@ def parameter_file(parameters, *namespace):
 
 def make_page(context, kept):
     """Return the action that starts the page of all lanes if the argument `page` is true."""
-    options = {name: LaunchConfiguration(f'page_{name}').perform(context) for name in PAGE_OPTIONS}
-    return Node(
-        package='checkweigher_web',
-        executable='page',
-        arguments=[w for name, value in options.items() if value for w in (f'--{name}', value)],
-        condition=IfCondition(LaunchConfiguration('page')),
-        **kept,
-    )
+    if not is_true(context, 'page'):
+        return []
+    options = {
+        name: kind(value)
+        for name, kind in PAGE_OPTIONS.items()
+        if (value := LaunchConfiguration(f'page_{name}').perform(context))
+    }
+    Site(**options).checked()  # otherwise a page that cannot start would be restarted forever
+    return [
+        Node(
+            package='checkweigher_web',
+            executable='page',
+            arguments=[w for name, value in options.items() for w in (f'--{name}', str(value))],
+            **kept,
+        )
+    ]
 
 
 def make_gateways(context, kept):
@@ -209,14 +218,18 @@ def kept_running(context):
     On SIGTERM, launch ends without ending its processes, which would then prevent a new start. With
     the added variable, each process ends with its parent.
     """
-    respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
-    respawn = perform_typed_substitution(context, respawn, bool)
     return {
         'output': 'screen',
-        'respawn': respawn,
+        'respawn': is_true(context, 'respawn'),
         'respawn_delay': RESPAWN_DELAY,
         'additional_env': child_variable(),
     }
+
+
+def is_true(context, name):
+    """Return the value of an argument that is true or false."""
+    value = normalize_typed_substitution(LaunchConfiguration(name), bool)
+    return perform_typed_substitution(context, value, bool)
 
 
 def parameter_files(context, params_file, folder, namespace):
