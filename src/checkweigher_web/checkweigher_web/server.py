@@ -25,6 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 import uvicorn
 
+from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.ros.graph.policy import PAGE, enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web import ADDRESS
@@ -269,6 +270,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
 
 def main() -> None:
     """Serve the page of all lanes."""
+    end_with_parent()
     parser = argparse.ArgumentParser()
     parser.add_argument('--host', default=ADDRESS)
     parser.add_argument('--certificate', type=Path)
