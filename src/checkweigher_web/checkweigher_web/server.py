@@ -195,8 +195,9 @@ def _add_pages(
             ui.navigate.to(LOGIN)
             return
         services = await desk.begin()
-        header(access, _title(name), look, lambda: True, partial(work_menu, desk, look))
-        CommissioningPath(desk, services)
+        menu, back = partial(work_menu, desk, look), ('Back to the lane', f'/lane/{name}')
+        header(access, _title(name), look, lambda: True, menu, back)
+        CommissioningPath(desk, services, look)
 
     def look_at(name: str) -> tuple[Look, Desk]:
         client = ui.context.client
