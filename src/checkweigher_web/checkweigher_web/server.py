@@ -31,7 +31,7 @@ from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web import ADDRESS
 from checkweigher_web.access.guard import LOGIN, Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
-from checkweigher_web.access.login import add_login
+from checkweigher_web.access.login import add_login, first_user
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
 from checkweigher_web.commissioning.path import CommissioningPath
@@ -196,8 +196,9 @@ def _add_pages(
             ui.navigate.to(LOGIN)
             return
         services = await desk.begin()
-        header(access, _title(name), look, lambda: True, partial(work_menu, desk, look))
-        CommissioningPath(desk, services)
+        menu, back = partial(work_menu, desk, look), ('Back to the lane', f'/lane/{name}')
+        header(access, _title(name), look, lambda: True, menu, back)
+        CommissioningPath(desk, services, look)
 
     def look_at(name: str) -> tuple[Look, Desk]:
         client = ui.context.client
@@ -249,7 +250,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         nicegui.timer(_LOOK_PERIOD, look)
     # Print the address last, because a caller that has read it may send signals to the server.
     code = access.first_code
-    first = f'; no user yet: log in with the code {code} to make the first one' if code else ''
+    first = f'; {first_user(code)}' if code else ''
     nicegui.on_startup(lambda: print(f'page: {site.address}{first}', file=sys.stderr, flush=True))
     config = uvicorn.Config(
         Guard(app, access),

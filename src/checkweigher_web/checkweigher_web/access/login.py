@@ -6,6 +6,7 @@ import asyncio
 from html import escape
 from pathlib import Path
 import secrets
+import sys
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -35,8 +36,13 @@ _PAGE = """<!doctype html>
 """
 _FIRST = """
 <p>The page has no user yet. The first one is a technician, who may do everything. The terminal or
-log in which the page was started shows the code.</p>
+log in which the page was started shows the code now.</p>
 <label>Code <input name="code" autocomplete="off" autofocus required></label>"""
+
+
+def first_user(code: str) -> str:
+    """Return the line that tells the code of the first user."""
+    return f'no user yet: log in with the code {code} to make the first one'
 
 
 def logout_form(token: str) -> str:
@@ -76,17 +82,18 @@ class _Forms:
         The browser must return the token in the form and as a cookie.
         """
         token = secrets.token_urlsafe(32)
+        if code := self._access.first_code:  # The terminal may no longer show the first line.
+            print(f'page: {first_user(code)}', file=sys.stderr, flush=True)
         look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
-        first = bool(self._access.first_code)
         page = _PAGE.format(
             style=STYLE,
             login=LOGIN,
             said=escape(said),
             token=token,
-            first=_FIRST if first else '',
-            focus='' if first else 'autofocus',
-            kind='new' if first else 'current',
-            button='Make the user' if first else 'Log in',
+            first=_FIRST if code else '',
+            focus='' if code else 'autofocus',
+            kind='new' if code else 'current',
+            button='Make the user' if code else 'Log in',
             look=look,
         )
         answer = HTMLResponse(page, status, {'Content-Security-Policy': PLAIN_POLICY})

@@ -66,7 +66,8 @@ class ItemView(View):
 
     def _draw(self, item: ShownItem) -> str:
         items = self.drawing.items()
-        return json.dumps(reading(item, items[items.index(item) :], self.lane.statistics))
+        at = [row_key(each) for each in items].index(row_key(item))
+        return json.dumps(reading(item, items[at:], self.lane.statistics))
 
 
 def reading(
