@@ -50,15 +50,6 @@ class Segmenter:
     ------
     ParameterError
         If the windows need too many samples at the sample rate of the load cell.
-
-    Attributes
-    ----------
-    samples, edges : int
-        Numbers of processed samples and edges, including repeated ones.
-    cutter : WindowCutter
-        Cutter of the windows.
-    zero_keeper : ZeroKeeper
-        Zero of the scale, with the requests to set it.
     """
 
     def __init__(
@@ -76,8 +67,7 @@ class Segmenter:
         inputs = load_cell, parameters, self._buffer, self.zero_keeper
         self._source = ItemSource(*inputs, item_count)
         self.cutter = WindowCutter(*inputs, failures)
-        self.samples = 0
-        self.edges = 0
+        self.samples = self.edges = 0  # numbers of processed records, including repeated ones
 
     @property
     def item_count(self) -> int:

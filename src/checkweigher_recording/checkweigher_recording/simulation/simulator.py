@@ -213,22 +213,13 @@ class Simulation:
     Each iteration begins with the first product, and yields the same events if the attributes do
     not change. If the parameter ``count`` is 0, the iteration does not end. Events are not kept in
     memory. The first products do not depend on the number of products.
-
-    Attributes
-    ----------
-    operation : OperationParameters
-        Settings of the operator. They may change at any time and take effect within one second.
-    start : callable
-        Function that returns the time stamp in ns of the first sample of an iteration. It is called
-        when that sample is ready, which takes up to one second.
-    load_cell : LoadCell
-        Simulated load cell.
-    filler : Filler or None
-        Filler of the latest iteration. A new correction takes effect within one second.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
+        # Settings of the operator. They may change at any time and take effect within one second.
         self.operation = OperationParameters()
+        # Function that returns the time stamp in ns of the first sample of an iteration. It is
+        # called when that sample is ready, which takes up to one second.
         self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
         self._begin = 0
         self._parameters = parameters
@@ -240,6 +231,7 @@ class Simulation:
             model='simulated',
             serial_number=f'{parameters.profile}-{parameters.seed}',
         )
+        # Filler of the latest iteration. A new correction takes effect within one second.
         self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
