@@ -64,22 +64,6 @@ class MachineRun:
     attainable: tuple[ConditionResult, ...]
 
 
-def passes_of(
-    machine: int,
-    speed: float,
-    masses: Sequence[float],
-    count: int,
-    seed: int,
-    segmenter: SegmenterParameters,
-    without: tuple[str, ...] = (),
-) -> tuple[KnownPass, ...]:
-    """Return simulated passes, whose windows are cut by one set of parameters.
-
-    The other parameters are as in `passes_cut_by`.
-    """
-    return passes_cut_by(machine, speed, masses, count, seed, (segmenter,), without)[0]
-
-
 def passes_cut_by(
     machine: int,
     speed: float,
@@ -116,7 +100,7 @@ def run_machine(
     taught, count, cuts = protocol.training_masses, protocol.training, (eyes, segmenter)
     train, as_untrained = passes_cut_by(machine, speed, taught, count, 0, cuts, without)
     test, untrained = passes_cut_by(machine, speed, MASSES, PASSES, 1, cuts, without)
-    further = passes_of(machine, speed, MASSES, protocol.further, 2, eyes, without)
+    (further,) = passes_cut_by(machine, speed, MASSES, protocol.further, 2, (eyes,), without)
     whole = whole_passes(test)
     errors = attainable_errors(whole_passes(further), whole)
     weighed = np.array([each.mass for each in whole])
@@ -177,14 +161,11 @@ def _weigh(
     if chosen == UNTRAINED:
         cut = [PassSet(run.speed, 'train', run.train_untrained) for run in runs]
         best = list(evaluate_sets([*cut, *unknown], [base], n_jobs))
+    renamed = [replace(one, estimator=CHOSEN) for one in best]
     title = f'machine {machine}'
     return MachineResult(
         machine,
-        tuned=Evaluation(title, (*attainable, *found, *_renamed(best)), ()),
+        tuned=Evaluation(title, (*attainable, *found, *renamed), ()),
         untrained=Evaluation(title, (*attainable, *untrained), ()),
         chosen=chosen,
     )
-
-
-def _renamed(results: Sequence[ConditionResult]) -> list[ConditionResult]:
-    return [replace(one, estimator=CHOSEN) for one in results]

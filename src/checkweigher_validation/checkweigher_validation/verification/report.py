@@ -64,7 +64,7 @@ def report_of(procedure: Procedure) -> Values:
         'identity': dict(identity),
         'digests': {
             'bag': procedure.digest,
-            'plan': _digest(procedure.plan_text),
+            'plan': hashlib.sha256(procedure.plan_text.encode()).hexdigest(),
             'calibration': digest_of(cell),
             'parameters': identity['parameters_sha256'],
             'audit_log': identity['audit_log_sha256'],
@@ -99,25 +99,13 @@ def _plan_values(plan: Plan) -> Values:
         'operator': plan.operator,
         'place': plan.place,
         'environment': plan.environment,
-        'references': [
-            {
-                'name': each.name,
-                **_in_grams(each, 'mass', 'uncertainty'),
-                'certificate': each.certificate,
-                'serial': each.serial,
-            }
-            for each in plan.references.values()
-        ],
+        'references': [asdict(each) for each in plan.references.values()],
     }
 
 
 def as_json(report: Mapping[str, Any]) -> str:
     """Return a report as the text of its JSON file."""
     return json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + '\n'
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _step(result: Result, first: Result | None = None) -> Values:

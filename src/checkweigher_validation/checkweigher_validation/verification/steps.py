@@ -75,7 +75,11 @@ def steps_of(plan: Plan) -> tuple[Step, ...]:
 
 
 def _steps(plan: Plan) -> Iterator[Step]:
-    yield from _warm_up_steps(plan)
+    if plan.warm_up:
+        passes = plan.passes_of(plan.warm_up)
+        for minutes in plan.warm_up.minutes:
+            yield Step(f'warm_up_zero_{minutes:g}', StepKind.WARM_UP_ZERO, minutes=minutes)
+            yield Step(f'warm_up_{minutes:g}', StepKind.WARM_UP, *passes, minutes=minutes)
     readings = plan.zero.readings if plan.zero else 0
     for number in range(1, readings + 1):
         yield Step(f'zero_{number}', StepKind.ZEROING if number == 1 else StepKind.ZERO)
@@ -99,11 +103,3 @@ def _steps_at_rest(plan: Plan) -> Iterator[Step]:
         yield Step(f'static_down_{load.name}', StepKind.STATIC, load)
     if plan.zero:
         yield Step('zero_after', StepKind.ZERO_AFTER)
-
-
-def _warm_up_steps(plan: Plan) -> Iterator[Step]:
-    if plan.warm_up:
-        passes = plan.passes_of(plan.warm_up)
-        for minutes in plan.warm_up.minutes:
-            yield Step(f'warm_up_zero_{minutes:g}', StepKind.WARM_UP_ZERO, minutes=minutes)
-            yield Step(f'warm_up_{minutes:g}', StepKind.WARM_UP, *passes, minutes=minutes)
