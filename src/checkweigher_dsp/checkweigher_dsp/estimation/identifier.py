@@ -29,7 +29,7 @@ from checkweigher_dsp.estimation.learning.learner import (
 )
 from checkweigher_dsp.estimation.plausibility import is_plausible
 from checkweigher_dsp.items.failures import PRINTED, Failures
-from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
+from checkweigher_dsp.signal.extended_kalman import is_stable, platform_poles
 
 
 @dataclass(frozen=True)
