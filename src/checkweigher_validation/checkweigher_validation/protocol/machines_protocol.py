@@ -151,15 +151,14 @@ def _weigh(
     n_jobs: int | None,
 ) -> MachineResult:
     """Return the results of the tuned estimators, and of the same estimators without training."""
-    parts = [PassSet(run.speed, 'train', run.train) for run in runs]
-    parts += [PassSet(run.speed, 'test', run.test) for run in runs]
-    unknown = [PassSet(run.speed, 'test', run.untrained) for run in runs]
+    parts = [*_sets(runs, 'train', 'train'), *_sets(runs, 'test', 'test')]
+    unknown = _sets(runs, 'test', 'untrained')
     attainable = [one for run in runs for one in run.attainable]
     found = evaluate_sets(parts, [each.parameters for each in tuned.values()], n_jobs)
     untrained = evaluate_sets(unknown, [base.with_estimator(name) for name in tuned], n_jobs)
     best = [one for one in found if one.estimator == chosen]
     if chosen == UNTRAINED:
-        cut = [PassSet(run.speed, 'train', run.train_untrained) for run in runs]
+        cut = _sets(runs, 'train', 'train_untrained')
         best = list(evaluate_sets([*cut, *unknown], [base], n_jobs))
     renamed = [replace(one, estimator=CHOSEN) for one in best]
     title = f'machine {machine}'
@@ -169,3 +168,8 @@ def _weigh(
         untrained=Evaluation(title, (*attainable, *untrained), ()),
         chosen=chosen,
     )
+
+
+def _sets(runs: Sequence[MachineRun], part: str, name: str) -> list[PassSet]:
+    """Return the passes in the field `name` of each run."""
+    return [PassSet(run.speed, part, getattr(run, name)) for run in runs]
