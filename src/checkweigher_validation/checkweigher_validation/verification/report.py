@@ -99,7 +99,15 @@ def _plan_values(plan: Plan) -> Values:
         'operator': plan.operator,
         'place': plan.place,
         'environment': plan.environment,
-        'references': [asdict(each) for each in plan.references.values()],
+        'references': [
+            {
+                'name': each.name,
+                **_in_grams(each, 'mass', 'uncertainty'),
+                'certificate': each.certificate,
+                'serial': each.serial,
+            }
+            for each in plan.references.values()
+        ],
     }
 
 
