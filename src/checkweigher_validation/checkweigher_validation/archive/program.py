@@ -42,10 +42,7 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return one line with the reason why a worker cannot be used, or an empty text.
-
-    `there` is the program of the worker and `here` the program of this process.
-    """
+    """Return why a worker with the program `there` cannot be used, or an empty text."""
     if there == here:
         return ''
     return f'the worker runs {there}, here is {here}; bring it to the same version'
