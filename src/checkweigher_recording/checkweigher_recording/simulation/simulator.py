@@ -33,9 +33,10 @@ from numpy.typing import NDArray
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.recording import Event, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_dsp.signal.platform_response import Platform
 from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel, Pass
 from checkweigher_recording.simulation.filler import Filler
-from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
+from checkweigher_recording.simulation.machine import PREFIX, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import Array, FloorNoise, white
 from checkweigher_recording.simulation.operation import CAPACITY, OperationParameters
@@ -369,9 +370,8 @@ class _ProfileSignal:
         self._profile, self._belt, self._step = profile, belt, step
         phases, self._broadband, floor, self._electronic = map(generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
-        self._platform = PlatformDynamics(
-            Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS), step
-        )
+        platform = Platform(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+        self._platform = PlatformDynamics(platform, step)
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:
