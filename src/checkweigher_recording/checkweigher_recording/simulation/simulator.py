@@ -388,8 +388,11 @@ class _ProfileSignal:
         density = self._profile.broadband * self._belt.speed
         force += white(density, self._step, len(force), self._broadband)
         force += self._profile.floor * self._floor(len(force))
-        for entry in self._belt.passes:
-            self._add_impact(force, time, entry)
+        for entry in self._belt.passes:  # The impact at the entry has the form of a half sine.
+            size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
+            begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
+            phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
+            force[begin:end] += size * np.sin(math.pi * phase)
         return self._platform.run(force, *self._belt.load_steps(time, travel))
 
     def electronics(self, reading: Array, time: Array) -> Array:
@@ -405,10 +408,3 @@ class _ProfileSignal:
             force += self._belt.speed * amplitude * np.sin(angle)
         angle = 2 * math.pi * self._profile.motor_frequency * travel + motor
         force += self._belt.speed * self._profile.motor * np.sin(angle)
-
-    def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
-        """Add the impact of a product at its entry, whose form is a half sine."""
-        size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
-        begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
-        phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
-        force[begin:end] += size * np.sin(math.pi * phase)
