@@ -29,7 +29,7 @@ from checkweigher_dsp.estimation.learning.learner import (
 )
 from checkweigher_dsp.estimation.plausibility import is_plausible
 from checkweigher_dsp.items.failures import PRINTED, Failures
-from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
+from checkweigher_dsp.signal.extended_kalman import is_stable, platform_poles
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,6 @@ class Identifier:
     windows by the result if it is better. `known` is the learned state of an earlier process. It is
     ignored if it belongs to another estimator or to other parameters.
 
-    Attributes
-    ----------
-    learned : LearnedKinds
-        Learned state. Apart from `known`, it depends only on the windows and their order.
-
     Examples
     --------
     >>> identifier = Identifier(IdentifierParameters(estimator='mean'))
@@ -138,6 +133,7 @@ class Identifier:
         self._known = parameters.chosen
         self._estimator = METHODS[parameters.estimator](self._known)
         basis = parameters.basis
+        # Apart from `known`, the learned state depends only on the windows and their order.
         self.learned = known if known is not None and known.basis == basis else LearnedKinds(basis)
         self._lesson: tuple[WeighWindow, LoadEstimate] | None = None
 
@@ -252,9 +248,8 @@ class Identifier:
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass in kg^2.
 
-        A variance that was measured on items is used as it is. Without training, the variances of
-        load and zero are added. After training, the variance of the training passes is used, which
-        includes that of their zero; if the current zero has a larger one, the difference is added.
+        After training, it is that of the training passes, which includes that of their zero. If the
+        variance of the current zero is larger, the difference is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

@@ -117,30 +117,18 @@ class _Motion:
 class ZeroTracker:
     """Tracking of the zero of a load cell by two Kalman filters, without and with a drift.
 
-    The filter without a drift lags behind a drifting zero. The filter with a drift estimates a
-    constant zero with a larger variance. So the results of both filters are averaged, weighted by
-    the likelihood of the readings.
-
-    Each segment of the empty belt gives one reading, which is its Hann-weighted mean. The variance
-    of the readings is estimated from the differences between the halves of many segments, so that
-    it is valid for any mixture of vibration and noise. Segments below 0.1 s have a plain mean, with
-    the variance of their samples. The filters average over many such segments.
+    The results of both filters are averaged, weighted by the likelihood of the readings (see
+    docs/method.md). Each segment of the empty belt gives one reading, which is its Hann-weighted
+    mean. The variance of the readings is estimated from the differences between the halves of many
+    segments. Segments below 0.1 s have a plain mean, with the variance of their samples.
 
     An unseen object may be on the belt. So after the first reading, a reading that is further from
     the zero than a drift explains is not accepted until a second segment confirms it.
 
-    Parameters
-    ----------
-    initial, initial_std_dev : float
-        Zero of calibration, and standard deviation of its change since calibration, in counts.
-    random_walk : float
-        Standard deviation of the random walk in counts/sqrt(s).
-    sample_rate : float
-        Sample rate in Hz.
-    limits : ZeroLimits
-        Limits of zero tracking according to OIML R 51.
-    drift : float
-        Standard deviation of the drift in counts/s. With 0, the filter with a drift is not used.
+    `initial` is the zero of calibration, and `initial_std_dev` the standard deviation of its change
+    since then, in counts. The standard deviation of the `random_walk` is in counts/sqrt(s), and
+    that of the `drift` in counts/s; with 0, the filter with a drift is not used. The limits are
+    those of OIML R 51.
 
     References
     ----------
@@ -219,7 +207,10 @@ class ZeroTracker:
             # Reset the variances to follow a jump, because dirt has come or was removed.
             for each in self._motions:
                 each.begin()
-        self._correct(reading, noise, allowed)
+        left = [each.correct(reading, noise, allowed) for each in self._motions]
+        held_back = any(each.value in allowed for each in self._motions)
+        rest = reading - self._mean()[0]
+        self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_doubtful(self, reading: float, change: float, noise: float) -> bool:
         """Return whether a reading, with a large change from the zero, needs confirmation."""
@@ -227,12 +218,6 @@ class ZeroTracker:
         if not self._has_read or change**2 <= _JUMP**2 * (drift + noise):
             return False
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
-
-    def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
-        left = [each.correct(reading, noise, allowed) for each in self._motions]
-        held_back = any(each.value in allowed for each in self._motions)
-        rest = reading - self._mean()[0]
-        self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_at_rest(self, counts: Array) -> bool:
         """Return whether a segment is stable and has no outliers."""

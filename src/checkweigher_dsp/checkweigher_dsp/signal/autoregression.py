@@ -46,9 +46,7 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     For a signal of some hundred samples, function calls take longer than the arithmetic. So the
     forward and backward errors are filtered as one matrix. An impulse follows each signal at a
     distance above the order, and its response contains the coefficients. The energy in the
-    denominator is updated recursively: it is multiplied by 1 - k^2, and the squares of the two
-    errors that are not used at the next order are subtracted. If rounding errors would matter, the
-    energy is summed again.
+    denominator is updated recursively, and summed again if rounding errors would matter.
 
     References
     ----------
@@ -121,18 +119,8 @@ _ROUNDING = 1e-28
 def pooled_autocovariance(segments: Iterable[Array], count: int) -> Array:
     """Return the biased autocovariance of several segments of the same process, about zero.
 
-    Parameters
-    ----------
-    segments : iterable of ndarray, (n_i,) float64
-        Successive samples of each segment. A segment may be empty.
-    count : int
-        Number of lags, beginning with 0.
-
-    Returns
-    -------
-    ndarray, (count,) float64
-        Autocovariance in the squared unit of the samples. It is 0 at lags that are longer than all
-        segments.
+    The segments, (n_i,) each, may be empty. The result, (count,) in the squared unit of the
+    samples, begins with lag 0. It is 0 at lags that are longer than all segments.
     """
     sums, seen = np.zeros(count), 0
     for each in segments:

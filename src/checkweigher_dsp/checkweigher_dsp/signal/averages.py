@@ -17,17 +17,7 @@ def batch_mean_std_error(samples: Array) -> float:
     """Return the standard error of the mean of successive samples with coloured noise.
 
     The method of batch means is used, because the means of ten successive batches are nearly
-    independent.
-
-    Parameters
-    ----------
-    samples : ndarray, (n,) float64
-        At least ten successive samples of a constant load.
-
-    Returns
-    -------
-    float
-        Standard error in the unit of `samples`.
+    independent. `samples`, (n,), are at least ten samples of a constant load.
     """
     means = [np.mean(batch) for batch in np.array_split(samples, BATCHES)]
     return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
@@ -64,3 +54,30 @@ def _hann_weights(count: int) -> tuple[Array, float]:
     weights: Array = np.hanning(count + 2)[1:-1].astype(np.float64)
     weights.flags.writeable = False
     return weights, float(np.add.reduce(weights))
+
+
+class RunningMoments:
+    """Running moments of a stream of values (Welford, Technometrics 4 (1962) 419)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.largest = 0.0  # value with the largest magnitude
+        self._mean = self._squares = 0.0  # sum of squared deviations from the mean
+
+    def add(self, value: float) -> None:
+        """Add a value."""
+        self.count += 1
+        self.largest = max(self.largest, value, key=abs)
+        before = value - self._mean
+        self._mean += before / self.count
+        self._squares += before * (value - self._mean)
+
+    @property
+    def mean(self) -> float:
+        """Mean, or NaN without values."""
+        return self._mean if self.count else math.nan
+
+    @property
+    def std_dev(self) -> float:
+        """Standard deviation, or NaN for fewer than two values."""
+        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan

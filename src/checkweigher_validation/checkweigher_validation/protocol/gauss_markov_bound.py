@@ -13,9 +13,8 @@ filtered by a linear system. The impact at entry has a known form and a random s
 adds noise and quantisation. All forces act on the platform, whose moving mass increases while the
 product enters the belt.
 
-The vibration that the previous product has caused is assumed to be known. The change of s with the
-unknown mass is also assumed to be known. This change is a few parts in a thousand, and would give
-an estimator almost no information.
+The vibration that the previous product has caused, and the small change of s with the unknown mass,
+are assumed to be known.
 """
 
 from collections.abc import Callable
@@ -29,8 +28,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangular
 from scipy.signal import StateSpace, butter, tf2ss
 
+from checkweigher_dsp.signal.platform_response import Platform
 from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel
-from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.noise import FLOOR_BAND, FLOOR_BANDWIDTH
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 from checkweigher_recording.simulation.simulator import (
@@ -180,8 +179,8 @@ class _SimulatedPass:
         return _covariance_of_readings(step, loads[self._first :])
 
     def _platform(self) -> PlatformDynamics:
-        mode = Mode(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
-        return PlatformDynamics(mode, self._step)
+        platform = Platform(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+        return PlatformDynamics(platform, self._step)
 
 
 def _covariance_of_readings(
