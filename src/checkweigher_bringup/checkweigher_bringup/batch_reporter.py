@@ -46,10 +46,7 @@ class BatchReporter(PortNode):
 
 
 def write_files(record: Path, sha256: str) -> dict[str, str]:
-    """Write the report on a batch as HTML and JSON, and return the SHA-256 of each file by name.
-
-    Raises `ValueError` if `sha256` is not the SHA-256 of the record.
-    """
+    """Write the report on a batch as HTML and JSON; return the SHA-256 of each file by name."""
     # The node product has just written the record, so the log that it names is the right one.
     log = next(read_lines(record)).get('audit_log')
     batch = read_recorded(record, Path(log) if log else None)

@@ -53,10 +53,9 @@ def seals_path(log: Path) -> Path:
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
-    """Return the signing key in a PEM file.
+    """Return the signing key in a PEM file, to which only its owner has access.
 
-    Raises `AuditError` if the file cannot be read, has no key, or is accessible to anyone except
-    its owner.
+    Raises `AuditError` if there is none.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:

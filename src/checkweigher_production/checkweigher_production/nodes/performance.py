@@ -49,10 +49,7 @@ class LineTest:
         self.publish(self._tests.state)
 
     async def begin(self, by: Author) -> str:
-        """Begin a test, and return an instruction for the person who makes it.
-
-        Raises `ValueError` or `RefusedError` if the test cannot begin.
-        """
+        """Begin a test, and return an instruction for the person who makes it."""
         who = by.who.strip()
         if not who:
             raise ValueError('the person who makes the performance test must be named')
