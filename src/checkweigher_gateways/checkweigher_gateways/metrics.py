@@ -9,14 +9,7 @@ from typing import Any
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
 
 from checkweigher_core.health.findings import Level
-from checkweigher_core.records import (
-    GRAMS,
-    Alarms,
-    ProductOnLine,
-    StopRequest,
-    Verdict,
-    seconds,
-)
+from checkweigher_core.records import GRAMS, Alarms, ProductOnLine, StopRequest, Verdict, seconds
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros.ports import DIAGNOSTICS, NODES, STOP_REQUEST
 from checkweigher_core.ros.services import GATEWAYS, OF_MACHINE, REPORTER

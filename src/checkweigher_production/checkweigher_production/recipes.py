@@ -330,15 +330,11 @@ def _check_filler(filler: FillerParameters, nominal: float) -> None:
 def _check_test(test: PerformancePlan, gross: float) -> None:
     if not _is_near(test.mass, gross):
         raise SettingsError(
-            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg',
-            'test',
-            'mass',
+            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg', 'test', 'mass'
         )
     if test.limit >= test.mass * _LARGEST_ERROR:
         raise SettingsError(
-            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg',
-            'test',
-            'limit',
+            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg', 'test', 'limit'
         )
 
 

@@ -175,10 +175,7 @@ def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
     """Return a process for each command."""
     return {
         name: SupervisedProcess(
-            name,
-            command,
-            reports=name not in _SILENT,
-            kept=name in _NOT_NEEDED or not supervises(),
+            name, command, reports=name not in _SILENT, kept=name in _NOT_NEEDED or not supervises()
         )
         for name, command in commands.items()
     }

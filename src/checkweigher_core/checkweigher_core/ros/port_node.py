@@ -106,10 +106,7 @@ class PortNode(Node):
         return super().create_subscription(msg_type, topic, guarded, *args, raw=True, **options)
 
     def _guarded(
-        self,
-        callback: Callable[..., Any],
-        what: str,
-        otherwise: Callable[[], Any] = lambda: None,
+        self, callback: Callable[..., Any], what: str, otherwise: Callable[[], Any] = lambda: None
     ) -> Callable[..., Any]:
         """Return a callback that handles an exception by `fail`, and then returns `otherwise()`."""
 

@@ -17,14 +17,7 @@ from checkweigher_core.health.disk import DiskWatch, free_bytes
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.health.host_clock import HostClock
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
-from checkweigher_core.records import (
-    LoadCell,
-    MassEstimate,
-    Statistics,
-    StopRequest,
-    Verdict,
-    utc,
-)
+from checkweigher_core.records import LoadCell, MassEstimate, Statistics, StopRequest, Verdict, utc
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
