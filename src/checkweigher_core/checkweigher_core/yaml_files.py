@@ -26,8 +26,6 @@ def opened(source: Path | str) -> Iterator[Any]:
     except UnicodeDecodeError as error:
         line = error.object.count(b'\n', 0, error.start) + 1
         raise SettingsError(f'{place}line {line}: not UTF-8') from None
-    except RecursionError:
-        raise SettingsError(f'{place}lists or tables are nested too deeply') from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = getattr(mark, 'line', 0) + 1
@@ -58,13 +56,6 @@ class _Loader(yaml.SafeLoader):
     PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, such values, and
     dates, are strings.
     """
-
-    def fetch_tag(self) -> None:
-        """Refuse a tag such as !!int, which would change the type of a value."""
-        raise yaml.MarkedYAMLError(
-            problem='tags such as !!int are not supported; write the value without a tag',
-            problem_mark=self.get_mark(),
-        )
 
     def table(self, node: Any) -> dict[Any, Any]:
         """Return a mapping. A repeated key is refused, because PyYAML would use its last value."""
@@ -107,7 +98,7 @@ def _line(text: str, path: tuple[Any, ...]) -> int:
     """Return the line number of a field, or of the innermost existing field that encloses it."""
     line, node = 1, None
     if '\n' in text.strip():
-        with suppress(yaml.YAMLError, RecursionError):  # some JSON texts are not valid YAML
+        with suppress(yaml.YAMLError):  # some JSON texts are not valid YAML
             node = yaml.compose(text, _Loader)
     for step in path:
         if isinstance(node, yaml.MappingNode):
