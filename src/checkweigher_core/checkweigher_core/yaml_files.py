@@ -26,6 +26,8 @@ def opened(source: Path | str) -> Iterator[Any]:
     except UnicodeDecodeError as error:
         line = error.object.count(b'\n', 0, error.start) + 1
         raise SettingsError(f'{place}line {line}: not UTF-8') from None
+    except RecursionError:
+        raise SettingsError(f'{place}lists or tables are nested too deeply') from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = getattr(mark, 'line', 0) + 1
@@ -98,7 +100,7 @@ def _line(text: str, path: tuple[Any, ...]) -> int:
     """Return the line number of a field, or of the innermost existing field that encloses it."""
     line, node = 1, None
     if '\n' in text.strip():
-        with suppress(yaml.YAMLError):  # some JSON texts are not valid YAML
+        with suppress(yaml.YAMLError, RecursionError):  # some JSON texts are not valid YAML
             node = yaml.compose(text, _Loader)
     for step in path:
         if isinstance(node, yaml.MappingNode):

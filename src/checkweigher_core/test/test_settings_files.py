@@ -162,10 +162,12 @@ def test_a_refusal_is_one_line_with_file_line_field_and_advice(
 
 def test_what_is_no_file_or_no_text_is_refused(tmp_path: Path):
     (tmp_path / 'picture').write_bytes(b'\n\xff\xd8')
+    (tmp_path / 'deep').write_text('{"a":' + 16_000 * '[')
     for name, what in (
         ('none', 'No such file'),
         ('.', 'directory'),
         ('picture', 'line 2: not UTF-8'),
+        ('deep', 'nested too deeply'),
     ):
         with pytest.raises(SettingsError, match=what) as caught:
             read_settings(tmp_path / name, Cake)

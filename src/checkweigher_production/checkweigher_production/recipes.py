@@ -150,14 +150,19 @@ class Product(Settings):
                 if math.isnan(getattr(self, name)):
                     object.__setattr__(self, name, limit)
         object.__setattr__(self, 'lower_limit', self._lower_limit())
-        for name, side, beyond in (
-            ('lower_limit', 'above', self.lower_limit > self.nominal),
-            ('upper_limit', 'below', self.upper_limit < self.nominal),
-        ):
-            if beyond:
-                raise SettingsError(
-                    f'{getattr(self, name):g} kg is {side} nominal, {self.nominal:g} kg', name
-                )
+        self._check_spans()
+        if self.filler is not None:
+            _check_filler(self.filler, self.nominal)
+        if self.test is not None:
+            _check_test(self.test, self.nominal + self.tare)
+
+    def _check_spans(self) -> None:
+        if self.lower_limit > self.nominal:
+            text = f'{self.lower_limit:g} kg is above nominal, {self.nominal:g} kg'
+            raise SettingsError(text, 'lower_limit')
+        if self.upper_limit < self.nominal:
+            text = f'{self.upper_limit:g} kg is below nominal, {self.nominal:g} kg'
+            raise SettingsError(text, 'upper_limit')
         for name in ('length', 'speed'):
             smallest, largest = getattr(self, name)
             if not smallest < largest:
@@ -166,10 +171,6 @@ class Product(Settings):
                     'smallest, then the largest',
                     name,
                 )
-        if self.filler is not None:
-            _check_filler(self.filler, self.nominal)
-        if self.test is not None:
-            _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
         """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2."""
