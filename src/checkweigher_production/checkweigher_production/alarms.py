@@ -78,11 +78,7 @@ class AlarmList:
             self._nodes.add(node)
 
     def set_stop(self, request: StopRequest | None) -> None:
-        """Begin the alarm of a stop request, and end the alarms of all other stop requests.
-
-        If `request` is None, all of them end. The reason NotReady is not an alarm, because it is
-        also used when a person stops the line.
-        """
+        """Begin the alarm of a stop request, and end those of others. NotReady is no alarm."""
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None
         for alarm in tuple(self._alarms.values()):

@@ -153,11 +153,7 @@ def procedure_on_line(
 
 
 class VerificationNode(RecorderNode):
-    """Node that records a lane, and that provides the samples and verdicts for the steps.
-
-    Any thread may read the queue `verdicts`. `latest` is the time in ns of the latest sample or
-    verdict.
-    """
+    """Node that records a lane, with its samples and verdicts. `latest` is their last time."""
 
     def __init__(self) -> None:
         recorded = tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION)

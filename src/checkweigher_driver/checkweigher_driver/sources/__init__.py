@@ -60,11 +60,7 @@ class Source(Device):
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
-        """Yield events in canonical order until the stream ends.
-
-        With hardware, an edge may be yielded before a block of earlier samples, which is yielded
-        when it is complete.
-        """
+        """Yield events in canonical order, or (hardware) when they are complete, until the end."""
 
     def operate(self, operation: Any) -> None:
         """Apply the operator's settings, an instance of `operation`. Any thread may call this."""

@@ -212,10 +212,7 @@ class LineBatches:
         self.write('reset', {'time': self._clock()})
 
     def begin(self) -> None:
-        """Begin or continue the record of the present batch, and end the previous record.
-
-        Raises `RecordError` if a record to be continued is not valid.
-        """
+        """Begin or continue the record of the present batch, and end the previous record."""
         if self._writer is not None:
             if path := self._open.get(self.production.batch):
                 self._restore(path)

@@ -69,11 +69,7 @@ class BeltItems(list[BeltItem]):
         return next((each for each in self if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
-        """Set the verdict of an item, and return the item.
-
-        `end` is the belt time in ns at which the item will have passed the rejector. If `end` is
-        None, the item is removed.
-        """
+        """Set the verdict of an item, which is gone at belt time `end` (None: now); return it."""
         item = self._find(verdict.t1)
         if item is None:
             item = BeltItem(verdict.t1)  # at the front, because `leave` removes items before it
