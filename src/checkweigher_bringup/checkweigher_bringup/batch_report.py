@@ -34,11 +34,7 @@ def record_files(source: Path) -> list[Path]:
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
-    """Yield the verdicts on an item in a record, or in all records in a folder.
-
-    Each verdict has the hash of its line. Raises `LineError` if there is no verdict, or if a
-    record that contains one cannot be trusted.
-    """
+    """Yield the verdicts on an item in records. Raises `LineError` if none can be trusted."""
     found, faults = 0, []
     for record in record_files(source):
         # Most records of a folder are not read in full.
@@ -92,10 +88,7 @@ def write_report(
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield the report as lines of text: the faults and signatures, then each product.
-
-    `parts` contains the statistics of each product, because a batch may have several products.
-    """
+    """Yield the report as lines of text: the faults and signatures, then each product."""
     title = f'batch {one_line(batch.name)}'
     yield from _trust_lines(batch, title)
     for part in parts:

@@ -44,11 +44,7 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Weigh the passes, print the table, and write the requested files.
-
-    Returns the number of bags that were skipped. `n_jobs` is the number of processes, as in
-    `checkweigher_validation.jobs.run_jobs`.
-    """
+    """Weigh the passes, print the table, write the files; return how many bags were skipped."""
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
     nominal = None if arguments.nominal is None else arguments.nominal / GRAMS
@@ -74,10 +70,7 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 
 
 def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Tune and weigh on simulated machines, print the tables, and write the requested files.
-
-    The arguments are those of `evaluate`. Returns 0, because no bags are read.
-    """
+    """Tune and weigh on simulated machines, print the tables, write the files, and return 0."""
     _check(arguments)
     protocol = _machines_protocol(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -234,10 +227,7 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 
 
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
-    """Return the passes for training and for the test, grouped by belt speed.
-
-    Training and test have the same speeds, so that their results can be compared.
-    """
+    """Return the passes for training and for the test, both grouped by the same belt speeds."""
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; checkweigher weigh shows the reasons')

@@ -22,21 +22,13 @@ from checkweigher_validation.cluster import LOCAL, on_scheduler
 def line_parameters(
     path: Path | None, estimator: str | None = None, lane: str | None = None
 ) -> LineParameters:
-    """Return the parameters of a file, or the defaults if `path` is None.
-
-    `estimator` replaces the estimator of the file. `lane` is the namespace of a lane if the file
-    has the parameters of several lanes.
-    """
+    """Return the parameters in a file, or the defaults, with another `estimator` if it is given."""
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product of the options `--recipes` and `--product`, or None without the options.
-
-    Raises `UserError` if only one of the options is given or the file lacks the product, and
-    `SettingsError` if the file cannot be used.
-    """
+    """Return the product of `--recipes` and `--product`, or None without the two options."""
     path, name = arguments.recipes, arguments.product
     if path is None and name is None:
         return None
@@ -86,9 +78,8 @@ def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
 def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
     """Use the scheduler of the option `--scheduler` in a block, and yield `n_jobs` for `run_jobs`.
 
-    Workers of the cluster that run another version of the program are not used, and are reported on
-    stderr. Raises `UserError` if the options cannot be used together, and `SchedulerError` if the
-    cluster cannot be used.
+    Workers with another version of the program are not used. Raises `UserError` or
+    `SchedulerError`.
     """
     check_positive(arguments, 'jobs')
     if arguments.scheduler != LOCAL and arguments.jobs is not None:

@@ -12,10 +12,7 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 @dataclass
 class Pacer:
-    """Due times of the events of a recording or a simulation.
-
-    A block is due at its end, any other event at its stamp. At rate 0, all are due at `start`.
-    """
+    """Due times of blocks at their ends, and of other events at their stamps, if rate is not 0."""
 
     rate: float  # playback speed in seconds of signal per second
     sample_rate: float  # sample rate in Hz
@@ -38,9 +35,8 @@ class Pacer:
 class FlowControl:
     """Flow control of the driver, which waits while the line lags too far behind.
 
-    The lag is computed from the counts that the segmenter reports, so it does not depend on the
-    depth of the DDS queues. Samples and edges are counted separately, because DDS may delay one
-    topic more than the other. The methods are not thread-safe.
+    The lag is the difference to the counts that the segmenter reports. Samples and edges are
+    counted separately, because DDS may delay one topic more than the other.
     """
 
     max_duration: float = 1.0  # largest lag in s of signal, below `segmenter.edge_lateness`

@@ -84,12 +84,7 @@ class Parameters:
     """Base class of all parameter sets, which checks types and ranges.
 
     A field may be a parameter set itself. The names of its parameters then begin with the name of
-    the field and a dot, as in ``tvlpf.gain``.
-
-    Raises
-    ------
-    ParameterError
-        If a value has the wrong type, is NaN, is out of range or is not one of the choices.
+    the field and a dot, as in ``tvlpf.gain``. Raises `ParameterError` if a value is invalid.
     """
 
     # Name of the node that declares the parameters.
@@ -188,8 +183,7 @@ def _number(kind: type, description: Description, value: object) -> float:
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
     """Raise ParameterError if the computation for one item would take too long.
 
-    `cost` estimates the duration in s from the parameters `names`. The message names the parameter
-    whose default value would shorten the computation most.
+    `cost` estimates the duration in s from the parameters `names`.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:
@@ -201,11 +195,6 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
         f'{parameters.node}.{dearest}: {values[dearest]} with {others} would take about '
         f'{seconds:.2g} s per item, but at most {_MAX_COST:g} s is allowed; lower it'
     )
-
-
-def _is_common(name: str) -> bool:
-    """Return whether a name is one of the parameters that rclpy gives to nodes."""
-    return name == 'use_sim_time' or name.startswith('qos_overrides.')
 
 
 def by_node(
@@ -237,23 +226,17 @@ def by_node(
             raise SettingsError(f'addresses none of {", ".join([*sets, *other_nodes])}', address)
         if str(address) in ignored:
             continue
-        named = {name: value for name, value in flatten(values).items() if not _is_common(name)}
-        if node == _ALL:
-            _check_names(named, known, address)
-        given[node] |= named
+        for name, value in flatten(values).items():
+            if name == 'use_sim_time' or name.startswith('qos_overrides.'):
+                continue  # parameters that rclpy gives to nodes
+            if node == _ALL and not any(name in names for names in known.values()):
+                why = f'none of {", ".join(known)} has a parameter {name}'
+                raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
+            given[node][name] = value
     return {
         node: {name: value for name, value in given[_ALL].items() if name in names} | given[node]
         for node, names in known.items()
     }
-
-
-def _check_names(
-    names: Iterable[str], known: Mapping[str, Collection[str]], address: object
-) -> None:
-    for name in names:
-        if not any(name in parameters for parameters in known.values()):
-            why = f'none of {", ".join(known)} has a parameter {name}'
-            raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
 
 
 def check_sections(sections: object) -> dict[Any, dict[str, Any]]:

@@ -22,10 +22,7 @@ def child_variable() -> dict[str, str]:
 
 
 def parent_identity() -> str:
-    """Return a unique identity of the parent process.
-
-    It consists of boot ID, process ID and start time, or only of the process ID without /proc.
-    """
+    """Return boot ID, process ID and start time of the parent process, or only its process ID."""
     parent = os.getppid()
     try:
         after_name = Path(f'/proc/{parent}/stat').read_text(encoding='utf-8').rpartition(')')[2]
@@ -36,11 +33,10 @@ def parent_identity() -> str:
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """Let the kernel send SIGTERM to this process when its parent ends.
+    """Let the kernel send SIGTERM to this process when its parent, or the parent's thread, ends.
 
     `parent` is the process ID of the parent, by default the value of `child_variable`. Without an
-    ID, no signal is sent, because a command that a user starts may outlive the shell. The signal is
-    also sent if only the thread that started this process ends.
+    ID, no signal is sent, because a command that a user starts may outlive the shell.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent

@@ -6,10 +6,7 @@ _LONGEST = 500  # default of the largest number of characters
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:
-    """Return a text as one printable line, without the middle of a text that is too long.
-
-    Control characters become escape sequences, because a terminal would execute them.
-    """
+    """Return a text as one printable line, without its middle if it is longer than `longest`."""
     line = str(text)
     if len(line) > longest:
         line = f'{line[: 2 * longest // 3]} ... {line[-longest // 4 :]}'
@@ -20,9 +17,5 @@ def one_line(text: object, longest: int = _LONGEST) -> str:
 
 
 def counted(count: int, name: str) -> str:
-    """Return a number with a noun in the singular or plural.
-
-    >>> counted(1, 'gap'), counted(0, 'gap')
-    ('1 gap', '0 gaps')
-    """
+    """Return a number with a noun in the singular or plural, such as 1 gap or 0 gaps."""
     return f'{count} {name}{"" if count == 1 else "s"}'

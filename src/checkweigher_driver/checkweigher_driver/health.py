@@ -11,11 +11,7 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 
 class DriverWatch:
-    """Monitor of the source `name` and of its stream.
-
-    Times are in s on a monotonic clock. Callers hold the lock of the process. `waits_for` is the
-    condition for which the source waits, or an empty string.
-    """
+    """Monitor of the source `name` and its stream. `waits_for` is what the source waits for."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -56,11 +52,7 @@ class DriverWatch:
     def findings(
         self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]
     ) -> list[Finding]:
-        """Return the findings at time `now`.
-
-        `offset_of_clocks` is the Unix time minus `now` in s. `trouble` is the present fault of the
-        source, and `figures` are its figures for the diagnostics.
-        """
+        """Return the findings at time `now`. `offset_of_clocks` is Unix time minus `now` in s."""
         source = self._source(trouble, figures)
         if self._samples is None:
             return [source]
@@ -83,9 +75,7 @@ class DriverWatch:
                 'check its cable, power and parameters, then restart the driver',
             ),
             error_if(
-                bool(trouble),
-                trouble,
-                'check cable and power; after the repair, reset the stop',
+                bool(trouble), trouble, 'check cable and power; after the repair, reset the stop'
             ),
             warn_if(
                 self._state == 'inactive',

@@ -9,14 +9,7 @@ from typing import Any
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
 
 from checkweigher_core.health.findings import Level
-from checkweigher_core.records import (
-    GRAMS,
-    Alarms,
-    ProductOnLine,
-    StopRequest,
-    Verdict,
-    seconds,
-)
+from checkweigher_core.records import GRAMS, Alarms, ProductOnLine, StopRequest, Verdict, seconds
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros.ports import DIAGNOSTICS, NODES, STOP_REQUEST
 from checkweigher_core.ros.services import GATEWAYS, OF_MACHINE, REPORTER
@@ -59,15 +52,10 @@ _REPORTING = {*NODES, *OF_MACHINE, *GATEWAYS}
 
 
 class Metrics(Gateway):
-    """Gateway that serves metrics to Prometheus.
+    """Gateway that serves the metrics in `registry` to Prometheus.
 
     Counters begin at 0 when the gateway starts. A lane without a namespace has the label
     ``lane=""``. Item numbers and batch names are not labels.
-
-    Attributes
-    ----------
-    registry : CollectorRegistry
-        Registry of the metrics.
     """
 
     def __init__(self, settings: MetricsSettings) -> None:

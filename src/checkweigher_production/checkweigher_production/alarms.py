@@ -36,9 +36,9 @@ def alarm_of(values: Mapping[str, Any]) -> Alarm:
 class AlarmList:
     """Alarms of a line, which are stored as entries of its audit log.
 
-    An entry is written when an alarm begins, recurs, ends or is acknowledged, and when the line is
-    shut down. If an item fault recurs, an entry is written only when its count has doubled.
-    `clock` returns the time in ns. `publish` is called with all alarms after each change.
+    An entry is written when an alarm begins, recurs, ends or is acknowledged. If an item fault
+    recurs, an entry is written only when its count has doubled. `publish` is called with all alarms
+    after each change.
     """
 
     def __init__(
@@ -78,11 +78,7 @@ class AlarmList:
             self._nodes.add(node)
 
     def set_stop(self, request: StopRequest | None) -> None:
-        """Begin the alarm of a stop request, and end the alarms of all other stop requests.
-
-        If `request` is None, all of them end. The reason NotReady is not an alarm, because it is
-        also used when a person stops the line.
-        """
+        """Begin the alarm of a stop request, and end those of others. NotReady is no alarm."""
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None
         for alarm in tuple(self._alarms.values()):

@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Audit log: a file with one line per change, in which hashes reveal later manipulation.
 
-Each line is one entry in JSON with a fixed format. An entry contains the SHA-256 hash of the
-previous entry, and its own hash over all its other fields. A line that was changed, removed,
-inserted or moved therefore breaks the chain of hashes. A second file, `LOG.head`, contains the
-number and the hash of the last entry. `LOG.head` is written when the log is created and after each
-entry, and reveals whether lines are missing at the end.
+Each line is one entry in JSON, with the SHA-256 hash of the previous entry and its own hash. A line
+that was changed, removed, inserted or moved therefore breaks the chain of hashes. A second file,
+`LOG.head`, contains the number and the hash of the last entry, and reveals whether lines are
+missing at the end.
 
-After a power loss, the log may end with an incomplete ("torn") entry, which is not counted in
-`LOG.head`, or with an entry that lacks its end of line. This is not manipulation. The next entry
-records the torn entry.
+After a power loss, the log may end with an incomplete ("torn") entry, or with an entry that lacks
+its end of line. This is not manipulation. The next entry records the torn entry.
 
-The chain has no key, so a person with write access to both files can rewrite them from any entry
-on. Such a change can be detected with a hash that was noted elsewhere (`known_hash` of `verify`).
+The chain has no key. If a person with write access to both files rewrites them, a hash that was
+noted elsewhere reveals it (`known_hash` of `verify`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -110,10 +108,7 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 
 def read_consistent(path: Path) -> tuple[bytes, bytes]:
-    """Return the contents of a log and its head at the same time. A missing head is empty.
-
-    Raises `AuditError` if the log cannot be read.
-    """
+    """Return the contents of a log and its head (empty if missing) at the same time."""
     while True:  # repeated if an entry was added between the two reads
         head = _read_head(path)
         data = _read_file(path)
@@ -135,11 +130,7 @@ def _read_head(path: Path) -> bytes:
 
 
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
-    """Verify the bytes of a log.
-
-    `head` contains the bytes of `LOG.head`, or is empty if that file is missing. If `known_hash` is
-    given, an entry must have this hash.
-    """
+    """Verify the bytes of a log and its head. With `known_hash`, an entry must have this hash."""
     chain = _Chain()
     try:
         chain.follow(data)
@@ -251,19 +242,8 @@ def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
 class AuditLog(AbstractContextManager['AuditLog', None]):
     """Log that is open for appending, and locked against other processes.
 
-    Before an entry is written, the log and `LOG.head` are compared with their last known state. No
-    entry is written to a log that was replaced, shortened or changed.
-
-    Raises `AuditError` if the log cannot be opened, is open in another process, or is not valid.
-
-    Attributes
-    ----------
-    entries : tuple of Entry
-        Entries of the log when it was opened.
-    last_hash : str
-        Hash of the last entry.
-    size : int
-        Size of the log in bytes, at most `MAX_LOG`.
+    No entry is written to a log that was replaced, shortened or changed. `entries` are those at the
+    opening, and `size` is in bytes. Raises `AuditError` if the log cannot be used.
     """
 
     def __init__(self, path: Path) -> None:
@@ -339,10 +319,9 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         who: str = '',
         why: str = '',
     ) -> Entry:
-        """Append an entry and sync the file to the disk.
+        """Append an entry and sync the file to the disk. Raises `AuditError` if that fails.
 
-        `who` is the person who makes the change, by default ``graph:`` and the `source`, and `why`
-        is the reason. Raises `AuditError` if the entry cannot be written.
+        `who` makes the change, by default ``graph:`` and the `source`, and `why` is the reason.
         """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')

@@ -1,12 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Seals of an audit log: signed records of its hashes.
+"""Seals of an audit log: signed records of its hashes, which reveal that a log was rewritten.
 
-If a whole log is rewritten, this can only be detected by someone who has noted one of its hashes. A
-seal is such a note. A seal contains the number and the hash of the last entry, the time, and the
-hash of the previous seal, and is signed with Ed25519 (RFC 8032). Seals are stored in a separate
-file with one line of JSON per seal. Persons with write access to the log must not have access to
-the file with the seals or to the signing key.
+A seal contains the number and the hash of the last entry, the time, and the hash of the previous
+seal, and is signed with Ed25519 (RFC 8032). Persons with write access to the log must not have
+access to the file with the seals or to the signing key.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,10 +51,9 @@ def seals_path(log: Path) -> Path:
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
-    """Return the signing key in a PEM file.
+    """Return the signing key in a PEM file, to which only its owner has access.
 
-    Raises `AuditError` if the file cannot be read, has no key, or is accessible to anyone except
-    its owner.
+    Raises `AuditError` if there is none.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:
@@ -122,10 +119,7 @@ def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 def hold_to_seals(
     found: Verification, path: Path, key: Ed25519PublicKey
 ) -> tuple[tuple[Seal, ...], Verification]:
-    """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
-
-    Raises `AuditError` if the file with the seals does not exist.
-    """
+    """Compare a log with its seals; return the seals, and `found` with the fault, if any."""
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name their file by --seals')
     try:

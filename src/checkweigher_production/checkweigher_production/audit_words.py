@@ -52,10 +52,7 @@ def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
 
 
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
-    """Return name, old value and new value of each change in an entry.
-
-    For an object without old values, a single change states the number of its values.
-    """
+    """Return name, old value and new value of each change in an entry."""
     old, new = entry.old, entry.new
     if not isinstance(new, dict):
         return [(entry.subject, old, new)]
@@ -66,10 +63,7 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
 
 
 def shortened(value: Any, widest: int | None = _WIDEST) -> str:
-    """Return a value as printable text with at most `widest` characters (None: any number).
-
-    The value None becomes a dash.
-    """
+    """Return a value, or a dash for None, as printable text of at most `widest` characters."""
     text = '-' if value is None else value if isinstance(value, str) else json.dumps(value)
     text = text if text.isprintable() else repr(text)
     return text if widest is None or len(text) <= widest else text[: widest - 3] + '...'

@@ -3,14 +3,13 @@
 """Record of a batch: a file with one line of JSON for each event of the batch.
 
 The kinds of lines are begin, product (with its recipe), verdict, stop, filler, reset, broken and
-end. Each line ends with the SHA-256 of the file up to there, without the hash itself. Lines of
-older versions have a checksum or nothing instead. NaN and infinities are written as NaN, Infinity
-and -Infinity. A separate thread writes and syncs the lines, so that production does not wait for
-the disk. If the disk is full, the thread retries until the lines are written. A record without an
-end is continued after a restart.
+end. Each line ends with the SHA-256 of the file up to there. Lines of older versions have a
+checksum or nothing instead. A separate thread writes and syncs the lines, so that production does
+not wait for the disk, and retries if the disk is full. A record without an end is continued after a
+restart.
 
-The audit log contains the length and the hash of a record from each time that it was opened or
-closed. A record is broken if it contradicts the audit log, or if the hash of a line is wrong.
+The audit log contains the length and the hash of a record at certain times. A record is broken if
+it contradicts the audit log, or if the hash of a line is wrong.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -67,10 +66,7 @@ def record_path(folder: Path, batch: str) -> Path:
 
 
 def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
-    """Return the paths of the records without an end by batch, and the faults of invalid records.
-
-    Only the first line and the end of each file are read.
-    """
+    """Return the paths of the records without an end by batch, and the faults of others."""
     found: dict[str, Path] = {}
     faults = []
     for path in sorted(folder.glob(f'*{SUFFIX}')):
@@ -133,10 +129,7 @@ def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
 
 
 def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return why a record is broken, or an empty text.
-
-    `data` is the content of the file, and `states` are its states in the audit log.
-    """
+    """Return why a record is broken or contradicts its states in the audit log, or ''."""
     return _broken_line(data) or _contradicted(data, states)
 
 
@@ -201,10 +194,9 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield kind and content of each line.
+    """Yield kind and content of each line, or raise `RecordError`.
 
-    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds. Raises
-    `RecordError` as `read_lines` does, or if a value is not valid.
+    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds.
     """
     for number, values in enumerate(read_lines(path), 1):
         kind = values.pop('kind')
@@ -254,11 +246,7 @@ _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 
 
 class RecordWriter:
-    """Writer of the records of successive batches.
-
-    `states` is a queue of states for the audit log. `trouble` is the reason why lines cannot be
-    written at present, or empty.
-    """
+    """Writer of the records of successive batches. `trouble` is why it cannot write, or empty."""
 
     def __init__(self, folder: Path) -> None:
         self.states: queue.SimpleQueue[RecordState] = queue.SimpleQueue()
@@ -286,8 +274,8 @@ class RecordWriter:
     def resume(self, batch: str, time: str = '', states: Sequence[RecordState] = ()) -> None:
         """Continue the record of a batch, unless it has ended.
 
-        `states` contains its states in the audit log. If the record is broken, a line with the
-        fault and the time `time` is added.
+        If it is broken or contradicts its `states` in the audit log, a line with the fault is
+        added.
         """
         self._submit(self._open, batch, CONTINUED, time, states)
 

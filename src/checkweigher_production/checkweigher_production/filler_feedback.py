@@ -49,11 +49,9 @@ class FillerParameters(Parameters):
 
 
 class FillerController:
-    """Controller of one filler for one product.
+    """Controller of one filler for one product. `nominal` and `tare` are in kg.
 
-    `nominal` is the nominal quantity and `tare` the mass of the packaging, both in kg. `correction`
-    is the sum of all changes of the set point in kg; its initial value is limited to the allowed
-    range.
+    `correction` is the sum of all changes of the set point in kg.
     """
 
     def __init__(

@@ -116,10 +116,9 @@ _NEVER = LastTest(0, '', '', passed=True)  # value before the first test
 
 
 class PerformanceTests:
-    """State of the performance test of the selected product.
+    """State of the performance test of the selected product. Times are in ns (system clock).
 
-    `plan` contains the rules of the recipe, or is None if the recipe requires no test. Times
-    are in ns of the system clock.
+    `plan` contains the rules of the recipe, or is None if the recipe requires no test.
     """
 
     def __init__(self) -> None:

@@ -2,28 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recipes: a YAML file with the masses, limits and parameters of each product.
 
-::
-
-    products:
-      crisps_150g:
-        nominal: 0.150            # kg, contents
-        tare: 0.004               # kg, of the packaging
-        lower_limit: TU1          # kg of contents, or TU1 or TU2 of directive 76/211/EEC
-        upper_limit: 0.165        # kg of contents
-        length: [0.09, 0.12]      # m, shortest and longest
-        speed: [0.5, 1.5]         # m/s, slowest and fastest
-        tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
-        mean_value: true          # the mean of the batch is never below nominal
-        filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
-        test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  # performance test
-        reason: true              # a person at the page has to say why something is changed
-        parameters:               # of the nodes, as in a parameter file
-          identifier:
-            estimator: gauss_markov
-
-A mass is that of the contents, except `tare` and the mass of the test product, which includes its
-packaging. The scale weighs contents and packaging together. Therefore the tare is added to all
-limits for the reject node.
+docs/recipes.md describes the keys. A mass is that of the contents, except `tare` and the mass of
+the test product, which includes its packaging. The scale weighs contents and packaging together.
+Therefore the tare is added to all limits for the reject node.
 """
 
 from collections.abc import Iterator, Mapping
@@ -142,14 +123,19 @@ class Product(NanEqual, Settings):
                 if math.isnan(getattr(self, name)):
                     object.__setattr__(self, name, limit)
         object.__setattr__(self, 'lower_limit', self._lower_limit())
-        for name, side, beyond in (
-            ('lower_limit', 'above', self.lower_limit > self.nominal),
-            ('upper_limit', 'below', self.upper_limit < self.nominal),
-        ):
-            if beyond:
-                raise SettingsError(
-                    f'{getattr(self, name):g} kg is {side} nominal, {self.nominal:g} kg', name
-                )
+        self._check_spans()
+        if self.filler is not None:
+            _check_filler(self.filler, self.nominal)
+        if self.test is not None:
+            _check_test(self.test, self.nominal + self.tare)
+
+    def _check_spans(self) -> None:
+        if self.lower_limit > self.nominal:
+            text = f'{self.lower_limit:g} kg is above nominal, {self.nominal:g} kg'
+            raise SettingsError(text, 'lower_limit')
+        if self.upper_limit < self.nominal:
+            text = f'{self.upper_limit:g} kg is below nominal, {self.nominal:g} kg'
+            raise SettingsError(text, 'upper_limit')
         for name in ('length', 'speed'):
             smallest, largest = getattr(self, name)
             if not smallest < largest:
@@ -158,10 +144,6 @@ class Product(NanEqual, Settings):
                     'smallest, then the largest',
                     name,
                 )
-        if self.filler is not None:
-            _check_filler(self.filler, self.nominal)
-        if self.test is not None:
-            _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
         """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2."""
@@ -250,10 +232,7 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 
 def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the keys of each recipe in a recipe file, by product name.
-
-    Raises `SettingsError` if a recipe is not valid.
-    """
+    """Return the keys of each recipe in a file by product, or raise `SettingsError`."""
     return {name: dict(keys) for name, keys in _content(path)['products'].items()}
 
 
@@ -282,8 +261,7 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
 def replace_recipes(path: Path, text: str) -> None:
     """Replace the content of a recipe file by a text, which may contain comments.
 
-    Raises `SettingsError` if a recipe is not valid, and `OutputError` if the file cannot be
-    written. In both cases, the file is unchanged.
+    An invalid recipe raises `SettingsError`, and a file that cannot be written `OutputError`.
     """
     read_settings(text, RecipeFile)
     with _locked(path):
@@ -326,15 +304,11 @@ def _check_filler(filler: FillerParameters, nominal: float) -> None:
 def _check_test(test: PerformancePlan, gross: float) -> None:
     if not _is_near(test.mass, gross):
         raise SettingsError(
-            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg',
-            'test',
-            'mass',
+            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg', 'test', 'mass'
         )
     if test.limit >= test.mass * _LARGEST_ERROR:
         raise SettingsError(
-            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg',
-            'test',
-            'limit',
+            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg', 'test', 'limit'
         )
 
 

@@ -25,11 +25,7 @@ _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selectio
 
 
 class Identity:
-    """Identity of a machine, from its audit log and its parameters.
-
-    The parameters are written to `file`. `audit` is the audit log, or None. Raises `AuditError` if
-    the log cannot be read or its chain is broken.
-    """
+    """Identity of a machine, from its audit log and its parameters, which `file` contains."""
 
     def __init__(self, file: Path, audit: Path | None) -> None:
         self._file = file
@@ -99,10 +95,7 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
 
 
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
-    """Return the name, digest and last hash of an audit log, and the entries.
-
-    Raises `AuditError` if the chain of the log is broken.
-    """
+    """Return name and digests of an audit log, and its entries. Raises `AuditError` if broken."""
     if path is None:
         return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()
     found = read_log(path)

@@ -31,10 +31,7 @@ DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 
 
 def own_folder(node: Node, name: str) -> Path:
-    """Return the folder that the parameter `folder` of a node names.
-
-    If the folder cannot be used, the node is destroyed and `ParameterError` is raised.
-    """
+    """Return the folder of a node, or destroy the node and raise `ParameterError`."""
     folder = Path(name)
     try:
         if not name or not folder.is_dir():
@@ -51,11 +48,9 @@ def own_folder(node: Node, name: str) -> Path:
 class MachineFolder:
     """Folder with the state of a machine.
 
-    The files are the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
-    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, and the audit
-    log `audit.log`. The folders `passes_N` are bags of recorded passes, `kept` contains items that
-    users kept, `batches` contains records and reports of batches, `plans` contains verification
-    plans, and `verifications` contains a folder for each verification.
+    It contains the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
+    `recipes.yaml`, the numbers of the latest items, the audit log, and folders: bags of passes,
+    `kept` items, records of `batches`, verification `plans`, and `verifications`.
     """
 
     path: Path

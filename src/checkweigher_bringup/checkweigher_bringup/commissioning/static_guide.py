@@ -83,11 +83,7 @@ def ask(text: str, unfinished: str = 'the calibration was done: nothing was writ
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Read the empty belt, each mass, and the empty belt again.
-
-    Without masses, the empty belt is read once. `masses` and `mass_uncertainty`, the standard
-    uncertainty of each mass, are in kg.
-    """
+    """Read the empty belt, each mass in kg, and the empty belt again (without masses: once)."""
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
     points = []
     for mass in wanted:
@@ -102,10 +98,7 @@ def _guided_points(
 def read_at_rest(
     feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness, show: Callable[[str], None]
 ) -> StaticReading:
-    """Return the reading of a load once the load has been at rest for long enough.
-
-    `show` is called with texts on the state of the measurement, and with '' at the end.
-    """
+    """Return the reading of a load at rest. `show` is called with the state, and '' at the end."""
     feed.forget()
     reading, blocks = RestReading(load_cell, steadiness), feed.blocks()
     found = shown = None

@@ -57,10 +57,7 @@ def verify(arguments: argparse.Namespace) -> str:
 
 
 def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
-    """Write the result of a verification to the audit log of the line.
-
-    Returns the reason why the result could not be written, or an empty text.
-    """
+    """Write a result to the audit log of the line; return why this failed, or an empty text."""
     files = [folder / f'report.{ending}' for ending in ('html', 'json')]
     value = {
         'verdict': verdict,
@@ -89,11 +86,7 @@ def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
 
 
 def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:
-    """Run a procedure, write its report into a new folder, and return the verdict.
-
-    The function `make` runs the procedure. The arguments of `make` are the identity of the machine
-    and the path of the bag to write. `audit` is the audit log of the line.
-    """
+    """Run a procedure by `make`, write its report into a new folder, and return the verdict."""
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_output_folder(folder)
     try:

@@ -124,9 +124,8 @@ def procedure_on_line(
 ) -> None:
     """Guide an operator through the steps of a plan, and record the procedure into a bag.
 
-    The parameters of the line are read before the first step and after the last step. If the
-    operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if the
-    line does not run or the input ends.
+    If the operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if
+    the line does not run or the input ends.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -154,11 +153,7 @@ def procedure_on_line(
 
 
 class VerificationNode(RecorderNode):
-    """Node that records a lane, and that provides the samples and verdicts for the steps.
-
-    Any thread may read the queue `verdicts`. `latest` is the time in ns of the latest sample or
-    verdict.
-    """
+    """Node that records a lane, with its samples and verdicts. `latest` is their last time."""
 
     def __init__(self) -> None:
         recorded = tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION)

@@ -63,10 +63,9 @@ def run_line(
     """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
-    `page` has the options of the page, or is None if the page is not served. With a `folder`, the
-    line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways
-    of the file `gateways` run beside the line. Raises `UserError` if a line already runs in this
-    lane, and `SettingsError` if the file `gateways` is invalid.
+    `page` has the options of the page, or is None without a page. With a `folder`, the nodes of
+    `BESIDE` run as well. Raises `UserError` if a line already runs in this lane, and
+    `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, namespace, driver, folder)
@@ -129,11 +128,7 @@ def run_host(line: LineDescription, host: str) -> int:
 
 
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
-    """Notify each process of the diagnostics of its nodes.
-
-    `process_of` maps the full name of each node to its process. Returns the watchdog of those nodes
-    that belong to the line.
-    """
+    """Notify each process of the diagnostics of its nodes; return the watchdog of the line."""
     watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
     def on_diagnostics(message: Any) -> None:
@@ -176,10 +171,7 @@ def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
     """Return a process for each command."""
     return {
         name: SupervisedProcess(
-            name,
-            command,
-            reports=name not in _SILENT,
-            kept=name in _NOT_NEEDED or not supervises(),
+            name, command, reports=name not in _SILENT, kept=name in _NOT_NEEDED or not supervises()
         )
         for name, command in commands.items()
     }
@@ -221,10 +213,7 @@ def _supervise(
     asked: Sequence[int],
     meanwhile: Callable[[], None],
 ) -> int:
-    """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
-
-    Also return if a process of the line cannot start or, under systemd, has ended.
-    """
+    """Keep processes running and call `meanwhile`, until a signal or the end of the line."""
     try:
         while not asked:
             now = time.monotonic()

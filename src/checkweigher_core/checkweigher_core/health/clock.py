@@ -79,10 +79,7 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the rate of the stamps relative to the clock of this machine, NaN if unknown.
-
-        The shortest delays are preferred, because blocks arrive too fast for a while after a halt.
-        """
+        """Return the rate of the stamps relative to the clock of this machine, NaN if unknown."""
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
         arrival, elapsed, _ = self._span()
@@ -102,10 +99,7 @@ class ClockWatch:
         return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
     def finding(self, offset_of_clocks: float) -> Finding:
-        """Return the finding Clock.
-
-        `offset_of_clocks` is the difference in s between the time of day and the clock of arrivals.
-        """
+        """Return the finding Clock. `offset_of_clocks` is time of day minus arrival clock in s."""
         # Shortest recent delay of a block in s, relative to the first stamp.
         least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
         least = math.nan if math.isinf(least) else least

@@ -94,10 +94,7 @@ _FORMS: dict[type, _Form] = {
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
-    """Return a record of a port, or None, as a message of rclpy.
-
-    `stamp` is the stamp of the header in ns, for a record without a stamp.
-    """
+    """Return a record of a port, or None, as a message. `stamp` in ns is for LoadCell alone."""
     message = port.type()
     if record is None and port.record is not None:
         return _filled(message, _plan(cast(Any, port.record)).form.absent)
@@ -251,10 +248,7 @@ def _text(value: str) -> str:
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return the fields of a time message for a stamp in ns, or 0 if the stamp is unknown.
-
-    A stamp after the year 2038, which a time message cannot hold, counts as unknown.
-    """
+    """Return the fields of a time message, 0 for an unknown stamp or one after the year 2038."""
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     held = -(2**31) <= sec < 2**31
     return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}

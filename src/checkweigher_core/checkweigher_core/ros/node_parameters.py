@@ -53,10 +53,7 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 
 
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
-    """Declare a parameter set to ROS and return it with the values given to the node.
-
-    The names get a `prefix`. Raises `ParameterError` if a value is invalid.
-    """
+    """Declare a parameter set with a `prefix`, and return it with the values given to the node."""
     values = {}
     for own_name, entry in parameters.entries().items():
         name = prefix + own_name
@@ -75,10 +72,7 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
 def _declare_list(
     node: Node, name: str, entry: 'Field[Any]', default: list[float], *, read_only: bool
 ) -> None:
-    """Declare a list of numbers, which keeps this type if it is empty.
-
-    rcl reads an empty list in a parameter file as a parameter without a value.
-    """
+    """Declare a list of numbers. An empty list, which rcl reads as no value, keeps its type."""
     writable, final = (descriptor(entry, read_only=each) for each in (False, read_only))
     value = node.declare_parameter(name, default, writable).value
     if value is None or value == []:

@@ -31,11 +31,7 @@ _FIRST_LINE = '# Made by checkweigher calibrate, version '
 
 
 def check_calibration_file(path: Path) -> None:
-    """Raise CalibrationError or OutputError if a calibration cannot be written to a path.
-
-    An existing file must be a calibration file. A file in an installed package is refused, because
-    the next installation would replace it.
-    """
+    """Raise CalibrationError or OutputError if a calibration cannot be written to a path."""
     check_not_installed(path)
     if path.is_dir():
         raise CalibrationError(f'{path}: is a folder, must be a file')
@@ -106,8 +102,7 @@ def write_version(
     """Write a calibration as the newest version of a file, and return the version number.
 
     The previous version is kept as ``NAME.vN.yaml``. Other parameters are copied from the file
-    `base` or, by default, from the previous version. Raises CalibrationError or OutputError if the
-    file cannot be written. An existing file is then left unchanged.
+    `base` or, by default, from the previous version. Raises CalibrationError or OutputError.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -130,11 +125,7 @@ def write_version(
 
 
 def replace_version(path: Path, new: Path) -> int:
-    """Replace a file by another file, and return the version number of the new content.
-
-    The old file is kept as ``NAME.vN.yaml``. Raises OutputError, and replaces nothing, if the old
-    file cannot be kept.
-    """
+    """Replace a file, which is kept as ``NAME.vN.yaml``; return the version number of `new`."""
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():
         _keep(path, version)
@@ -199,10 +190,9 @@ def check_calibrated_source(source: str) -> None:
 
 
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
-    """Return counts_per_kg and zero_counts of a source, or None without a calibration file.
+    """Return counts_per_kg and zero_counts of a source, None without a file or such parameters.
 
-    The result is also None if the source has no such parameters. Raises CalibrationError or
-    SettingsError if the file is not a calibration of this source.
+    Raises CalibrationError or SettingsError if the file is not a calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
         return None

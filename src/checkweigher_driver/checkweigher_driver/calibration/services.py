@@ -47,8 +47,7 @@ _Answer = tuple[bool, str, StaticReading | None]  # success, message and reading
 class CalibrationServices:
     """Action that reads loads at rest, and services that fit a calibration and write its file.
 
-    The function `restart` begins a new stream with the calibration, and returns the reason of a
-    failure or an empty string.
+    `restart` begins a new stream with the calibration, and returns why that has failed, or ''.
     """
 
     def __init__(
@@ -85,10 +84,7 @@ class CalibrationServices:
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
-        """Return counts_per_kg and zero_counts of the calibration file, None without a file.
-
-        Raises ParameterError if the file is invalid.
-        """
+        """Return counts_per_kg and zero_counts of the calibration file, None without a file."""
         path = self._parameters.path
         try:
             return None if path is None else read_calibration(path, self._source)

@@ -3,13 +3,11 @@
 """Record of the state of the belt, in a file that outlives the driver.
 
 The file is on the disk before the belt may run, so the next start detects that the driver was
-killed or lost its power while items may have been on the belt. The names of the items need not
-survive a power cut. A separate thread writes them, so that the outputs do not wait for the disk
-while the belt runs.
+killed while items may have been on the belt. A separate thread writes the names of the items, so
+that the outputs do not wait for the disk while the belt runs.
 
-An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
-record, the record was lost, and the belt may have run. If neither file exists, the driver starts
-for the first time.
+An empty file with the suffix `.begun` shows that there was a record. If it exists without a record,
+the record was lost, and the belt may have run.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -33,11 +31,9 @@ _EMPTY_BEFORE = b'[false, [], []]'
 
 @dataclass(frozen=True)
 class OnBelt:
-    """State of the belt.
+    """State of the belt: names of its `items`, and `doubts` that no person has resolved yet.
 
-    `released` is true if the belt may have run since it was known to be empty. `items` contains the
-    names of the items on the belt. `doubts` contains the messages on missed products for which no
-    person has looked yet.
+    `released` is true if the belt may have run since it was known to be empty.
     """
 
     released: bool = False
@@ -75,10 +71,9 @@ class OnBelt:
 
 
 class BeltRecord:
-    """File with the state of the belt, locked for one driver at a time.
+    """File with the state of the belt, locked for one driver. `found` is that of the last run.
 
-    `found` is the state at the end of the previous run. The constructor raises ParameterError if
-    the file cannot be used.
+    Raises ParameterError if the file cannot be used.
     """
 
     def __init__(self, path: Path) -> None:

@@ -16,8 +16,7 @@ _TRIES = 5
 def read_clocks() -> tuple[int, int]:
     """Return simultaneous readings in ns of the monotonic and the real-time clock.
 
-    The clocks are read several times. The readings that are closest together are returned, because
-    the thread may be suspended between two readings.
+    Of several readings, the closest are returned, because the thread may be suspended in between.
     """
 
     def reading() -> tuple[int, int, int]:
@@ -29,11 +28,7 @@ def read_clocks() -> tuple[int, int]:
 
 
 class ClockStepWatch:
-    """Detector of steps of the real-time clock.
-
-    A step is a change of the offset between the clocks by more than `tolerance` in ns between two
-    calls of `look`.
-    """
+    """Detector of steps of the real-time clock by more than `tolerance` in ns between two looks."""
 
     def __init__(self, tolerance: int, clocks: Callable[[], tuple[int, int]] = read_clocks) -> None:
         self._tolerance = tolerance

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges of photo-eyes whose states are polled.
 
-A poll reads both eyes at an unknown time between its start and its end. An edge therefore lies
-between the start of the last poll with the old state and the end of the first poll with the new
-state. The stamp of the edge is the middle of this interval, and its uncertainty is half of the
-interval. The length of the interval is the sum of poll period and round-trip time.
+A poll reads both eyes between its start and its end. An edge therefore lies between the start of
+the last poll with the old state and the end of the first poll with the new state. Its stamp is the
+middle of this interval, and its uncertainty is half of the interval.
 """
 
 from dataclasses import dataclass
@@ -46,10 +45,7 @@ class EdgePolling:
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Add a poll; return the edges, the loss or the return of the eyes since the previous poll.
-
-        `to_stamp` is a stamp minus the simultaneous time of a poll, in ns.
-        """
+        """Add a poll; return the new events. `to_stamp` is a stamp minus the time of a poll."""
         last, self._last = self._last, poll
         to_stamp -= self._delay
         if self._lost:
@@ -101,11 +97,7 @@ class EdgePolling:
         return [EyesLost(since + to_stamp - self._delay, text)]
 
     def figures(self) -> dict[str, float]:
-        """Return figures for the diagnostics.
-
-        ``edge uncertainty ms`` is computed from the mean period and round-trip time. ``largest edge
-        uncertainty ms`` is the maximum over all edges.
-        """
+        """Return figures for the diagnostics, such as the mean uncertainty of an edge in ms."""
         polls = max(self._polls, 1)
         period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls
         return {

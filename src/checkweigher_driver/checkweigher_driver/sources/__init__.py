@@ -18,19 +18,14 @@ _SWITCH_INTERVAL = 0.0005  # s
 
 
 def shorten_switch_interval() -> None:
-    """Shorten the thread switch interval of the interpreter.
-
-    With the default interval, threads that time photo-eyes or switch the rejector would wait too
-    long for the lock of the interpreter.
-    """
+    """Shorten the thread switch interval of the interpreter for threads with exact times."""
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))
 
 
 class Device(ABC):
     """Common interface of the sources of samples and of edges.
 
-    `parameters` is the class of the parameter set. The constructor raises ValueError if the device
-    cannot be opened; the message is one line for a technician.
+    The constructor raises ValueError with a line for a technician if the device cannot be opened.
     """
 
     parameters: ClassVar[type[Parameters]]
@@ -65,11 +60,7 @@ class Source(Device):
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
-        """Yield events in canonical order until the stream ends.
-
-        With hardware, an edge may be yielded before a block of earlier samples, which is yielded
-        when it is complete.
-        """
+        """Yield events in canonical order, or (hardware) when they are complete, until the end."""
 
     def operate(self, operation: Any) -> None:
         """Apply the operator's settings, an instance of `operation`. Any thread may call this."""

@@ -28,10 +28,7 @@ _COUNTED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 
 
 
 def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
-    """Return all products of a recipe file, and the product `name`.
-
-    Raises `SettingsError` if the file is not valid or has no such product.
-    """
+    """Return all products of a recipe file, and the product `name`, or raise `SettingsError`."""
     if not file:
         raise SettingsError('the parameter recipes of the node product names no file')
     products = read_recipes(Path(file))
@@ -42,11 +39,9 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
 
 @dataclass(eq=False)
 class LineSelection:
-    """Selection of product and batch.
+    """Selection of product and batch, which is written to the audit log before it is made.
 
-    Each change is written to the audit log before it is made. `file` is the path of the recipe file
-    and `first` the name of the product at the first start; both may be empty. `warn` logs a
-    warning.
+    `file` is the path of the recipe file and `first` the product at the first start, or empty.
     """
 
     file: str
@@ -64,11 +59,7 @@ class LineSelection:
         self._begun = not self.file  # whether the selection at the start is completed
 
     async def select(self, name: str, by: Author) -> None:
-        """Select a product.
-
-        If a node refuses, the previous product remains selected, or no product if parameters were
-        already set.
-        """
+        """Select a product. If a node refuses, the previous one stays if its parameters do."""
         products, product = find(self.file, name)
         if self.batches.doubt:
             raise SettingsError(self.batches.doubt)
@@ -109,10 +100,7 @@ class LineSelection:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the product of the last run or the first product; return whether one was selected.
-
-        The method must be called repeatedly, because it has no effect while nodes are missing.
-        """
+        """Select the last or the first product once all nodes run; return whether it was done."""
         if self._begun or self.batches.doubt:
             return False
         resumed, _ = self._resumed
@@ -159,10 +147,7 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Begin a batch, end the previous one, and return the statistics of the previous one.
-
-        If an exception is raised, the previous batch continues.
-        """
+        """Begin a batch and end the previous one, unless that fails; return its statistics."""
         continues = bool(self.batches.doubt) and self.batches.has_record(name)
         is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
         if not name or is_known or not self.batches.may_begin(name):
@@ -240,11 +225,7 @@ class LineSelection:
                 'no product is selected, so nothing is accepted',
                 'select one on the page, or by the service select_product',
             ),
-            warn_if(
-                bool(other),
-                other,
-                'select the product again, or change its recipe',
-            ),
+            warn_if(bool(other), other, 'select the product again, or change its recipe'),
             warn_if(
                 bool(unresolved), unresolved, 'train this product, or run the belt at a lower speed'
             ),

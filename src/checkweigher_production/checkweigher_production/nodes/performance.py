@@ -25,11 +25,7 @@ _LEVELS = {
 
 @dataclass(eq=False)
 class LineTest:
-    """Performance test of the selected product. All items are rejected during a test.
-
-    `recipe` sets the reject node to reject all items, and `trail` writes the audit log. `publish`
-    publishes the state, and `clock` returns the time of the system clock in ns.
-    """
+    """Performance test of the selected product, during which `recipe` rejects all items."""
 
     recipe: LineRecipe
     trail: AuditTrail
@@ -49,10 +45,7 @@ class LineTest:
         self.publish(self._tests.state)
 
     async def begin(self, by: Author) -> str:
-        """Begin a test, and return an instruction for the person who makes it.
-
-        Raises `ValueError` or `RefusedError` if the test cannot begin.
-        """
+        """Begin a test, and return an instruction for the person who makes it."""
         who = by.who.strip()
         if not who:
             raise ValueError('the person who makes the performance test must be named')

@@ -16,10 +16,9 @@ _MAX_NAMES = 10
 class BeltItem:
     """Item between the infeed eye and the rejector.
 
-    `entered` and `cleared` are the stamps in ns at which the item has blocked and cleared the
-    infeed eye. `number` is 0 as long as it is unknown. `end` is the belt time in ns at which the
-    item has passed the rejector, None before its verdict. `reported` is true if the item has caused
-    a stop.
+    `entered` and `cleared` are the stamps in ns of its edges at the infeed eye. `number` is 0 as
+    long as it is unknown. `end` is the belt time in ns at which it has passed the rejector, None
+    before its verdict. `reported` is true if it has caused a stop.
     """
 
     entered: int | None
@@ -70,11 +69,7 @@ class BeltItems(list[BeltItem]):
         return next((each for each in self if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
-        """Set the verdict of an item, and return the item.
-
-        `end` is the belt time in ns at which the item will have passed the rejector. If `end` is
-        None, the item is removed.
-        """
+        """Set the verdict of an item, which is gone at belt time `end` (None: now); return it."""
         item = self._find(verdict.t1)
         if item is None:
             item = BeltItem(verdict.t1)  # at the front, because `leave` removes items before it
