@@ -34,7 +34,11 @@ def record_files(source: Path) -> list[Path]:
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
-    """Yield the verdicts on an item in records. Raises `LineError` if none can be trusted."""
+    """Yield the verdicts on an item in a record, or in all records in a folder.
+
+    Each verdict has the hash of its line. Raises `LineError` if there is no verdict, or if a
+    record that contains one cannot be trusted.
+    """
     found, faults = 0, []
     for record in record_files(source):
         # Most records of a folder are not read in full.

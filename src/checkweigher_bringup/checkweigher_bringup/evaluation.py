@@ -44,7 +44,11 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Weigh the passes, print the table, write the files; return how many bags were skipped."""
+    """Weigh the passes, print the table, and write the requested files.
+
+    Returns the number of bags that were skipped. `n_jobs` is the number of processes, as in
+    `checkweigher_validation.jobs.run_jobs`.
+    """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
     nominal = None if arguments.nominal is None else arguments.nominal / GRAMS
@@ -70,7 +74,10 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 
 
 def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Tune and weigh on simulated machines, print the tables, write the files, and return 0."""
+    """Tune and weigh on simulated machines, print the tables, and write the requested files.
+
+    The arguments are those of `evaluate`. Returns 0, because no bags are read.
+    """
     _check(arguments)
     protocol = _machines_protocol(arguments)
     accuracy_class = _accuracy_class(arguments)

@@ -22,7 +22,11 @@ from checkweigher_validation.cluster import LOCAL, on_scheduler
 def line_parameters(
     path: Path | None, estimator: str | None = None, lane: str | None = None
 ) -> LineParameters:
-    """Return the parameters in a file, or the defaults, with another `estimator` if it is given."""
+    """Return the parameters of a file, or the defaults if `path` is None.
+
+    `estimator` replaces the estimator of the file. `lane` is the namespace of a lane if the file
+    has the parameters of several lanes.
+    """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
 

@@ -28,7 +28,11 @@ from checkweigher_validation.tuning.tuner import tune
 
 @dataclass(frozen=True, slots=True)
 class BagPasses:
-    """Passes of known mass in a bag, also cut with other parameters, load cell and notes."""
+    """Passes of known mass in a bag, the load cell, and notes for the user.
+
+    `untrained` contains the same passes as `passes`, with windows that are cut with other
+    parameters, or is empty.
+    """
 
     passes: tuple[KnownPass, ...]
     untrained: tuple[KnownPass, ...]

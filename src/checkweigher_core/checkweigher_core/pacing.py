@@ -12,7 +12,10 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 @dataclass
 class Pacer:
-    """Due times of blocks at their ends, and of other events at their stamps, if rate is not 0."""
+    """Due times of the events of a recording or a simulation.
+
+    A block is due at its end, any other event at its stamp. At rate 0, all are due at `start`.
+    """
 
     rate: float  # playback speed in seconds of signal per second
     sample_rate: float  # sample rate in Hz

@@ -22,7 +22,10 @@ def child_variable() -> dict[str, str]:
 
 
 def parent_identity() -> str:
-    """Return boot ID, process ID and start time of the parent process, or only its process ID."""
+    """Return a unique identity of the parent process.
+
+    It consists of boot ID, process ID and start time, or only of the process ID without /proc.
+    """
     parent = os.getppid()
     try:
         after_name = Path(f'/proc/{parent}/stat').read_text(encoding='utf-8').rpartition(')')[2]

@@ -6,7 +6,10 @@ _LONGEST = 500  # default of the largest number of characters
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:
-    """Return a text as one printable line, without its middle if it is longer than `longest`."""
+    """Return a text as one printable line, without the middle of a text that is too long.
+
+    Control characters become escape sequences, because a terminal would execute them.
+    """
     line = str(text)
     if len(line) > longest:
         line = f'{line[: 2 * longest // 3]} ... {line[-longest // 4 :]}'

@@ -18,7 +18,11 @@ _AT_A_TIME = 1 << 14  # largest number of blocks processed at once
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the sort key of an event: stamp, then edges before references before blocks."""
+    """Return the sort key of an event: stamp, then edges before references before blocks.
+
+    A block has the stamp of its first sample, so the edges during a block follow it. Different
+    events of a machine have different keys, so their order does not depend on the order of arrival.
+    """
     if isinstance(event, EyeEdge):
         return event.stamp, 0, event.eye, event.blocked
     if isinstance(event, Reference):
@@ -55,7 +59,11 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockColumns(Sequence[SampleBlock]):
-    """Sequence of sample blocks in arrays, because `SampleBlock` objects take too much memory."""
+    """Sequence of sample blocks, stored in arrays.
+
+    An hour contains more than a hundred thousand blocks, and a `SampleBlock` takes more memory than
+    its samples. `SampleBlock` objects are therefore created only on access.
+    """
 
     stamps: NDArray[np.int64]  # stamp of each block in ns, shape (n,)
     first_indices: NDArray[np.uint64]  # index of the first sample of each block, shape (n,)

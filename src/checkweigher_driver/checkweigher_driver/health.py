@@ -11,7 +11,11 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 
 class DriverWatch:
-    """Monitor of the source `name` and its stream. `waits_for` is what the source waits for."""
+    """Monitor of the source `name` and of its stream.
+
+    Times are in s on a monotonic clock. Callers hold the lock of the process. `waits_for` is the
+    condition for which the source waits, or an empty string.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -52,7 +56,11 @@ class DriverWatch:
     def findings(
         self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]
     ) -> list[Finding]:
-        """Return the findings at time `now`. `offset_of_clocks` is Unix time minus `now` in s."""
+        """Return the findings at time `now`.
+
+        `offset_of_clocks` is the Unix time minus `now` in s. `trouble` is the present fault of the
+        source, and `figures` are its figures for the diagnostics.
+        """
         source = self._source(trouble, figures)
         if self._samples is None:
             return [source]

@@ -78,7 +78,11 @@ class AlarmList:
             self._nodes.add(node)
 
     def set_stop(self, request: StopRequest | None) -> None:
-        """Begin the alarm of a stop request, and end those of others. NotReady is no alarm."""
+        """Begin the alarm of a stop request, and end the alarms of all other stop requests.
+
+        If `request` is None, all of them end. The reason NotReady is not an alarm, because it is
+        also used when a person stops the line.
+        """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None
         for alarm in tuple(self._alarms.values()):

@@ -2,16 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Audit log: a file with one line per change, in which hashes reveal later manipulation.
 
-Each line is one entry in JSON, with the SHA-256 hash of the previous entry and its own hash. A line
-that was changed, removed, inserted or moved therefore breaks the chain of hashes. A second file,
-`LOG.head`, contains the number and the hash of the last entry, and reveals whether lines are
-missing at the end.
+Each line is one entry in JSON with a fixed format. An entry contains the SHA-256 hash of the
+previous entry, and its own hash over all its other fields. A line that was changed, removed,
+inserted or moved therefore breaks the chain of hashes. A second file, `LOG.head`, contains the
+number and the hash of the last entry. `LOG.head` is written when the log is created and after each
+entry, and reveals whether lines are missing at the end.
 
-After a power loss, the log may end with an incomplete ("torn") entry, or with an entry that lacks
-its end of line. This is not manipulation. The next entry records the torn entry.
+After a power loss, the log may end with an incomplete ("torn") entry, which is not counted in
+`LOG.head`, or with an entry that lacks its end of line. This is not manipulation. The next entry
+records the torn entry.
 
-The chain has no key. If a person with write access to both files rewrites them, a hash that was
-noted elsewhere reveals it (`known_hash` of `verify`).
+The chain has no key, so a person with write access to both files can rewrite them from any entry
+on. Such a change can be detected with a hash that was noted elsewhere (`known_hash` of `verify`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -130,7 +132,11 @@ def _read_head(path: Path) -> bytes:
 
 
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
-    """Verify the bytes of a log and its head. With `known_hash`, an entry must have this hash."""
+    """Verify the bytes of a log.
+
+    `head` contains the bytes of `LOG.head`, or is empty if that file is missing. If `known_hash` is
+    given, an entry must have this hash.
+    """
     chain = _Chain()
     try:
         chain.follow(data)

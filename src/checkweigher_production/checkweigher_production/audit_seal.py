@@ -1,10 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Seals of an audit log: signed records of its hashes, which reveal that a log was rewritten.
+"""Seals of an audit log: signed records of its hashes.
 
-A seal contains the number and the hash of the last entry, the time, and the hash of the previous
-seal, and is signed with Ed25519 (RFC 8032). Persons with write access to the log must not have
-access to the file with the seals or to the signing key.
+If a whole log is rewritten, this can only be detected by someone who has noted one of its hashes. A
+seal is such a note. A seal contains the number and the hash of the last entry, the time, and the
+hash of the previous seal, and is signed with Ed25519 (RFC 8032). Seals are stored in a separate
+file with one line of JSON per seal. Persons with write access to the log must not have access to
+the file with the seals or to the signing key.
 """
 
 from collections.abc import Callable, Sequence
@@ -119,7 +121,10 @@ def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 def hold_to_seals(
     found: Verification, path: Path, key: Ed25519PublicKey
 ) -> tuple[tuple[Seal, ...], Verification]:
-    """Compare a log with its seals; return the seals, and `found` with the fault, if any."""
+    """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
+
+    Raises `AuditError` if the file with the seals does not exist.
+    """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name their file by --seals')
     try:

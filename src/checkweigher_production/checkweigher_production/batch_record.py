@@ -3,13 +3,14 @@
 """Record of a batch: a file with one line of JSON for each event of the batch.
 
 The kinds of lines are begin, product (with its recipe), verdict, stop, filler, reset, broken and
-end. Each line ends with the SHA-256 of the file up to there. Lines of older versions have a
-checksum or nothing instead. A separate thread writes and syncs the lines, so that production does
-not wait for the disk, and retries if the disk is full. A record without an end is continued after a
-restart.
+end. Each line ends with the SHA-256 of the file up to there, without the hash itself. Lines of
+older versions have a checksum or nothing instead. NaN and infinities are written as NaN, Infinity
+and -Infinity. A separate thread writes and syncs the lines, so that production does not wait for
+the disk. If the disk is full, the thread retries until the lines are written. A record without an
+end is continued after a restart.
 
-The audit log contains the length and the hash of a record at certain times. A record is broken if
-it contradicts the audit log, or if the hash of a line is wrong.
+The audit log contains the length and the hash of a record from each time that it was opened or
+closed. A record is broken if it contradicts the audit log, or if the hash of a line is wrong.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -246,7 +247,11 @@ _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 
 
 class RecordWriter:
-    """Writer of the records of successive batches. `trouble` is why it cannot write, or empty."""
+    """Writer of the records of successive batches.
+
+    `states` is a queue of states for the audit log. `trouble` is the reason why lines cannot be
+    written at present, or empty.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.states: queue.SimpleQueue[RecordState] = queue.SimpleQueue()

@@ -2,9 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recipes: a YAML file with the masses, limits and parameters of each product.
 
-docs/recipes.md describes the keys. A mass is that of the contents, except `tare` and the mass of
-the test product, which includes its packaging. The scale weighs contents and packaging together.
-Therefore the tare is added to all limits for the reject node.
+::
+
+    products:
+      crisps_150g:
+        nominal: 0.150            # kg, contents
+        tare: 0.004               # kg, of the packaging
+        lower_limit: TU1          # kg of contents, or TU1 or TU2 of directive 76/211/EEC
+        upper_limit: 0.165        # kg of contents
+        length: [0.09, 0.12]      # m, shortest and longest
+        speed: [0.5, 1.5]         # m/s, slowest and fastest
+        tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
+        mean_value: true          # the mean of the batch is never below nominal
+        filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
+        test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  # performance test
+        reason: true              # a person at the page has to say why something is changed
+        parameters:               # of the nodes, as in a parameter file
+          identifier:
+            estimator: gauss_markov
+
+A mass is that of the contents, except `tare` and the mass of the test product, which includes its
+packaging. The scale weighs contents and packaging together. Therefore the tare is added to all
+limits for the reject node.
 """
 
 from collections.abc import Iterator, Mapping

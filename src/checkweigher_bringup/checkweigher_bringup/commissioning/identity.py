@@ -25,7 +25,11 @@ _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selectio
 
 
 class Identity:
-    """Identity of a machine, from its audit log and its parameters, which `file` contains."""
+    """Identity of a machine, from its audit log and its parameters.
+
+    The parameters are written to `file`. `audit` is the audit log, or None. Raises `AuditError` if
+    the log cannot be read or its chain is broken.
+    """
 
     def __init__(self, file: Path, audit: Path | None) -> None:
         self._file = file

@@ -53,7 +53,10 @@ def _next(states: queue.Queue[PerformanceTest], patience: float, absent: str) ->
 
 
 def _follow(states: queue.Queue[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:
-    """Print each pass when it is published, and return whether the test has passed."""
+    """Print each pass when it is published, and return whether the test has passed.
+
+    `before` is the state before the test. The first new state may already be the end of a test.
+    """
     end, shown, begun = time.monotonic() + timeout, 0, False
     while True:
         absent = f'no {"end" if begun else "start"} of the test within {timeout:g} s'

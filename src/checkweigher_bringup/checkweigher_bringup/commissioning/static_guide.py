@@ -83,7 +83,11 @@ def ask(text: str, unfinished: str = 'the calibration was done: nothing was writ
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Read the empty belt, each mass in kg, and the empty belt again (without masses: once)."""
+    """Read the empty belt, each mass, and the empty belt again.
+
+    Without masses, the empty belt is read once. `masses` and `mass_uncertainty`, the standard
+    uncertainty of each mass, are in kg.
+    """
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
     points = []
     for mass in wanted:

@@ -86,7 +86,11 @@ def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
 
 
 def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:
-    """Run a procedure by `make`, write its report into a new folder, and return the verdict."""
+    """Run a procedure, write its report into a new folder, and return the verdict.
+
+    The function `make` runs the procedure. The arguments of `make` are the identity of the machine
+    and the path of the bag to write. `audit` is the audit log of the line.
+    """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_output_folder(folder)
     try:

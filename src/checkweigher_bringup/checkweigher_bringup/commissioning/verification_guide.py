@@ -153,7 +153,11 @@ def procedure_on_line(
 
 
 class VerificationNode(RecorderNode):
-    """Node that records a lane, with its samples and verdicts. `latest` is their last time."""
+    """Node that records a lane, and that provides the samples and verdicts for the steps.
+
+    Any thread may read the queue `verdicts`. `latest` is the time in ns of the latest sample or
+    verdict.
+    """
 
     def __init__(self) -> None:
         recorded = tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION)

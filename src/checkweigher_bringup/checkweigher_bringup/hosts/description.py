@@ -2,7 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Description of a line on several hosts: the nodes of each lane that each host runs.
 
-docs/hosts.md contains an example of the file.
+.. code-block:: yaml
+
+    hosts:
+      hall: 10.0.0.11        # address of the host
+      server: 10.0.0.12
+    discovery: hosts         # or subnet, or the name of the host with the discovery server
+    lanes:
+      lane1:                 # namespace of the lane
+        host: hall           # host of all nodes
+        params: [common.yaml, lane1.yaml]   # paths from the folder of this file
+        recipes: recipes.yaml
+        product: crisps_150g
+      lane2:
+        nodes:
+          hall: [driver, segmenter, reject]
+          server: [product, denoise, identifier]
 """
 
 from collections.abc import Mapping, Sequence
@@ -102,7 +117,10 @@ class _LaneEntry(Settings):
             _check_nodes(self.nodes)
 
     def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
-        """Return the shares of the hosts by name. Paths in the entry are relative to `folder`."""
+        """Return the shares of the hosts by host name.
+
+        `hosts` contains the addresses by name. Paths in the entry are relative to `folder`.
+        """
         nodes = self.nodes or {self.host: tuple(NODES)}
         for host in nodes:
             if host not in hosts:

@@ -128,7 +128,11 @@ def run_host(line: LineDescription, host: str) -> int:
 
 
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
-    """Notify each process of the diagnostics of its nodes; return the watchdog of the line."""
+    """Notify each process of the diagnostics of its nodes.
+
+    `process_of` maps the full name of each node to its process. Returns the watchdog of those nodes
+    that belong to the line.
+    """
     watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
     def on_diagnostics(message: Any) -> None:

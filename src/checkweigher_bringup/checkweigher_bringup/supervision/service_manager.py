@@ -19,7 +19,11 @@ def supervises() -> bool:
 
 
 class Watchdog:
-    """Watchdog of systemd, which is fed while all nodes of a line send diagnostics."""
+    """Watchdog of systemd, which is fed while all nodes of a line send diagnostics.
+
+    Times are in s on a monotonic clock. Each node sends its diagnostics from the thread that
+    weighs, so a node that hangs is silent.
+    """
 
     def __init__(self, nodes: Iterable[str]) -> None:
         self._heard = dict.fromkeys(nodes, -math.inf)

@@ -99,7 +99,10 @@ class ClockWatch:
         return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
     def finding(self, offset_of_clocks: float) -> Finding:
-        """Return the finding Clock. `offset_of_clocks` is time of day minus arrival clock in s."""
+        """Return the finding Clock.
+
+        `offset_of_clocks` is the difference in s between the time of day and the clock of arrivals.
+        """
         # Shortest recent delay of a block in s, relative to the first stamp.
         least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
         least = math.nan if math.isinf(least) else least

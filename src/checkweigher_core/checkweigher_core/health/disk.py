@@ -27,7 +27,11 @@ def free_bytes(folder: Path) -> float:
 
 
 class DiskWatch:
-    """Monitor of the free bytes over two days. A recording of a few hours affects no trend."""
+    """Monitor of the free bytes over the last two days. Times are in s on a monotonic clock.
+
+    The trend is the median slope over all pairs of readings, so a recording that is removed after a
+    few hours does not affect it.
+    """
 
     def __init__(self, free: Callable[[], float]) -> None:
         self._free = free

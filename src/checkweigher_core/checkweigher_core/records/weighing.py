@@ -116,7 +116,11 @@ class MassEstimate(NanEqual):
 
 @dataclass(frozen=True, slots=True)
 class ZeroChange:
-    """Change of the zero by the service `zero` at `stamp`, in kg relative to the calibration."""
+    """Change of the zero by the service `zero`. Masses are in kg.
+
+    `zero` and `previous` are the new and the previous zero relative to the calibration, and
+    `std_dev` is the standard deviation of the new zero. `stamp` is the end of the measurement.
+    """
 
     stamp: Stamp
     zero: float

@@ -94,7 +94,10 @@ _FORMS: dict[type, _Form] = {
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
-    """Return a record of a port, or None, as a message. `stamp` in ns is for LoadCell alone."""
+    """Return a record of a port, or None, as a message of rclpy.
+
+    `stamp` is the stamp of the header in ns, for a record without a stamp.
+    """
     message = port.type()
     if record is None and port.record is not None:
         return _filled(message, _plan(cast(Any, port.record)).form.absent)

@@ -53,7 +53,10 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 
 
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
-    """Declare a parameter set with a `prefix`, and return it with the values given to the node."""
+    """Declare a parameter set to ROS and return it with the values given to the node.
+
+    The names get a `prefix`. Raises `ParameterError` if a value is invalid.
+    """
     values = {}
     for own_name, entry in parameters.entries().items():
         name = prefix + own_name

@@ -31,7 +31,11 @@ _MAX_HELD = 10_000  # largest number of records that are kept for a consumer
 
 
 class Output:
-    """Output for the records of a port, by calls of `takers` in the same process, else by DDS."""
+    """Output of a node for the records of a port.
+
+    The inputs `takers` in the same process get each record by a function call. All other
+    subscribers get it from `publisher`.
+    """
 
     def __init__(self, node: Any, port: Port) -> None:
         self.port = port

@@ -27,7 +27,12 @@ if TYPE_CHECKING:
 
 
 class PortNode(Node):
-    """Node with inputs and outputs, whose callbacks hold the process lock. `spinner` runs it."""
+    """Node with inputs and outputs.
+
+    Callbacks of inputs, timers, services and actions hold the process lock. The node receives
+    records after `checkweigher_core.ros.outputs.connect` was called with it. `spinner` runs its
+    callbacks.
+    """
 
     spinner: 'Spinner | None' = None
 

@@ -18,9 +18,10 @@ _PATIENCE = 10.0  # longest wait for the thread in s
 
 
 class Spinner:
-    """Thread with an executor of rclpy for some nodes, which frequent events must not wake.
+    """Thread with an executor of rclpy for some nodes.
 
-    Each wake takes 1 ms or more for the nodes of a line. `error` is the exception of rclpy that
+    Each wake of the executor takes 1 ms or more for the nodes of a line, so frequent events must
+    not wake it. The thread calls `on_end` when it ends. `error` is the exception of rclpy that
     ended the thread, if any.
     """
 
@@ -61,7 +62,10 @@ class Spinner:
         self.call(destroy)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function in the executor's thread, which alone may destroy entities; wait."""
+        """Call a function in the thread of the executor, and wait until it returns.
+
+        Only this thread may destroy entities and cancel timers, because its executor uses them.
+        """
         answer: Future[object] = Future()
 
         def locked() -> None:

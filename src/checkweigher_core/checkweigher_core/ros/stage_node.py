@@ -33,8 +33,9 @@ Overrides = dict[str, object]
 class StageNode(PortNode, Generic[P]):
     """Node with one stage of the line, named ``parameters.node``.
 
-    `overrides` take precedence over values from the command line. Before the node changes a
-    parameter, it writes the change to the audit log of the lane, if the lane has one.
+    If `read_only` is set, the parameters cannot change while the node runs. `overrides` take
+    precedence over values from the command line. Before the node changes a parameter, it writes
+    the change to the audit log of the lane, if the lane has one.
     """
 
     def __init__(
@@ -141,7 +142,10 @@ class StageNode(PortNode, Generic[P]):
         return response
 
     async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
-        """Write a change of parameters to the audit log, then set all parameters or none."""
+        """Write a change of parameters to the audit log, then set all parameters or none.
+
+        A value that a parameter already has is no change, even if the parameter is read-only.
+        """
         changes = [change for change in map(self._as_declared, changes) if change is not None]
         if changes and self._may_set(changes):
             values = {change.name: change.value for change in changes}
@@ -155,7 +159,10 @@ class StageNode(PortNode, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
 
     def _as_declared(self, given: Parameter) -> Parameter | None:
-        """Return a change in the type of its parameter, or None if the values stay the same."""
+        """Return a change in the type of its parameter, None if the value stays the same.
+
+        The value in use may differ from the parameter, for example for the limits of a product.
+        """
         if not self.has_parameter(given.name):
             return given
         declared = self.get_parameter(given.name)

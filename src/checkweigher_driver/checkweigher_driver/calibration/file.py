@@ -31,7 +31,11 @@ _FIRST_LINE = '# Made by checkweigher calibrate, version '
 
 
 def check_calibration_file(path: Path) -> None:
-    """Raise CalibrationError or OutputError if a calibration cannot be written to a path."""
+    """Raise CalibrationError or OutputError if a calibration cannot be written to a path.
+
+    An existing file must be a calibration file. A file in an installed package is refused, because
+    the next installation would replace it.
+    """
     check_not_installed(path)
     if path.is_dir():
         raise CalibrationError(f'{path}: is a folder, must be a file')
@@ -125,7 +129,11 @@ def write_version(
 
 
 def replace_version(path: Path, new: Path) -> int:
-    """Replace a file, which is kept as ``NAME.vN.yaml``; return the version number of `new`."""
+    """Replace a file by another file, and return the version number of the new content.
+
+    The old file is kept as ``NAME.vN.yaml``. Raises OutputError, and replaces nothing, if the old
+    file cannot be kept.
+    """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():
         _keep(path, version)

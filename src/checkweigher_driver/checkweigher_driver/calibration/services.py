@@ -47,7 +47,8 @@ _Answer = tuple[bool, str, StaticReading | None]  # success, message and reading
 class CalibrationServices:
     """Action that reads loads at rest, and services that fit a calibration and write its file.
 
-    `restart` begins a new stream with the calibration, and returns why that has failed, or ''.
+    The function `restart` begins a new stream with the calibration, and returns the reason of a
+    failure or an empty string.
     """
 
     def __init__(

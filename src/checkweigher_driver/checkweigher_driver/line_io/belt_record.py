@@ -3,11 +3,13 @@
 """Record of the state of the belt, in a file that outlives the driver.
 
 The file is on the disk before the belt may run, so the next start detects that the driver was
-killed while items may have been on the belt. A separate thread writes the names of the items, so
-that the outputs do not wait for the disk while the belt runs.
+killed or lost its power while items may have been on the belt. The names of the items need not
+survive a power cut. A separate thread writes them, so that the outputs do not wait for the disk
+while the belt runs.
 
-An empty file with the suffix `.begun` shows that there was a record. If it exists without a record,
-the record was lost, and the belt may have run.
+An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
+record, the record was lost, and the belt may have run. If neither file exists, the driver starts
+for the first time.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges of photo-eyes whose states are polled.
 
-A poll reads both eyes between its start and its end. An edge therefore lies between the start of
-the last poll with the old state and the end of the first poll with the new state. Its stamp is the
-middle of this interval, and its uncertainty is half of the interval.
+A poll reads both eyes at an unknown time between its start and its end. An edge therefore lies
+between the start of the last poll with the old state and the end of the first poll with the new
+state. The stamp of the edge is the middle of this interval, and its uncertainty is half of the
+interval. The length of the interval is the sum of poll period and round-trip time.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,10 @@ class EdgePolling:
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Add a poll; return the new events. `to_stamp` is a stamp minus the time of a poll."""
+        """Add a poll; return the edges, the loss or the return of the eyes since the previous poll.
+
+        `to_stamp` is a stamp minus the simultaneous time of a poll, in ns.
+        """
         last, self._last = self._last, poll
         to_stamp -= self._delay
         if self._lost:

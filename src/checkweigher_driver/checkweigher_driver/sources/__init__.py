@@ -60,7 +60,11 @@ class Source(Device):
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
-        """Yield events in canonical order, or (hardware) when they are complete, until the end."""
+        """Yield events in canonical order until the stream ends.
+
+        With hardware, an edge may be yielded before a block of earlier samples, which is yielded
+        when it is complete.
+        """
 
     def operate(self, operation: Any) -> None:
         """Apply the operator's settings, an instance of `operation`. Any thread may call this."""

@@ -212,7 +212,10 @@ class LineBatches:
         self.write('reset', {'time': self._clock()})
 
     def begin(self) -> None:
-        """Begin or continue the record of the present batch, and end the previous record."""
+        """Begin or continue the record of the present batch, and end the previous record.
+
+        Raises `RecordError` if a record to be continued is not valid.
+        """
         if self._writer is not None:
             if path := self._open.get(self.production.batch):
                 self._restore(path)

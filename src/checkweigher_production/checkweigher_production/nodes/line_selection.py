@@ -100,7 +100,10 @@ class LineSelection:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the last or the first product once all nodes run; return whether it was done."""
+        """Select the product of the last run or the first product; return whether one was selected.
+
+        The method must be called repeatedly, because it has no effect while nodes are missing.
+        """
         if self._begun or self.batches.doubt:
             return False
         resumed, _ = self._resumed

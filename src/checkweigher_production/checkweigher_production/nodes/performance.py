@@ -25,7 +25,11 @@ _LEVELS = {
 
 @dataclass(eq=False)
 class LineTest:
-    """Performance test of the selected product, during which `recipe` rejects all items."""
+    """Performance test of the selected product. All items are rejected during a test.
+
+    `recipe` sets the reject node to reject all items, and `trail` writes the audit log. `publish`
+    publishes the state, and `clock` returns the time of the system clock in ns.
+    """
 
     recipe: LineRecipe
     trail: AuditTrail

@@ -154,7 +154,11 @@ class ProductNode(StageNode[ProductParameters]):
         return utc(self._stamp())
 
     async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> Any:
-        """Await the work of a service; return its response, or log why it has `failed`."""
+        """Await the work of a service, and return the response with its result.
+
+        `work` returns the statistics of a finished batch, a message, or None. If it fails, a
+        warning is logged that begins with `failed`.
+        """
         try:
             made = await work
             response.success = True

@@ -77,7 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _page_options(arguments: argparse.Namespace) -> list[str] | None:
-    """Return the options for `page`, or None. Raises ValueError if the page cannot be served."""
+    """Return the options for the command `page`, or None if the page is not served.
+
+    Raises `PageError` or `CertificateError` if the page cannot be served.
+    """
     from checkweigher_web.access.site import Site
 
     options = {

@@ -115,7 +115,11 @@ def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
 
 
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
-    """Yield the lines of a table of diagnostics. `values` shows those of rows that are OK, too."""
+    """Yield the lines of a table of diagnostics.
+
+    The table is `width` columns wide, or wider if the texts would have less than `_NARROWEST`
+    columns. Rows that are not OK also show their values. With `values`, all rows show their values.
+    """
     from checkweigher_core.health.findings import Level
 
     rows = list(rows)

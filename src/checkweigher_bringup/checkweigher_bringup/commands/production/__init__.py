@@ -7,7 +7,11 @@ from typing import Any
 
 
 def write_claim(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
-    """Write an entry to an audit log, by the line if it has the log open. `who` is a claim."""
+    """Write an entry to an audit log, through the line if it has the log open.
+
+    The name `who` is written as a claim. Raises `AuditError` or `UserError` if the entry is
+    not written.
+    """
     import time
 
     from checkweigher_core.records import utc

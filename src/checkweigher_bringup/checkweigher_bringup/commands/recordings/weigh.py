@@ -111,7 +111,11 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
 def _weigh(
     stretches: 'Iterable[Recording]', parameters: 'LineParameters', with_rows: bool
 ) -> tuple[TextIO, TextIO]:
-    """Weigh the segments of a bag, and return temporary files with the table and the rows."""
+    """Weigh the segments of a bag, and return files with the table and, if wanted, rows in CSV.
+
+    The results are written to files first, because an error at the end of the bag voids all
+    results.
+    """
     from checkweigher_bringup.output import ItemTable, with_warning
     from checkweigher_validation.accuracy.columns import items_as_csv
     from checkweigher_validation.accuracy.results import weigh_stretches

@@ -76,7 +76,10 @@ class Arrivals:
     def unjudged(
         self, items: Iterable[BeltItem], now: int, late: int, to_monotonic: int | None
     ) -> list[BeltItem]:
-        """Return the items without a verdict that were at the rejector over `late` ns ago."""
+        """Return the items without a verdict that arrived at the rejector over `late` ns ago.
+
+        The travel time of the last item with a verdict is assumed.
+        """
         if self._travel is None or to_monotonic is None:
             return []
         belt = self._motion.time

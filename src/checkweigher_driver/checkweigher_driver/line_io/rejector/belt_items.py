@@ -69,7 +69,11 @@ class BeltItems(list[BeltItem]):
         return next((each for each in self if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
-        """Set the verdict of an item, which is gone at belt time `end` (None: now); return it."""
+        """Set the verdict of an item, and return the item.
+
+        `end` is the belt time in ns at which the item will have passed the rejector. If `end` is
+        None, the item is removed.
+        """
         item = self._find(verdict.t1)
         if item is None:
             item = BeltItem(verdict.t1)  # at the front, because `leave` removes items before it

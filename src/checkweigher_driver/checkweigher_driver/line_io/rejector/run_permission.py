@@ -11,7 +11,11 @@ _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 
 
 class RunPermission:
-    """Permission to run, which expires after `FRESH_TIME`, and stop requests of node reject."""
+    """Permission to run and stop requests of the node reject.
+
+    A permission expires after `FRESH_TIME`. The node has then ended or hangs, and may have lost its
+    stop requests.
+    """
 
     def __init__(self, missed: MissedProducts) -> None:
         self._missed = missed
