@@ -175,12 +175,16 @@ def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
 class Denoiser:
     """Stage that denoises weigh windows by the wavelet shrinkage for their belt speed.
 
-    The result depends mainly on the padding around the window, which the paper does not specify.
-    With the padding ``continuation`` [own derivation, docs/method.md], the response of the platform
-    to the load is subtracted from the signal. The remaining disturbance is extrapolated to both
-    sides by linear prediction, the load is added as a constant, and the result is denoised. The
-    load is then estimated again from the denoised signal. Finally the rise of the load between the
-    times of the photo-eyes is restored.
+    The wavelet of level 7 is much longer than any window. So the result depends mainly on the
+    padding around the window, which the paper does not specify. docs/method.md compares several
+    kinds of padding.
+
+    The padding ``continuation`` is an own derivation. The response of the platform to the load is
+    subtracted from the signal. The remaining disturbance is extrapolated to both sides by linear
+    prediction, the load is added as a constant, and the result is denoised. A wrong load would
+    leave a step in the disturbance, so the load is estimated again from the denoised signal. If t1
+    and t2 are uncertain, they are estimated from the signal. Finally the rise of the load between
+    the times of the photo-eyes is restored.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:

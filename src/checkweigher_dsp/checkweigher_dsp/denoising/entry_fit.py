@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Correction of the times at which products enter, by a fit to the signal.
 
-If the load is removed from the signal at a wrong time, a hump of known shape remains, whose size is
-fitted to the signal: [own derivation, docs/method.md]
+Polled photo-eyes measure t1 and t2 with an error of about a millisecond. If the load is removed
+from the signal at a wrong time, a hump as long as the rise of the load remains. A low-pass filter
+cannot distinguish this hump from a load. But the shape of the hump is known, so its size can be
+fitted to the signal: [own derivation]
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)

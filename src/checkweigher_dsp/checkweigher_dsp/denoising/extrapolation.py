@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Extrapolation of a disturbance beyond the ends of a signal by linear prediction.
 
-The disturbance of a belt consists mainly of spectral lines, which an autoregressive model predicts.
-The model describes block means at the rate `PREDICTION_RATE`, because only the lowest bands of the
-signal are kept. At this rate, an order of some tens spans the period of a slow spectral line.
+The disturbance of a belt consists mainly of spectral lines, caused by the rollers, the motor and
+the oscillation of the platform. The lines continue before and after the known samples, so that an
+autoregressive model of the samples predicts them. The model describes block means at the rate
+`PREDICTION_RATE`, because only the lowest bands of the signal are kept. At this rate, an order of
+some tens spans the period of a slow spectral line.
 """
 
 import numpy as np

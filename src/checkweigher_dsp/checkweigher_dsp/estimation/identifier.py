@@ -248,8 +248,9 @@ class Identifier:
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass in kg^2.
 
-        After training, it is that of the training passes, which includes that of their zero. If the
-        variance of the current zero is larger, the difference is added.
+        A variance that was measured on items is used as it is. Without training, the variances of
+        load and zero are added. After training, the variance of the training passes is used, which
+        includes that of their zero; if the current zero has a larger one, the difference is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

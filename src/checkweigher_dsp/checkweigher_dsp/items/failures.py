@@ -21,8 +21,9 @@ B = TypeVar('B')
 class Failures:
     """Handler of the exceptions that a stage raises while it processes an item.
 
-    If `work` raises an exception, `report` is called with the number of the item and the exception,
-    and `fault` returns the result of the item. `RejectMonitor` stops the line after two such items.
+    If the function `work` raises an exception, the function `fault` returns the result of the item,
+    with the reason StageFailed. The function `report` is called with the number of the item and the
+    exception. `RejectMonitor` stops the line after two such items in succession.
     """
 
     report: Callable[[int, Exception], None]

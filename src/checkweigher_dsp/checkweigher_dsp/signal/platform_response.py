@@ -7,9 +7,10 @@ and xi the damping ratio of the empty platform, the reading y in kg obeys
 
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
-where m0 is the moving mass, m(t) the load and f(t) the force divided by g. The moving mass is
-approximated by steps, because while it is constant the response to a linear force has a closed
-form. [own derivation]
+where m0 is the moving mass, m(t) the load and f(t) the force divided by g. The load increases
+linearly while the product enters. The moving mass is approximated by steps, because while it is
+constant the response to a linear force has a closed form. So the response is computed without
+numerical integration. [own derivation]
 """
 
 from dataclasses import dataclass

@@ -35,9 +35,7 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
             without.append(error)
             bags = [place]
         for bag in bags:
-            path = bag.removeprefix('file://')
-            same = path if is_url(path) else os.path.realpath(path)
-            if same not in seen:
+            if (same := _spelled_out(bag)) not in seen:
                 seen.add(same)
                 found[bag] = place
     if without and len(without) == len(places):
@@ -60,6 +58,12 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
         if len(set(names.values())) == len(names):
             return names
     raise BagError('places of bags differ only in spelling; weigh the bags one by one')
+
+
+def _spelled_out(bag: str) -> str:
+    """Return the absolute path of a bag without symbolic links, or its URL."""
+    path = bag.removeprefix('file://')
+    return path if is_url(path) else os.path.realpath(path)
 
 
 def _parts(bag: str) -> tuple[str, ...]:

@@ -42,7 +42,10 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return why a worker with the program `there` cannot be used, or an empty text."""
+    """Return one line with the reason why a worker cannot be used, or an empty text.
+
+    `there` is the program of the worker and `here` the program of this process.
+    """
     if there == here:
         return ''
     return f'the worker runs {there}, here is {here}; bring it to the same version'

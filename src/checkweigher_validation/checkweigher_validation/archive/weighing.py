@@ -81,7 +81,8 @@ def weigh_bag(job: WeighJob) -> Weighed:
             if digest == job.known:
                 return Weighed(job.bag, gethostname())
             broken = True  # from here on, errors are faults of the bag
-            return Weighed(job.bag, gethostname(), *_weigh(job, bag, digest))
+            summary, file = _weigh(job, bag, digest)
+            return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
         problem = str(error)
     except (OSError, MemoryError) as error:

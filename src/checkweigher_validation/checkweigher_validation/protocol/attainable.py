@@ -3,7 +3,9 @@
 """Attainable accuracy on a machine, estimated by ridge regression of the mass on the samples.
 
 The best accuracy on a randomly drawn machine has no closed form, because the covariance of its
-noise depends on the mass and on the speed and the edges of the pass. See docs/method.md.
+noise depends on the mass and on the speed and the edges of the pass. A regression on more than a
+thousand passes of the same machine needs no model. With as few passes as are used for tuning, the
+regression is less accurate, and an estimator with a physical model can be better.
 """
 
 from collections.abc import Sequence

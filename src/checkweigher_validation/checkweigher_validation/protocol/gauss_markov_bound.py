@@ -13,8 +13,9 @@ filtered by a linear system. The impact at entry has a known form and a random s
 adds noise and quantisation. All forces act on the platform, whose moving mass increases while the
 product enters the belt.
 
-The vibration that the previous product has caused, and the small change of s with the unknown mass,
-are assumed to be known.
+The vibration that the previous product has caused is assumed to be known. The change of s with the
+unknown mass is also assumed to be known. This change is a few parts in a thousand, and would give
+an estimator almost no information.
 """
 
 from collections.abc import Callable

@@ -39,8 +39,10 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
     """Return the weighted mean of `window_level` and of an estimate that uses the rise of the load.
 
     Level and estimate are weighted by their inverse variances. The variance of `load` increases
-    with the residual between t1 and t2 and with the lag of the rise. The variance of the result is
-    that of the level alone, because a rise that fits may be misleading.
+    with the residual between t1 and t2 and with the lag of the rise. Both are caused by misplaced
+    photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their effect over
+    the pass. The variance of the result is that of the level alone, because a single pass cannot
+    show whether a rise that fits is misleading.
     """
     if not is_in_window(load, window):
         return load  # The identifier rejects a load outside the range of the samples.
@@ -61,8 +63,10 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
     """Return the mean load of a window (its level) and the standard deviation, both in kg.
 
     The weights of the mean are Gauss-Markov weights. The covariance of the disturbance is that of
-    the window about its level, plus that of the empty belt before the window. Additional noise
-    reduces the weights near t3 and even more near t2, where ringing may remain.
+    the window about its level, plus that of the empty belt before the window. For a broadband
+    disturbance, the result is close to a plain mean. For spectral lines, it is close to a mean with
+    smooth weights. Additional noise reduces the weights near t3 and even more near t2, where
+    ringing and an incomplete load may remain.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
