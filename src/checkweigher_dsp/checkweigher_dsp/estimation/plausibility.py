@@ -2,16 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Check whether the signal of a window is plausible, by the noise of the empty belt before it.
 
-Above a quarter of the sample rate, a signal contains mainly the white noise of the electronics,
-which does not depend on the load. A high-pass filter separates this noise. If the converter works,
-the filtered signal e and the readings have four properties [own derivation, docs/method.md, "A
-signal that lies"]:
+Platform and product add only smooth components to a signal. Above a quarter of the sample rate, the
+signal contains mainly the white noise of the electronics, which does not depend on the load. A
+high-pass filter, scaled to keep the variance of white noise, separates this noise. [own derivation]
+If the converter works, the filtered signal e and the readings have four properties:
 
-- The variance of e under a load is not below that on the empty belt. The samples of e are
-  correlated, so each counts as 1 / sum r_k^2 degrees of freedom, with the correlations r_k.
-- e has no steps from t1 to t3, except those that the noise and the product explain.
-- No sequence of readings that is too long for chance occurs twice.
-- The readings are seldom constant.
+- The variance of e under a load, from t2 to t3, is not below that on the empty belt. The ratio
+  of the variances has approximately an F distribution. The samples of e are correlated, so each
+  counts as 1 / sum r_k^2 degrees of freedom, with the correlations r_k; 0.48 for white noise.
+- e has no steps from t1 to t3, except those that the noise and the product explain. The product
+  causes an impact in proportion to load and speed, and a change of the slope at t1, t2 and t3.
+- The readings do not repeat. With white noise of s counts, no prediction is right for more than a
+  fraction p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings
+  occurs twice in at most N^2 p^w / 2 of all windows.
+- The readings are seldom constant. Of n blocks of w readings, at most m = n p^(w-1) are expected to
+  be constant. By the Chernoff bound, k > m such blocks occur in at most (m / k)^k exp(k - m) of all
+  windows. More of them show that the signal repeatedly reaches a limit of the converter.
 
 Rounding hides noise below 0.3 counts. With such noise, or without an empty belt, only the steps are
 checked. A converter without any noise is not checked.

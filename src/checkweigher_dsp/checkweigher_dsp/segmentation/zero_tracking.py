@@ -117,10 +117,14 @@ class _Motion:
 class ZeroTracker:
     """Tracking of the zero of a load cell by two Kalman filters, without and with a drift.
 
-    The results of both filters are averaged, weighted by the likelihood of the readings (see
-    docs/method.md). Each segment of the empty belt gives one reading, which is its Hann-weighted
-    mean. The variance of the readings is estimated from the differences between the halves of many
-    segments. Segments below 0.1 s have a plain mean, with the variance of their samples.
+    The filter without a drift lags behind a drifting zero. The filter with a drift estimates a
+    constant zero with a larger variance. So the results of both filters are averaged, weighted by
+    the likelihood of the readings.
+
+    Each segment of the empty belt gives one reading, which is its Hann-weighted mean. The variance
+    of the readings is estimated from the differences between the halves of many segments, so that
+    it is valid for any mixture of vibration and noise. Segments below 0.1 s have a plain mean, with
+    the variance of their samples. The filters average over many such segments.
 
     An unseen object may be on the belt. So after the first reading, a reading that is further from
     the zero than a drift explains is not accepted until a second segment confirms it.

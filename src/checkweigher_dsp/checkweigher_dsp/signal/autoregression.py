@@ -46,7 +46,9 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     For a signal of some hundred samples, function calls take longer than the arithmetic. So the
     forward and backward errors are filtered as one matrix. An impulse follows each signal at a
     distance above the order, and its response contains the coefficients. The energy in the
-    denominator is updated recursively, and summed again if rounding errors would matter.
+    denominator is updated recursively: it is multiplied by 1 - k^2, and the squares of the two
+    errors that are not used at the next order are subtracted. If rounding errors would matter, the
+    energy is summed again.
 
     References
     ----------

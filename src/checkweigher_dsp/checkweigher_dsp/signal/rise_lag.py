@@ -2,16 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Lag of the samples behind the photo-eyes, measured on the rise of the load.
 
-A linear system of unity gain, such as the platform or an amplifier, changes the area under the rise
-of the load only by its delay at frequency 0. Let the signal y be z on the empty belt and z + M
-under the full load, s the fraction of the product on the belt according to the photo-eyes, and l
-the lag: [own derivation, docs/method.md, "Samples and eyes"]
+Between t1 and t2 a product moves onto the belt. A linear system of unity gain, such as the platform
+or an amplifier, delays the rise of the load by the delay at frequency 0. Apart from this, it does
+not change the area under the signal. A clock offset has the same effect. Let the signal y be z on
+the empty belt and z + M under the full load, s the fraction of the product on the belt according to
+the photo-eyes, and l the lag: [own derivation]
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 
 where a is 1 during the rise and falls smoothly to 0 before and after it, so that ringing averages
-out. An uneven rise also causes a lag, the bend. If the load after the fraction u of the rise time
-is u - k u (1 - u), the bend is the integral of 30 u (1 - u) times the residual of the signal.
+out. z and M are Hann-weighted means of the empty belt and under the full load. Nothing is assumed
+about the platform.
+
+An uneven rise also causes a lag, although the load is complete at t2. If the load after the
+fraction u of the rise time is u - k u (1 - u), this part of the lag, the bend, is k (t2 - t1) / 6.
+The residual of the signal has no area, so for small k the bend is the integral of 30 u (1 - u)
+times the residual.
 """
 
 from dataclasses import dataclass

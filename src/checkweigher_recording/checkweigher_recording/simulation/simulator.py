@@ -8,16 +8,19 @@ the static reading y = beta x / g in kg, where beta is the stiffness:
     y'' = w^2 (f - y) - c / (m0 + m) y',    w^2 = beta / (m0 + m).
 
 Here m0 is the moving mass of the empty platform, m is the mass of the load, c is the damping
-coefficient, and f is the sum of all forces divided by g.
+coefficient, and f is the sum of all forces divided by g. A load at rest therefore gives a reading
+equal to its mass, and lowers the natural frequency.
 
 One sample has 8 integration steps. The force is constant during a step and equals its value in the
-middle of the step, for which the integration is exact. The converter averages the 8 readings. The
-time stamp of a sample is the middle of its interval, so that the average has no delay.
+middle of the step. The integration is exact for such forces, so it adds no numerical damping or
+delay. The converter averages the 8 readings. The time stamp of a sample is the middle of its
+interval, so that the average has no delay.
 
 The forces are the weight of the load, which changes linearly while a product crosses an end of the
 belt; an impact of random sign when a product enters; vibrations of rollers and motor and broadband
-noise, which are proportional to the belt speed; and the vibration of the floor. The platform is at
-rest at the first sample.
+noise, which are proportional to the belt speed; and the vibration of the floor. The converter adds
+white noise, drift and quantisation, and clips the signal. The platform is at rest at the first
+sample.
 """
 
 from bisect import bisect_left

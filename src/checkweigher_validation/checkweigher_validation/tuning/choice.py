@@ -56,10 +56,14 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
 
     The best estimator is that with the smallest A on held-out passes, as the geometric mean over
     the belt speeds. A simpler estimator is chosen instead if its ln A, plus one standard error of
-    the difference, exceeds that of the best by a negligible amount. The standard error is computed
-    by a jackknife over blocks of passes. If `tuned` contains the parameters without training, they
-    are chosen unless the A of another estimator is smaller by more than one standard error. [own
-    derivation, docs/method.md] Raises `ValueError` if `tuned` is empty.
+    the difference, exceeds that of the best by a negligible amount. This is not a significance
+    test: in about one such choice in six, the difference is not negligible. The standard error is
+    computed by a jackknife over blocks of passes. It is large with few passes, so that the best
+    estimator is chosen. Disturbances cancel in the difference, because both estimators weigh the
+    same passes. If `tuned` contains the parameters without training, they are chosen unless the A
+    of another estimator is smaller by more than one standard error. [own derivation]
+
+    Raises `ValueError` if `tuned` is empty.
     """
     names = sorted(tuned, key=lambda name: (UNTRAINED, *ESTIMATORS, name).index(name))
     logs = {name: _log_index(tuned[name], None) for name in names}

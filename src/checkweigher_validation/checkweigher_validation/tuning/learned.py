@@ -5,12 +5,16 @@ r"""Tuning of the learned estimator: the covariance of the signal of a pass abou
 .. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (d d' + z^2 1 1')
 
 R contains the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is
-the mean of the variances of R. N is the covariance of the noise of the empty belt, I is white
-noise, and E contains the residuals of the other speeds. The terms K are models of damped swings,
-jitter of the edges, and an uneven rise. d is the change of the curve for a heavier product, or 0 if
-R contains this change. z is the standard deviation of the zero. The weights are averaged over a
-grid and random points of the coefficients, weighted by the likelihood of held-out passes. [own
-derivation, docs/method.md]
+the mean of the variances of R. The other terms dominate if there are few passes. Each coefficient
+is the number of passes that a term is worth. N is the covariance of the noise of the empty belt, I
+is white noise, and E contains the residuals of the other speeds at the same positions on the belt.
+The terms K are models of damped swings that begin during the entry, jitter of the edges (the curve
+moved or stretched), and an uneven rise (a Brownian bridge from t1 to t2). d is the change of the
+curve for a heavier product, whose oscillation is slower. It is 0 if the masses differ enough, so
+that R contains this change. z is the standard deviation of the zero, whose error is nearly equal in
+successive passes and thus not visible in R. The weights are averaged over a grid and random points
+of the coefficients. Each point is weighted by the likelihood of the passes, where each pass is
+weighed with the weights of the other passes. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence

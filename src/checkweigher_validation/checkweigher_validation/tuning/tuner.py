@@ -53,9 +53,11 @@ _DIGITS = 7  # significant digits of numbers in a parameter file
 class TunedSpeed:
     """Tuning result of an estimator on the passes of one belt speed.
 
-    Held-out errors are computed by cross-validation, with the parts that `_folds` describes. The
-    `uncertainty` is computed from them. If `held_out_index` is much larger than `index`, the
-    parameters are overfitted.
+    Held-out errors are computed by cross-validation: each half of the passes is weighed with the
+    parameters that are tuned on the other half. Eighths are used instead of halves if nothing is
+    searched, fifths if there are fewer than 60 passes, and single passes if there are fewer than
+    20. If `held_out_index` is much larger than `index`, the parameters are overfitted.
+    `uncertainty` is computed from the held-out errors.
     """
 
     speed: float  # m/s
@@ -233,10 +235,7 @@ def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any
 
 
 def _folds(task: Tunable) -> range:
-    """Return the numbers of the folds: halves, or eighths if nothing is searched.
-
-    With fewer than 60 passes, they are fifths, and with fewer than 20, single passes.
-    """
+    """Return the numbers of the folds: halves, eighths, fifths, or single passes."""
     count = len(task.group.passes)
     if count >= _FEWEST_FOR_HALVES:
         return range(_CLOSED_FORM_FOLDS if task.is_closed_form else 2)

@@ -8,8 +8,13 @@ The signal of a pass is a known shape times the mass, plus other motion of the b
 
 s is the response of the platform to the entering load, z an error of the zero, and n noise with the
 covariance C. o_i are free oscillations of the platform, caused by the previous product and by the
-impact at entry. The signal before t1, where s is 0, shows z, the oscillations and the vibration
-that continues in the window. [own derivation, docs/method.md]
+impact at entry. If C is known, generalised least squares has the smallest variance of all unbiased
+linear estimates of the mass. The signal before t1, where s is 0, is also used, because it shows z,
+the oscillations and, by C, the vibration that continues in the window. [own derivation,
+docs/method.md]
+
+The parameters of the platform are learned from passes of known mass. C is learned as an
+autoregression of the empty belt and of the residuals of these passes.
 """
 
 from dataclasses import dataclass

@@ -7,7 +7,9 @@ r"""Estimator Learned, a weighted sum of the pass with weights learned without a
 The features y_j are the means of the signal in parts of the pass. The times before t1, from t1 to
 t2 and from t2 to t3 are each divided into equal parts. So a feature belongs to the same place of
 the product on the belt at any speed and length. s is the mean curve of the training passes for a
-load of 1, and C the covariance of the disturbance. [own derivation, docs/method.md]
+load of 1. C is the covariance of the residuals of these passes, combined with that of other speeds
+and of the empty belt. The weights are the Gauss-Markov weights for this covariance. [own
+derivation, docs/method.md]
 """
 
 from dataclasses import dataclass

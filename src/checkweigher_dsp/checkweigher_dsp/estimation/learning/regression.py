@@ -4,11 +4,14 @@ r"""Weights of the parts of a pass from items of unknown mass.
 
 .. math:: m = \sum_j w_j y_j,\quad w \propto C^{-1} s,\quad C = R'R / d + a N + b v I + c v P
 
-Items of about the same mass form a cluster. R contains the deviations of the parts y from the means
-of the clusters, and d is the number of degrees of freedom. v is the mean variance of these
-deviations about the curve s of a load of 1. N is the noise of the empty belt, I white noise, and P
-the ringing of a platform. The weights are averaged over a grid of a, b and c by the likelihood of
-held-out masses. [own derivation, docs/method.md]
+Items of about the same mass form a cluster. The differences between the passes of a cluster are
+mainly disturbance. R contains the deviations of the parts y from the means of the clusters, and d
+is the number of degrees of freedom. v is the mean variance of these deviations about the curve s of
+a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
+change the weights. R'R is only approximate if there are few items. So C also contains the noise N
+of the empty belt, white noise I, and the ringing P of a platform. The weights are computed for a
+grid of a, b and c, and averaged by the likelihood of held-out masses. [own derivation,
+docs/method.md]
 """
 
 from collections.abc import Sequence
