@@ -27,7 +27,10 @@ BATCHES = 'batches'
 def faults_in(
     folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
-    """Yield a text for each file of a machine that is missing, unknown or changed."""
+    """Yield a text for each file of a machine that is missing, unknown or changed.
+
+    `signers` contains the users by name, or is None if signatures are not compared with them.
+    """
     entries = chain.entries
     if chain.fault:
         yield chain.fault

@@ -92,7 +92,10 @@ def write_report(
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield the report as lines of text: the faults and signatures, then each product."""
+    """Yield the report as lines of text: the faults and signatures, then each product.
+
+    `parts` contains the statistics of each product, because a batch may have several products.
+    """
     title = f'batch {one_line(batch.name)}'
     yield from _trust_lines(batch, title)
     for part in parts:

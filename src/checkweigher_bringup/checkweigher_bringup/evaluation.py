@@ -234,7 +234,10 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 
 
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
-    """Return the passes for training and for the test, both grouped by the same belt speeds."""
+    """Return the passes for training and for the test, grouped by belt speed.
+
+    Training and test have the same speeds, so that their results can be compared.
+    """
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; checkweigher weigh shows the reasons')

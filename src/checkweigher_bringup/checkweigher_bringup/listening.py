@@ -26,9 +26,10 @@ _MAX_UNPAIRED = 1000  # estimates that wait for their verdict, or verdicts for t
 class ResultListener(PortNode):
     """Node that pairs each verdict of a lane with its mass estimate.
 
-    It also requests earlier results, which a node may publish before it discovers the subscription.
-    Any thread may read the `pairs` from the queue `weighings`. `heard` is the time in s of the
-    latest sign of life on the monotonic clock.
+    The subscriptions also request earlier messages, because a node may publish a result before it
+    discovers the subscription. Any thread may read the pairs from the queue `weighings`. `pairs` is
+    the number of pairs. `heard` is the time in s of the latest sign of life, such as a pair, on the
+    monotonic clock.
     """
 
     def __init__(self, name: str) -> None:

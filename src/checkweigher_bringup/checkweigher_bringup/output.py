@@ -47,8 +47,9 @@ def read_with_warning(path: Path, lane: str | None) -> Recording:
 class ItemTable:
     """Table on the screen with one line per item and a summary at the end.
 
-    The stamp `origin` in ns, by default that of the first item, is subtracted from the times in
-    column t1. The default of `file` is the standard output.
+    The stamp `origin` in ns is subtracted from the times in column t1. If it is None, the stamp of
+    the first item is used, and the header is printed with this item. The table is written to
+    `file`, by default to the standard output.
     """
 
     def __init__(self, origin: int | None = None, file: TextIO | None = None) -> None:

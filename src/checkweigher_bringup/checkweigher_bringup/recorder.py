@@ -82,7 +82,8 @@ class RecorderNode(PortNode):
     """Node that receives the serialized messages of a lane.
 
     The queue `messages` contains the port, the arrival time in ns, and the bytes of each message.
-    With `passes`, their known mass is recorded instead of the reference masses of the line.
+    Any thread may read the queue. If `passes` is given, its known mass is recorded for each pass
+    instead of the reference masses that the line publishes.
     """
 
     def __init__(
@@ -102,7 +103,10 @@ class RecorderNode(PortNode):
             self.subscribe(ports.VERDICT, self._on_verdict)
 
     def write(self, bag: BagWriter) -> bool:
-        """Wait a moment for the next message, write it, and return whether it arrived."""
+        """Wait a moment for the next message, write it, and return whether it arrived.
+
+        The bag is flushed once a second.
+        """
         arrived = False
         with suppress(queue.Empty):
             bag.put(*self.messages.get(timeout=_POLL_PERIOD))
@@ -132,9 +136,12 @@ def record(
 ) -> None:
     """Record a lane for `duration` s, until all `passes` are recorded, or until a signal arrives.
 
-    If this process is killed, the bag lacks the last second and ``metadata.yaml``. With
-    `inputs_only`, results are not recorded. Raises `OutputError` if the bag cannot be written, and
-    `UserError` without a bag if no message arrives.
+    The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the last
+    second and the file ``metadata.yaml``. With `inputs_only`, results are not recorded, because a
+    replay computes them again.
+
+    Raises `OutputError` if the bag cannot be written. Raises `UserError` and leaves no bag if no
+    message arrives.
     """
     recorded = ports.PLAYED if inputs_only else ports.RECORDED
     with (

@@ -94,7 +94,8 @@ def replay(
     """Run the graph on a bag, and yield each item when it has its verdict.
 
     The parameters of the node `driver` name the bag. With `processes`, each node has its own
-    process. Raises `UserError` if another driver runs, and `LineError` if an item gets no verdict.
+    process. Raises `UserError` if another driver uses the same topics, and `LineError` if the graph
+    ends early or an item gets no verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
     # With deadlines, the results on a slow machine could differ from those of the command `weigh`.

@@ -32,7 +32,11 @@ def line_parameters(
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product of `--recipes` and `--product`, or None without the two options."""
+    """Return the product of the options `--recipes` and `--product`, or None without the options.
+
+    Raises `UserError` if only one of the options is given or the file lacks the product, and
+    `SettingsError` if the file cannot be used.
+    """
     path, name = arguments.recipes, arguments.product
     if path is None and name is None:
         return None
@@ -82,8 +86,9 @@ def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
 def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
     """Use the scheduler of the option `--scheduler` in a block, and yield `n_jobs` for `run_jobs`.
 
-    Workers with another version of the program are not used. Raises `UserError` or
-    `SchedulerError`.
+    Workers of the cluster that run another version of the program are not used, and are reported on
+    stderr. Raises `UserError` if the options cannot be used together, and `SchedulerError` if the
+    cluster cannot be used.
     """
     check_positive(arguments, 'jobs')
     if arguments.scheduler != LOCAL and arguments.jobs is not None:

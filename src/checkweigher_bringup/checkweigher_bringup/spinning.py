@@ -29,7 +29,8 @@ def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
     """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
 
     With ROS security, the process uses `enclave` of this namespace. Ctrl-C raises KeyboardInterrupt
-    in the block, while the nodes still exist. The nodes log only warnings and errors.
+    in the block, which can finish its work while the nodes still exist. The nodes log only warnings
+    and errors, because a command shows its own results.
     """
     arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
     if enclave:
@@ -60,7 +61,10 @@ def node_command(
 
 @contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Collect SIGINT, SIGTERM and SIGHUP in a list, so that none interrupts a write."""
+    """Collect the numbers of SIGINT, SIGTERM and SIGHUP in a list, instead of raising an exception.
+
+    An exception could interrupt the writing of a message or the start of a process.
+    """
     received: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _: received.append(number))
@@ -76,7 +80,10 @@ def asked_to_end() -> Iterator[list[int]]:
 
 @contextmanager
 def memory_file() -> Iterator[Path]:
-    """Yield the path of an empty file in memory, which is removed when this process ends."""
+    """Yield the path of an empty file in memory, which other processes can open.
+
+    The system removes the file when this process ends, even if the process is killed.
+    """
     number = os.memfd_create('checkweigher')
     try:
         yield Path(f'/proc/{os.getpid()}/fd/{number}')
@@ -106,7 +113,11 @@ def write_parameter_file(
 
 
 def start_process(words: Sequence[str]) -> Process:
-    """Start a process that ends when this process ends, and that gets no Ctrl-C."""
+    """Start a process that ends when this process ends.
+
+    The new process does not receive Ctrl-C of the terminal. The present process receives Ctrl-C,
+    and then ends its child processes in order.
+    """
     return subprocess.Popen(words, env=child_environment(), process_group=0)
 
 

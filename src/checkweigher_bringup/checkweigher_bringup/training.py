@@ -63,11 +63,13 @@ def read_passes(
     n_jobs: int | None = None,
     untrained: SegmenterParameters | None = None,
 ) -> ReadPasses:
-    """Return the passes of known mass in bags, cut with `segmenter` and again with `untrained`.
+    """Return the passes of known mass in bags.
 
-    `n_jobs` is the number of processes, as in `run_jobs`. Bags that cannot be read are reported on
-    stderr and skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate
-    than the first bag, and `BagError` if no bag can be read.
+    The windows of `ReadPasses.passes` are cut with the parameters `segmenter`, and those of
+    `ReadPasses.untrained` with `untrained`. If `untrained` is None, there are none. `n_jobs` is the
+    number of processes, as in `run_jobs`. Bags that cannot be read are reported on stderr and
+    skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate than the
+    first bag, and `BagError` if no bag can be read.
     """
     cuts = list(filter(None, (segmenter, untrained)))
     calls = [partial(passes_of_bag, str(bag), lane, cuts, len(bags) == 1) for bag in bags]
@@ -147,12 +149,14 @@ def train(
     lane: str | None = None,
     n_jobs: int | None = None,
 ) -> int:
-    """Tune estimators on passes of known mass, write a parameter file; return the skipped bags.
+    """Tune estimators on the passes of known mass in bags, and write a parameter file.
 
-    The file selects the first of the `estimators`. If they are None, all candidates for this number
-    of passes are compared with each other and with `base` on held-out passes, and the file contains
-    only the best one. `budget` is the largest number of evaluations of each estimator at each
-    speed. `n_jobs` is the number of processes, as in `run_jobs`.
+    The file contains the tuned parameters and the changed parameters of `base`, and selects the
+    first estimator. If `estimators` is None, all candidates for this number of passes are tuned,
+    and compared with each other and with `base` on held-out passes. The file then contains only the
+    best one, or the estimator of `base` without tuning. `budget` is the largest number of
+    evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
+    `run_jobs`. Returns the number of bags that were skipped.
     """
     before = base
     as_untrained = base.segmenter if estimators is None else None

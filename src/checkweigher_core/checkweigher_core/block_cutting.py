@@ -29,11 +29,14 @@ def join(
     *,
     ends_block: Callable[[EyeEdge], bool] = lambda edge: False,
 ) -> Iterator[Event]:
-    """Yield the events with fewer and longer blocks, in the order of a live source.
+    """Yield the events with fewer and longer blocks.
 
-    Consecutive blocks are joined up to `longest` s of signal, unless there is a gap between them.
-    An edge precedes the block that contains its time. If `ends_block` returns True for an edge, or
-    the block is longer than `longest`, the block is cut at the edge.
+    Consecutive blocks are joined up to `longest` s of signal, unless there is a gap between them in
+    the sample index or in time. An edge precedes the block that contains its time. However, if
+    `ends_block` returns True for an edge, or the block is longer than `longest`, the block is cut
+    at the edge, and the samples before the edge precede it. If `events` are in canonical order, the
+    output is in the order in which a live source would send it, because a source sends a block
+    after the last sample of that block.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -80,7 +83,10 @@ class _Run:
         self._blocks, self._count = [], 0
 
     def take_before(self, stamp: int, *, ends_block: bool) -> Iterator[SampleBlock]:
-        """Yield and remove the samples before an edge at `stamp` in ns, if the block ends there."""
+        """Yield and remove the samples before an edge, whose time `stamp` is in ns.
+
+        No samples are yielded if the edge is within the run and does not end the block.
+        """
         if not self._blocks:
             return
         samples = (stamp - self._blocks[0].stamp) * self._sample_rate / NANOSECONDS
@@ -103,8 +109,9 @@ class _Run:
 def join_recording(recording: Recording, longest: float = LONGEST) -> list[SampleBlock | EyeEdge]:
     """Return the blocks and edges of a recording, with fewer and longer blocks.
 
-    This is a fast version of `join` for a whole recording, in which no edge ends a block. It does
-    not cut a block that is longer than `longest` s, and omits reference masses.
+    This function is a fast version of `join` for a whole recording, in which no edge ends a block.
+    In contrast to `join`, it does not cut a block that is longer than `longest` s; such a block
+    precedes the edges within it. Reference masses are omitted.
     """
     rate = recording.load_cell.sample_rate
     blocks = BlockColumns.of(recording.blocks)
@@ -155,10 +162,11 @@ def is_exit(edge: EyeEdge) -> bool:
 def cut_for_pace(
     events: Iterable[Event], sample_rate: float, pace: float, block_time: float
 ) -> Iterator[Event]:
-    """Yield the events with blocks that suit the playback speed `pace`.
+    """Yield the events with blocks that suit the playback speed.
 
-    At pace 0, as fast as possible, blocks are long. Otherwise they have at most `block_time` s, and
-    a block also ends at each t3, at which the weighing of a product can begin.
+    `pace` is the playback speed in seconds of signal per second. If it is 0, the signal is played
+    as fast as possible, and long blocks are used. At any other speed, blocks are joined up to
+    `block_time` s. A block then also ends at each t3, at which the weighing of a product can begin.
     """
     if pace == 0:
         return join(events, sample_rate)

@@ -38,8 +38,9 @@ class Pacer:
 class FlowControl:
     """Flow control of the driver, which waits while the line lags too far behind.
 
-    The lag is the difference to the counts that the segmenter reports. Samples and edges are
-    counted separately, because DDS may delay one topic more than the other.
+    The lag is computed from the counts that the segmenter reports, so it does not depend on the
+    depth of the DDS queues. Samples and edges are counted separately, because DDS may delay one
+    topic more than the other. The methods are not thread-safe.
     """
 
     max_duration: float = 1.0  # largest lag in s of signal, below `segmenter.edge_lateness`

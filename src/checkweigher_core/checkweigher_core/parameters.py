@@ -84,7 +84,12 @@ class Parameters:
     """Base class of all parameter sets, which checks types and ranges.
 
     A field may be a parameter set itself. The names of its parameters then begin with the name of
-    the field and a dot, as in ``tvlpf.gain``. Raises `ParameterError` if a value is invalid.
+    the field and a dot, as in ``tvlpf.gain``.
+
+    Raises
+    ------
+    ParameterError
+        If a value has the wrong type, is NaN, is out of range or is not one of the choices.
     """
 
     # Name of the node that declares the parameters.
@@ -183,7 +188,8 @@ def _number(kind: type, description: Description, value: object) -> float:
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
     """Raise ParameterError if the computation for one item would take too long.
 
-    `cost` estimates the duration in s from the parameters `names`.
+    `cost` estimates the duration in s from the parameters `names`. The message names the parameter
+    whose default value would shorten the computation most.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:

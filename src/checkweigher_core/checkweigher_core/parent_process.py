@@ -36,10 +36,11 @@ def parent_identity() -> str:
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """Let the kernel send SIGTERM to this process when its parent, or the parent's thread, ends.
+    """Let the kernel send SIGTERM to this process when its parent ends.
 
     `parent` is the process ID of the parent, by default the value of `child_variable`. Without an
-    ID, no signal is sent, because a command that a user starts may outlive the shell.
+    ID, no signal is sent, because a command that a user starts may outlive the shell. The signal is
+    also sent if only the thread that started this process ends.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent

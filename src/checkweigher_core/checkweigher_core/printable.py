@@ -20,5 +20,9 @@ def one_line(text: object, longest: int = _LONGEST) -> str:
 
 
 def counted(count: int, name: str) -> str:
-    """Return a number with a noun in the singular or plural, such as 1 gap or 0 gaps."""
+    """Return a number with a noun in the singular or plural.
+
+    >>> counted(1, 'gap'), counted(0, 'gap')
+    ('1 gap', '0 gaps')
+    """
     return f'{count} {name}{"" if count == 1 else "s"}'

@@ -92,7 +92,8 @@ def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
     `path` contains the keys that lead to the mapping in its file. An absent or empty value stands
-    for the default of its field. An unknown key is refused, but kept in a file of a `newer` format.
+    for the default of its field. An unknown key is refused, because it is probably a typing error.
+    If the file has a `newer` format, unknown keys are kept.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):

@@ -34,7 +34,8 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
     """Open a temporary file, which takes the name `path` at the end of the block.
 
-    After an exception or a power cut, the file is either the old or the complete new one. Raises
+    If the block raises an exception, an existing file is left unchanged. A power cut leaves either
+    the complete old or the complete new file, and after the block always the new file. Raises
     OSError if the file cannot be written.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)

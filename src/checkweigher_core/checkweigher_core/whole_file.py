@@ -17,10 +17,11 @@ class OutputError(ValueError):
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o644) -> None:
-    """Write or replace a file, a link's target, or a stream (see `is_stream`). Text is UTF-8.
+    """Write or replace a file. Text is written in UTF-8 with unchanged line ends.
 
-    `mode` are the permissions of the file. Raises `OutputError` if the file cannot be written; an
-    existing file is then left unchanged.
+    If the path is a link, its target is replaced. A stream (see `is_stream`) is written to, not
+    replaced. `mode` are the permissions of the file. Raises `OutputError` if the file cannot be
+    written; an existing file is then left unchanged.
     """
     given = [content] if isinstance(content, str | bytes) else content
     # Escape what UTF-8 cannot encode, because the content may include such file names.
@@ -38,7 +39,10 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 
 
 def is_stream(path: Path) -> bool:
-    """Return whether a path is a device, a pipe or the standard output, which is never replaced."""
+    """Return whether a path leads to a device, a pipe or the standard output.
+
+    The caller must write to such a file, instead of replacing it by a regular file.
+    """
     try:
         there = os.stat(path)
     except OSError:

@@ -99,12 +99,18 @@ class DriverParameters(Parameters):
 
 
 def source_class(name: str) -> type[Source]:
-    """Return a class of `SOURCES` by its name. Raises `ParameterError` if there is none."""
+    """Return a class of `SOURCES` by its name.
+
+    Raises `ParameterError` for an unknown name, or if its package is not installed.
+    """
     return cast(type[Source], _find('source', name, SOURCES))
 
 
 def eyes_class(name: str) -> type[EdgeSource]:
-    """Return a class of `EYES` by its name. Raises `ParameterError` if there is none."""
+    """Return a class of `EYES` by its name.
+
+    Raises `ParameterError` for an unknown name, or if its package is not installed.
+    """
     return cast(type[EdgeSource], _find('eyes', name, EYES))
 
 
@@ -122,9 +128,9 @@ def _find(parameter_name: str, name: str, registry: dict[str, str]) -> Any:
 def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Source]:
     """Return a function that opens a source of samples together with its photo-eyes.
 
-    That function raises ValueError with a line for the technician if a device cannot be opened.
-    Raises ParameterError if a parameter is invalid, or a source with its own photo-eyes gets
-    `eyes`.
+    The returned function raises ValueError if a device cannot be opened; the message is one line
+    for a technician. Raises ParameterError if `eyes` are given for a source with its own
+    photo-eyes, or if a parameter is invalid.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)

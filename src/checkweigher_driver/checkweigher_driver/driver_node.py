@@ -42,7 +42,10 @@ _LOOK_PERIOD = 0.2  # period in s of the check for faults of the machine
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
-    """Node that sends each stream of samples and edges of a source, and switches the outputs."""
+    """Node that publishes the samples and edges of a source, and switches the outputs.
+
+    A separate thread reads the source. Each activation begins a new `stream` of samples.
+    """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DriverParameters, read_only=True, overrides=overrides)

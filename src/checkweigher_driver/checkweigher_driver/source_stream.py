@@ -37,9 +37,10 @@ _REMINDER = 5.0  # time in s between warnings
 class SourceStream:
     """Publisher of the events of a source. Each stream has its own thread.
 
-    The thread holds the lock of the process while it sends an event. `note` is called with each
-    event before it is sent. `machine_ready` returns whether the outputs of the machine can be
-    switched. `failure` is the error that ended the latest stream. The caller sets `reject_ready`.
+    The thread holds the lock of the process while it sends an event, but not while it waits for
+    events. `note` is called with each event before it is sent. `machine_ready` returns whether the
+    outputs of the machine can be switched. `failure` is the message of the error that ended the
+    latest stream, if any. The caller sets `reject_ready` while the reject node is active.
     """
 
     def __init__(
@@ -85,7 +86,10 @@ class SourceStream:
         threading.Thread(target=self._run, args=(source,), name='source', daemon=True).start()
 
     def end(self, close: Callable[[], None] | None = None) -> bool:
-        """End the stream; return whether it was running. `close` ends a read that blocks."""
+        """End the stream; return whether it was still running.
+
+        `close` closes the source, if otherwise a blocking read would not end.
+        """
         was_running = self._running
         with self._changed:
             self._stopping = True
@@ -223,7 +227,9 @@ class SourceStream:
     def _line_is_there(self, *, lossless: bool) -> bool:
         """Wait for the nodes that receive the stream; return False if the stream ends.
 
-        A lossless stream waits without a time limit for the segmenter and the `listeners`.
+        A lossless stream waits without a time limit for the segmenter and the `listeners`. All
+        other waits have a time limit, because a device does not wait, and a graph may have no
+        reject node.
         """
         wanted = self._parameters.listeners
         what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'

@@ -32,9 +32,16 @@ class GatewayError(ValueError):
 
 
 class Gateway:
-    """Base class of the gateways. Their modules have a function `make`, which returns them.
+    """Base class of the gateways.
 
-    `kept` is whether earlier verdicts are received as well. `intake` exists after `start`.
+    The module of each gateway has a function `make`, which returns the gateway for its settings.
+
+    Attributes
+    ----------
+    kept : bool
+        Whether the gateway also receives verdicts that were published before its subscription.
+    intake : Intake
+        Subscriptions of the gateway, which exist after `start`.
     """
 
     kept: ClassVar[bool] = False

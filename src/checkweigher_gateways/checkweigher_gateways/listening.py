@@ -45,9 +45,17 @@ class _Finder(PortNode):
 class Intake:
     """Subscriptions of a gateway to its lanes, and the queue of records for its thread.
 
-    The ROS thread only appends to the queue. If the queue is full, the oldest record is `dropped`
-    and counted. If `kept` is true, earlier verdicts are received as well. `nodes` has the names of
-    all nodes in the ROS graph.
+    The ROS thread only appends to the queue. If the queue is full, the oldest record is dropped and
+    counted. If `kept` is true, verdicts that were published earlier are received as well.
+
+    Attributes
+    ----------
+    dropped : int
+        Number of dropped records.
+    spinner : Spinner
+        Executor of the nodes.
+    nodes : set of str
+        Names of all nodes in the ROS graph.
     """
 
     def __init__(

@@ -52,10 +52,15 @@ _REPORTING = {*NODES, *OF_MACHINE, *GATEWAYS}
 
 
 class Metrics(Gateway):
-    """Gateway that serves the metrics in `registry` to Prometheus.
+    """Gateway that serves metrics to Prometheus.
 
     Counters begin at 0 when the gateway starts. A lane without a namespace has the label
     ``lane=""``. Item numbers and batch names are not labels.
+
+    Attributes
+    ----------
+    registry : CollectorRegistry
+        Registry of the metrics.
     """
 
     def __init__(self, settings: MetricsSettings) -> None:

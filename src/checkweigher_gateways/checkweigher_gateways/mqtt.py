@@ -46,10 +46,10 @@ _COMMANDS = 'Command/Product', 'Command/Batch', 'Command/Zero'
 class MqttGateway(Gateway):
     """MQTT gateway. Verdicts wait on the disk while the broker cannot be reached.
 
-    Each connection has its own client, because the wills of the connections contain different
-    numbers. An item is stored before it is published, and marked as sent when the broker has
-    confirmed it. The retained message ``delivered`` (the mark) contains the number of the last item
-    that the broker has received.
+    The threads of paho only put events into a queue. Each connection has its own client, because
+    the wills of the connections contain different numbers. An item is stored before it is
+    published, and marked as sent when the broker has confirmed it. The retained message
+    ``delivered`` (the mark) contains the number of the last item that the broker has received.
     """
 
     kept: ClassVar[bool] = True

@@ -94,7 +94,10 @@ _OWN_METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
 
 
 class OpcuaGateway(Gateway):
-    """OPC UA server in the event loop of the gateway, with the latest verdicts as history."""
+    """OPC UA server, which runs in the event loop of the gateway.
+
+    A restarted gateway receives the latest verdicts of the line again, for the history.
+    """
 
     kept: ClassVar[bool] = True
 

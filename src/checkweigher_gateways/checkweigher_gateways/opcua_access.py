@@ -50,7 +50,10 @@ class Users(UserManager):
         self._turn = asyncio.Lock()  # one password at a time, so that the throttle counts each one
 
     async def check(self, username: str, password: str) -> Caller | None:
-        """Return the user, or None if the login is wrong or comes too soon after failures."""
+        """Return the user, or None if the login is wrong or comes too soon after failures.
+
+        The password is checked in a thread, because it takes about 0.1 s.
+        """
         name = account_name(username)
         key = f'account {name}'
         async with self._turn:

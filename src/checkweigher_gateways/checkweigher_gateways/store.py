@@ -23,8 +23,16 @@ class Store:
     """Numbered items, which wait until the broker has received them.
 
     An item whose key is known is not added again, because a restarted gateway receives it twice. If
-    more than `limit` items wait, the oldest item is `dropped` and counted. `identity` distinguishes
-    the numbers of this file from those of another file.
+    more than `limit` items wait, the oldest item is dropped and counted.
+
+    Attributes
+    ----------
+    identity : str
+        Unique ID of the file, which distinguishes its numbers from those of another file.
+    waiting : int
+        Number of waiting items.
+    dropped : int
+        Number of items dropped since the start.
     """
 
     def __init__(self, path: Path, limit: int) -> None:

@@ -36,9 +36,9 @@ def alarm_of(values: Mapping[str, Any]) -> Alarm:
 class AlarmList:
     """Alarms of a line, which are stored as entries of its audit log.
 
-    An entry is written when an alarm begins, recurs, ends or is acknowledged. If an item fault
-    recurs, an entry is written only when its count has doubled. `publish` is called with all alarms
-    after each change.
+    An entry is written when an alarm begins, recurs, ends or is acknowledged, and when the line is
+    shut down. If an item fault recurs, an entry is written only when its count has doubled.
+    `clock` returns the time in ns. `publish` is called with all alarms after each change.
     """
 
     def __init__(

@@ -84,7 +84,12 @@ def logs_in(folder: Path) -> list[Path]:
 
 
 def name_predecessor(log: AuditLog, time: str, source: str) -> None:
-    """Name the previous log of the node `source` in a new log without entries."""
+    """Name the previous log of the node `source` in a new log.
+
+    A log that contains entries is left unchanged.
+
+    Raises `AuditError` if the entry cannot be written.
+    """
     if log.entries:
         return
     latest = max(_written_by(log.path, source), default=None)

@@ -110,7 +110,10 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 
 def read_consistent(path: Path) -> tuple[bytes, bytes]:
-    """Return the contents of a log and its head (empty if missing) at the same time."""
+    """Return the contents of a log and its head at the same time. A missing head is empty.
+
+    Raises `AuditError` if the log cannot be read.
+    """
     while True:  # repeated if an entry was added between the two reads
         head = _read_head(path)
         data = _read_file(path)
@@ -248,8 +251,19 @@ def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
 class AuditLog(AbstractContextManager['AuditLog', None]):
     """Log that is open for appending, and locked against other processes.
 
-    No entry is written to a log that was replaced, shortened or changed. `entries` are those at the
-    opening, and `size` is in bytes. Raises `AuditError` if the log cannot be used.
+    Before an entry is written, the log and `LOG.head` are compared with their last known state. No
+    entry is written to a log that was replaced, shortened or changed.
+
+    Raises `AuditError` if the log cannot be opened, is open in another process, or is not valid.
+
+    Attributes
+    ----------
+    entries : tuple of Entry
+        Entries of the log when it was opened.
+    last_hash : str
+        Hash of the last entry.
+    size : int
+        Size of the log in bytes, at most `MAX_LOG`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -325,9 +339,10 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         who: str = '',
         why: str = '',
     ) -> Entry:
-        """Append an entry and sync the file to the disk. Raises `AuditError` if that fails.
+        """Append an entry and sync the file to the disk.
 
-        `who` makes the change, by default ``graph:`` and the `source`, and `why` is the reason.
+        `who` is the person who makes the change, by default ``graph:`` and the `source`, and `why`
+        is the reason. Raises `AuditError` if the entry cannot be written.
         """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')

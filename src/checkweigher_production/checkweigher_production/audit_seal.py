@@ -53,9 +53,10 @@ def seals_path(log: Path) -> Path:
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
-    """Return the signing key in a PEM file, to which only its owner has access.
+    """Return the signing key in a PEM file.
 
-    Raises `AuditError` if there is none.
+    Raises `AuditError` if the file cannot be read, has no key, or is accessible to anyone except
+    its owner.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:

@@ -31,8 +31,10 @@ class Authors:
     """Persons who are about to call services of the line.
 
     A service request has no field for the name of a person. Therefore the page or a gateway
-    announces the person before a call. An announcement holds until it is withdrawn, at most
-    `patience` s. In all methods, `now` is the time in s.
+    announces the person before a call, and withdraws the announcement after it. The audit log names
+    this person for all changes that the service makes in between. An announcement expires after
+    `patience` s.
+    In all methods, `now` is the time in s.
     """
 
     def __init__(self, patience: float) -> None:
@@ -53,10 +55,13 @@ class Authors:
 class AuditTrail:
     """Writer of changes to the audit log. States and recipes are written only if they differ.
 
-    If `log` is None, the methods do not write anything. `note`, `state`, `parameters` and `recipes`
-    must be called before a change is made. If they raise `AuditError`, the change must not be made.
-    `saw` and `saw_state` are for changes that have happened, and are written later if the log
-    cannot be written at present. `trouble` is the reason for that, or empty.
+    `source` is the name of this node, and `clock` returns the time of an entry (ISO 8601, UTC). If
+    `log` is None, the methods do not write anything.
+
+    `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
+    raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
+    happened. The entries of past changes are written later if the log cannot be written at present.
+    `trouble` is the reason why the log cannot be written at present, or empty.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -152,7 +157,11 @@ class AuditTrail:
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
     def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
-        """Write the parameters of a running node that are about to be set, also equal values."""
+        """Write the parameters of a running node that are about to be set.
+
+        Equal values are written as well, because the value in use may differ from the last one in
+        the log, for example after the selection of a product.
+        """
         for name, value in values.items():
             old = self._parameters.get(node, {}).get(name)
             self.note(PARAMETER, f'{node}.{name}', old, value, by)

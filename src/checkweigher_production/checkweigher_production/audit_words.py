@@ -52,7 +52,10 @@ def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
 
 
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
-    """Return name, old value and new value of each change in an entry."""
+    """Return name, old value and new value of each change in an entry.
+
+    For an object without old values, a single change states the number of its values.
+    """
     old, new = entry.old, entry.new
     if not isinstance(new, dict):
         return [(entry.subject, old, new)]
@@ -63,7 +66,10 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
 
 
 def shortened(value: Any, widest: int | None = _WIDEST) -> str:
-    """Return a value, or a dash for None, as printable text of at most `widest` characters."""
+    """Return a value as printable text with at most `widest` characters (None: any number).
+
+    The value None becomes a dash.
+    """
     text = '-' if value is None else value if isinstance(value, str) else json.dumps(value)
     text = text if text.isprintable() else repr(text)
     return text if widest is None or len(text) <= widest else text[: widest - 3] + '...'

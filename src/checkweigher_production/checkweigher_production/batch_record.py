@@ -67,7 +67,10 @@ def record_path(folder: Path, batch: str) -> Path:
 
 
 def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
-    """Return the paths of the records without an end by batch, and the faults of others."""
+    """Return the paths of the records without an end by batch, and the faults of invalid records.
+
+    Only the first line and the end of each file are read.
+    """
     found: dict[str, Path] = {}
     faults = []
     for path in sorted(folder.glob(f'*{SUFFIX}')):
@@ -130,7 +133,10 @@ def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
 
 
 def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return why a record is broken or contradicts its states in the audit log, or ''."""
+    """Return why a record is broken, or an empty text.
+
+    `data` is the content of the file, and `states` are its states in the audit log.
+    """
     return _broken_line(data) or _contradicted(data, states)
 
 
@@ -195,9 +201,10 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield kind and content of each line, or raise `RecordError`.
+    """Yield kind and content of each line.
 
-    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds.
+    The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds. Raises
+    `RecordError` as `read_lines` does, or if a value is not valid.
     """
     for number, values in enumerate(read_lines(path), 1):
         kind = values.pop('kind')
@@ -279,8 +286,8 @@ class RecordWriter:
     def resume(self, batch: str, time: str = '', states: Sequence[RecordState] = ()) -> None:
         """Continue the record of a batch, unless it has ended.
 
-        If it is broken or contradicts its `states` in the audit log, a line with the fault is
-        added.
+        `states` contains its states in the audit log. If the record is broken, a line with the
+        fault and the time `time` is added.
         """
         self._submit(self._open, batch, CONTINUED, time, states)
 

@@ -49,9 +49,11 @@ class FillerParameters(Parameters):
 
 
 class FillerController:
-    """Controller of one filler for one product. `nominal` and `tare` are in kg.
+    """Controller of one filler for one product.
 
-    `correction` is the sum of all changes of the set point in kg.
+    `nominal` is the nominal quantity and `tare` the mass of the packaging, both in kg. `correction`
+    is the sum of all changes of the set point in kg; its initial value is limited to the allowed
+    range.
     """
 
     def __init__(

@@ -116,9 +116,10 @@ _NEVER = LastTest(0, '', '', passed=True)  # value before the first test
 
 
 class PerformanceTests:
-    """State of the performance test of the selected product. Times are in ns (system clock).
+    """State of the performance test of the selected product.
 
-    `plan` contains the rules of the recipe, or is None if the recipe requires no test.
+    `plan` contains the rules of the recipe, or is None if the recipe requires no test. Times
+    are in ns of the system clock.
     """
 
     def __init__(self) -> None:

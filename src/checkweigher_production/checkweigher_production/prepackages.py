@@ -74,7 +74,10 @@ class BatchJudgement:
 
 
 def tolerable_negative_error(nominal: float) -> float:
-    """Return the tolerable negative error in kg for a nominal quantity of 0.005..10 kg."""
+    """Return the tolerable negative error in kg for a nominal quantity of 0.005..10 kg.
+
+    Raises `ValueError` for any other quantity.
+    """
     if not SMALLEST * (1 - ROUNDING) <= nominal <= LARGEST * (1 + ROUNDING):
         raise ValueError(
             f'nominal {nominal:g} kg is not in {SMALLEST:g}..{LARGEST:g} kg, for which the '

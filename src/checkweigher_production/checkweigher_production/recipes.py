@@ -251,7 +251,10 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 
 def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the keys of each recipe in a file by product, or raise `SettingsError`."""
+    """Return the keys of each recipe in a recipe file, by product name.
+
+    Raises `SettingsError` if a recipe is not valid.
+    """
     return {name: dict(keys) for name, keys in _content(path)['products'].items()}
 
 
@@ -280,7 +283,8 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
 def replace_recipes(path: Path, text: str) -> None:
     """Replace the content of a recipe file by a text, which may contain comments.
 
-    An invalid recipe raises `SettingsError`, and a file that cannot be written `OutputError`.
+    Raises `SettingsError` if a recipe is not valid, and `OutputError` if the file cannot be
+    written. In both cases, the file is unchanged.
     """
     read_settings(text, RecipeFile)
     with _locked(path):

@@ -65,7 +65,8 @@ class Selection(Settings):
 def read_selection(folder: Path, entries: Sequence[Entry]) -> Selection | None:
     """Return the selection that is stored in a folder, or None if there is no file.
 
-    Raises `SettingsError` if the file is invalid, or older than a selection in the audit log.
+    Raises `SettingsError` if the file cannot be used, or if `entries`, the entries of the audit
+    log, contain a later selection.
     """
     path = folder / FILE
     if not path.exists():

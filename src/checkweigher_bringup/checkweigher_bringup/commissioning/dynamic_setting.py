@@ -262,7 +262,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     # The child process
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """Send SIGTERM, which no process ignores in the background, to a child and its workers."""
+        """Send SIGTERM to a child process and to the worker processes for which it waits.
+
+        The signal is not SIGINT, because a child that is just starting ignores SIGINT if this
+        process ignores it, as it does in the background of a shell.
+        """
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
 

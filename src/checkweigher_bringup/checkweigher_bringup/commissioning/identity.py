@@ -99,7 +99,10 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
 
 
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
-    """Return name and digests of an audit log, and its entries. Raises `AuditError` if broken."""
+    """Return the name, digest and last hash of an audit log, and the entries.
+
+    Raises `AuditError` if the chain of the log is broken.
+    """
     if path is None:
         return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()
     found = read_log(path)

@@ -31,7 +31,10 @@ DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 
 
 def own_folder(node: Node, name: str) -> Path:
-    """Return the folder of a node, or destroy the node and raise `ParameterError`."""
+    """Return the folder that the parameter `folder` of a node names.
+
+    If the folder cannot be used, the node is destroyed and `ParameterError` is raised.
+    """
     folder = Path(name)
     try:
         if not name or not folder.is_dir():
@@ -48,9 +51,11 @@ def own_folder(node: Node, name: str) -> Path:
 class MachineFolder:
     """Folder with the state of a machine.
 
-    It contains the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
-    `recipes.yaml`, the numbers of the latest items, the audit log, and folders: bags of passes,
-    `kept` items, records of `batches`, verification `plans`, and `verifications`.
+    The files are the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
+    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, and the audit
+    log `audit.log`. The folders `passes_N` are bags of recorded passes, `kept` contains items that
+    users kept, `batches` contains records and reports of batches, `plans` contains verification
+    plans, and `verifications` contains a folder for each verification.
     """
 
     path: Path

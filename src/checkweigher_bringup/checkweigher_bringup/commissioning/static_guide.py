@@ -102,7 +102,10 @@ def _guided_points(
 def read_at_rest(
     feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness, show: Callable[[str], None]
 ) -> StaticReading:
-    """Return the reading of a load at rest. `show` is called with the state, and '' at the end."""
+    """Return the reading of a load once the load has been at rest for long enough.
+
+    `show` is called with texts on the state of the measurement, and with '' at the end.
+    """
     feed.forget()
     reading, blocks = RestReading(load_cell, steadiness), feed.blocks()
     found = shown = None

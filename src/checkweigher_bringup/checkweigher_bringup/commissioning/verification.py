@@ -57,7 +57,10 @@ def verify(arguments: argparse.Namespace) -> str:
 
 
 def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
-    """Write a result to the audit log of the line; return why this failed, or an empty text."""
+    """Write the result of a verification to the audit log of the line.
+
+    Returns the reason why the result could not be written, or an empty text.
+    """
     files = [folder / f'report.{ending}' for ending in ('html', 'json')]
     value = {
         'verdict': verdict,

@@ -49,10 +49,11 @@ def procedure_of_bags(
     identity: Identity,
     output: Path,
 ) -> None:
-    """Weigh the bags of the steps, which have their names, and write the bag of the procedure.
+    """Weigh the bags of the steps, and write the bag of the procedure.
 
-    All bags are weighed with the same parameters, so there is one identity of the machine. Raises
-    `UserError` if a bag does not fit its step, or bags overlap in time.
+    Each bag has the name of its step. All bags are weighed with the same parameters, so the
+    procedure has one identity of the machine. Raises `UserError` if no step has the name of a bag,
+    if the calibration or the load of a bag is wrong, or if bags overlap in time.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:

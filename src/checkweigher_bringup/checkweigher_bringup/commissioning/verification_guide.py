@@ -124,8 +124,9 @@ def procedure_on_line(
 ) -> None:
     """Guide an operator through the steps of a plan, and record the procedure into a bag.
 
-    If the operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if
-    the line does not run or the input ends.
+    The parameters of the line are read before the first step and after the last step. If the
+    operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if the
+    line does not run or the input ends.
     """
     node = VerificationNode()
     spinner.add(node)

@@ -62,7 +62,10 @@ class VerifierParameters(Parameters):
 
 
 class RemoteOperator:
-    """Operator at the page, who sees the published progress and answers by a service."""
+    """Operator at the page, who sees the published progress and answers by a service.
+
+    `publish` is called with the progress after each change. `progress` is the initial progress.
+    """
 
     def __init__(
         self, progress: VerificationProgress, publish: Callable[[VerificationProgress], object]

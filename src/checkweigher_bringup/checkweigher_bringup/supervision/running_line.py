@@ -63,9 +63,10 @@ def run_line(
     """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
-    `page` has the options of the page, or is None without a page. With a `folder`, the nodes of
-    `BESIDE` run as well. Raises `UserError` if a line already runs in this lane, and
-    `SettingsError` if the file `gateways` is invalid.
+    `page` has the options of the page, or is None if the page is not served. With a `folder`, the
+    line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways
+    of the file `gateways` run beside the line. Raises `UserError` if a line already runs in this
+    lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, namespace, driver, folder)
@@ -217,7 +218,10 @@ def _supervise(
     asked: Sequence[int],
     meanwhile: Callable[[], None],
 ) -> int:
-    """Keep processes running and call `meanwhile`, until a signal or the end of the line."""
+    """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
+
+    Also return if a process of the line cannot start or, under systemd, has ended.
+    """
     try:
         while not asked:
             now = time.monotonic()

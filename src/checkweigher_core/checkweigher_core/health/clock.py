@@ -79,7 +79,10 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the rate of the stamps relative to the clock of this machine, NaN if unknown."""
+        """Return the rate of the stamps relative to the clock of this machine, NaN if unknown.
+
+        The shortest delays are preferred, because blocks arrive too fast for a while after a halt.
+        """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
         arrival, elapsed, _ = self._span()

@@ -70,7 +70,10 @@ def error_if(holds: bool, text: str, hint: str) -> Concern | None:
 def conclude(
     aspect: str, well: str, concerns: Iterable[Concern | None] = (), values: Values | None = None
 ) -> Finding:
-    """Return a finding: the first of the most severe concerns, or `well` if there is none."""
+    """Return the finding on an aspect, made from the first of its most severe concerns.
+
+    The text of the finding is `well` if all `concerns` are None.
+    """
     none = Concern(Level.OK, well, '')
     worst = max(filter(None, concerns), key=lambda concern: concern.level, default=none)
     return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
@@ -136,7 +139,10 @@ class RecentValues(Recent[float]):
 
     @property
     def slope(self) -> float:
-        """Theil-Sen slope of the values per second, NaN without two different times."""
+        """Theil-Sen slope of the values per second, NaN without two different times.
+
+        The estimator is robust against up to 29 % outliers.
+        """
         times, values = np.reshape(self, (-1, 2)).T
         first, second = np.triu_indices(len(times), 1)
         elapsed = times[second] - times[first]
@@ -147,7 +153,10 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Results of the last `count` items, with the reasons for failures."""
+    """Results of the last items, with the reasons for failures.
+
+    The last `count` items are kept, each for at most `duration` s.
+    """
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
         super().__init__(duration, count)

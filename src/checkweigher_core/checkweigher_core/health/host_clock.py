@@ -40,7 +40,8 @@ class ClockSteps:
 class HostClock:
     """Monitor of the clock of this host.
 
-    The command chronyc runs in a separate process, so that the node never waits for it.
+    The command chronyc runs in a separate process. A later call of `finding` reads its output, so
+    that the node never waits for it.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:

@@ -102,7 +102,13 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Known mass of an item in kg. `stamp` is its t1. Raises ValueError if it is impossible."""
+    """Known mass of an item in kg. `stamp` is its t1, when it begins to enter the belt.
+
+    Raises
+    ------
+    ValueError
+        If `mass` is negative, NaN or above `MAX_MASS`.
+    """
 
     stamp: Stamp
     mass: float
@@ -148,7 +154,10 @@ class MachineConditions:
 
 @dataclass(frozen=True, slots=True)
 class ExternalReject:
-    """Rejection of an item, by number or, if `item_id` is 0, by its `device` and `stamp`."""
+    """Rejection of an item by an inspection device.
+
+    If `item_id` is 0, the rejected item is the one that was at the `device` at `stamp`.
+    """
 
     stamp: Stamp | None
     device: str

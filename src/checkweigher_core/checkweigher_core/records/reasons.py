@@ -6,7 +6,10 @@ from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """Reason why an item cannot be weighed, or is rejected by a rule, a device or a test."""
+    """Reason why an item cannot be weighed, or why a batch rule, a device or a test rejects it.
+
+    ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are terms of OPC 40200.
+    """
 
     DISTANCE_FAULT = 'DistanceFault'
     MISSING_EDGE = 'MissingEdge'

@@ -60,7 +60,11 @@ class Verdict(NanEqual):
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """Request to stop the line for an item (0: none) at `stamp`, its reject time."""
+    """Request to stop the line.
+
+    `item_id` is the number of the item that caused the request, or 0. `stamp` is its reject time,
+    or the time of a missed external reject. `text` contains further details.
+    """
 
     reason: StopReason
     item_id: int

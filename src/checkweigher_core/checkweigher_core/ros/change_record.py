@@ -23,8 +23,8 @@ TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time from an entry to its change in 
 class ChangeRecord:
     """Client of the service that writes to the audit log of the lane.
 
-    Only a lane with an audit log has the service. After the client has discovered the service, its
-    node makes no more changes without an entry.
+    The service exists only if the lane has an audit log. After the client has discovered the
+    service once, its node makes no more changes without an entry.
     """
 
     def __init__(self, node: Node) -> None:

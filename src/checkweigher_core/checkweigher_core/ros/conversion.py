@@ -251,7 +251,10 @@ def _text(value: str) -> str:
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return the fields of a time message, 0 for an unknown stamp or one after the year 2038."""
+    """Return the fields of a time message for a stamp in ns, or 0 if the stamp is unknown.
+
+    A stamp after the year 2038, which a time message cannot hold, counts as unknown.
+    """
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     held = -(2**31) <= sec < 2**31
     return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}

@@ -21,10 +21,11 @@ _LOG_PERIOD = 1.0  # shortest time in s between two equal warnings in the log
 
 
 class Diagnostics:
-    """Publisher of the findings that `diagnose` returns at a time in s on the monotonic clock.
+    """Publisher of the findings of a node.
 
     The first status of a message describes the node by its worst level, last warning, counters and
-    host name. The others are named '<node>: <Aspect>', as in diagnostic_updater.
+    host name. The other statuses are named '<node>: <Aspect>', as in diagnostic_updater. `diagnose`
+    returns the findings at a time in s on the monotonic clock.
     """
 
     def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:

@@ -28,8 +28,9 @@ class HalfSetError(RefusedError):
 class LineParametersClient:
     """Client of the parameter services of the nodes in the namespace of `node`.
 
-    Its callback group is its own, because a callback that awaits an answer blocks its group.
-    `patience` is the longest wait for an answer in s.
+    A callback of a single-threaded executor may await the coroutines. The executor serves other
+    callbacks meanwhile. The client has its own callback group, because the waiting callback blocks
+    its group. `patience` is the longest wait for an answer in s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -57,7 +58,8 @@ class LineParametersClient:
     async def set(self, changes: Mapping[str, Values]) -> None:
         """Set parameters of several nodes, either all of them or none.
 
-        Raises `RefusedError` if a node refuses, or `HalfSetError` if a change cannot be undone.
+        If a node refuses a change, all changes are undone and `RefusedError` is raised. If a change
+        cannot be undone, `HalfSetError` is raised.
         """
         for node in changes:
             if not self.ready(node):
@@ -103,7 +105,11 @@ class LineParametersClient:
 
 
 class LineNodes:
-    """Detector of starts of nodes in a namespace, by their new publishers of parameter events."""
+    """Detector of node starts in the namespace of a node.
+
+    A node that starts creates a new publisher of parameter events, which is visible in the ROS
+    graph.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node

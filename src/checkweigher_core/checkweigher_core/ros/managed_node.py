@@ -52,7 +52,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """Release the resources that `configure` has acquired."""
 
     def begin(self) -> None:
-        """Configure the node if ``autostart`` is true, or destroy it and raise `ParameterError`."""
+        """Configure the node if ``autostart`` is true.
+
+        Raises `ParameterError` if that fails; the node is then destroyed.
+        """
         if not getattr(self.parameters, 'autostart', True):
             return
         self._beginning = True  # a failure is not logged now, because ParameterError reports it
@@ -128,7 +131,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return _SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return a service callback that refuses a forbidden transition, for which rclpy raises."""
+        """Return a service callback that refuses transitions which the present state forbids.
+
+        For such a transition, rclpy raises an exception that would end the executor.
+        """
 
         def answer(request: Any, response: Any) -> Any:
             try:

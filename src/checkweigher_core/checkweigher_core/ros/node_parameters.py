@@ -75,7 +75,10 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
 def _declare_list(
     node: Node, name: str, entry: 'Field[Any]', default: list[float], *, read_only: bool
 ) -> None:
-    """Declare a list of numbers. An empty list, which rcl reads as no value, keeps its type."""
+    """Declare a list of numbers, which keeps this type if it is empty.
+
+    rcl reads an empty list in a parameter file as a parameter without a value.
+    """
     writable, final = (descriptor(entry, read_only=each) for each in (False, read_only))
     value = node.declare_parameter(name, default, writable).value
     if value is None or value == []:

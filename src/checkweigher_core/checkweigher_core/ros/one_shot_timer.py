@@ -12,11 +12,18 @@ from checkweigher_core.ros.outputs import LOCK
 
 
 class OneShotTimer:
-    """Timer that calls `callback` once at a given time in ns on the monotonic clock.
+    """Timer that calls a function once at a given time in ns on the monotonic clock.
 
     All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
-    `fail` is called with an exception of `callback`. Callers of all methods must hold the lock of
-    the process, so that a timer does not fire after it was cleared.
+    The thread holds the lock of the process while it calls the function. Callers of the other
+    methods must hold the lock, too, so a timer does not fire after it was cleared.
+
+    Parameters
+    ----------
+    callback : callable
+        Function to call.
+    fail : callable
+        Function to call with an exception of `callback`.
     """
 
     def __init__(self, callback: Callable[[], object], fail: Callable[[Exception], None]) -> None:

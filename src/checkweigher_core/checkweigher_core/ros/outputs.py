@@ -70,11 +70,12 @@ class Output:
 class HeldOutput(Output):
     """Output that keeps its records until a consumer has been discovered.
 
-    Otherwise a record that is sent too early would be lost, and its item would get no verdict. An
-    input in the same process is a consumer. In another process, it is a subscriber whose node
-    publishes the type of the port `answer`, so a recorder is no consumer. Without `answer`, or
-    after some time, any subscriber is one. The function `before` is called with each record
-    just before it is sent.
+    The nodes of a line discover each other in any order. A record that is sent too early would be
+    lost, and its item would get no verdict. After a consumer has been discovered, records are sent
+    immediately. An input in the same process is a consumer. A subscriber in another process is a
+    consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
+    no consumer. If `answer` is None, or if no consumer has appeared after some time, any subscriber
+    counts as a consumer. The function `before` is called with each record just before it is sent.
     """
 
     def __init__(
@@ -147,9 +148,9 @@ class HeldOutput(Output):
 class Input:
     """Input of a node for the records of a port.
 
-    The callback gets each record from the outputs `makers` in the same process or, without one,
-    from a `subscription` with `qos`. If a `needed` input has no publisher, the diagnostics show an
-    error.
+    The callback gets each record from the outputs `makers` in the same process. Without such an
+    output, the input has a `subscription` with `qos`. An exception of the callback is passed to
+    ``node.refuse``. If a `needed` input has no publisher, the diagnostics show an error.
     """
 
     def __init__(

@@ -97,8 +97,8 @@ class PortNode(Node):
     ) -> Subscription:
         """Create a subscription. Malformed messages and exceptions of the callback are logged.
 
-        For a malformed message, rclpy would raise an exception, and the callback group would stay
-        blocked. With `raw` the callback gets the bytes of the message.
+        For a malformed message, rclpy would raise an exception in its executor, and the callback
+        group would stay blocked. With `raw` the callback gets the bytes of the message.
         """
 
         def convert(data: bytes) -> Any:
@@ -127,8 +127,8 @@ class PortNode(Node):
     ):
         """Create a service. If its callback fails, the client gets an empty response.
 
-        The parameter services of rclpy, which do not check the type of a value, are created here,
-        too.
+        The parameter services of rclpy, which raise an exception for a value of an unknown type,
+        are created here, too.
         """
         own = locked(callback)
 
@@ -156,9 +156,10 @@ class PortNode(Node):
     ) -> None:
         """Create a server of an action.
 
-        The coroutine function `work` gets the goal, the result to fill in, and a function that
-        publishes its keyword arguments as feedback. It raises `ValueError` with the reason of a
-        failure, which becomes the message of the result. The function `cancel` makes it end early.
+        The coroutine function `work` is called with the goal, the result to fill in, and a function
+        that publishes the feedback given by its keyword arguments. It raises `ValueError` with the
+        reason of a refusal or failure, which becomes the message in the result. The function
+        `cancel` makes it end early.
         """
         own, end = locked(work), locked(cancel)
 

@@ -134,7 +134,11 @@ def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
 
 
 def _with_finite_times(profile: 'QoSProfile') -> 'QoSProfile':
-    """Return a profile with 0 for its infinite times, which `qos_check_compatible` would demand."""
+    """Return a profile whose infinite times are replaced by 0, which means unspecified.
+
+    DDS reports an unspecified time of an endpoint as infinite. `qos_check_compatible` would treat
+    an infinite time as a requirement.
+    """
     from rclpy.duration import Duration, Infinite
 
     stated = copy(profile)

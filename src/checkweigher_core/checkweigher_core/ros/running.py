@@ -43,8 +43,9 @@ def run_all(
 ) -> None:
     """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP.
 
-    The nodes shut down in reverse order. Signals only wake the main thread, because the handlers of
-    rclpy would destroy the context during a callback.
+    The nodes start in the order of `make_nodes`, and shut down in reverse order. Signals only wake
+    the main thread. The signal handlers of rclpy would destroy the context during a callback, and
+    KeyboardInterrupt would interrupt a callback.
     """
     stopping = threading.Event()
     starting = True

@@ -106,7 +106,8 @@ def write_version(
     """Write a calibration as the newest version of a file, and return the version number.
 
     The previous version is kept as ``NAME.vN.yaml``. Other parameters are copied from the file
-    `base` or, by default, from the previous version. Raises CalibrationError or OutputError.
+    `base` or, by default, from the previous version. Raises CalibrationError or OutputError if the
+    file cannot be written. An existing file is then left unchanged.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -198,9 +199,10 @@ def check_calibrated_source(source: str) -> None:
 
 
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
-    """Return counts_per_kg and zero_counts of a source, None without a file or such parameters.
+    """Return counts_per_kg and zero_counts of a source, or None without a calibration file.
 
-    Raises CalibrationError or SettingsError if the file is not a calibration of this source.
+    The result is also None if the source has no such parameters. Raises CalibrationError or
+    SettingsError if the file is not a calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
         return None

@@ -85,7 +85,10 @@ class CalibrationServices:
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
-        """Return counts_per_kg and zero_counts of the calibration file, None without a file."""
+        """Return counts_per_kg and zero_counts of the calibration file, None without a file.
+
+        Raises ParameterError if the file is invalid.
+        """
         path = self._parameters.path
         try:
             return None if path is None else read_calibration(path, self._source)

@@ -72,7 +72,8 @@ class CalibrationParameters(Parameters):
 class CalibrationSession:
     """Calibration session. Loads are read one after the other, then `finish` fits the points.
 
-    `reading` is None unless a load is read. It is None again after the reading or an error.
+    A session is idle if `reading` is None; otherwise it reads a load. `begin` starts to read a
+    load. The session is idle again when the load was read, or after an error.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -128,11 +129,12 @@ class CalibrationSession:
     def finish(
         self, max_residual: float, edges: Collection[EyeEdge], stamp: int, now: float
     ) -> StaticCalibration:
-        """Return the calibration that fits the points. Raises CalibrationError if there is none.
+        """Return the calibration that fits the points.
 
-        `max_residual` is the largest valid residual in kg, or 0 for no limit. `edges` contains the
-        latest edge of each photo-eye. `stamp` is the stamp of the last block in ns, and `now` the
-        time in s on the clock of `add`.
+        `max_residual` is the largest valid residual in kg; if it is 0, all are valid. `edges`
+        contains the latest edge of each photo-eye. `stamp` is the stamp of the last block in ns,
+        and `now` is the time in s on the clock of `add`. Raises CalibrationError if the points do
+        not determine a calibration, or if a product may be on the belt.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')

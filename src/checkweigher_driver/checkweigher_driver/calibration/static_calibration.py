@@ -93,8 +93,9 @@ class RestReading:
     def add(self, block: SampleBlock) -> StaticReading | None:
         """Add a block; return the reading if the load has been at rest for long enough.
 
-        The measurement begins again after a loss of samples. Raises CalibrationError if the
-        converter is at its limit, or if the load has not come to rest in time.
+        After a loss of samples the measurement begins again, because the load may have moved.
+        Raises CalibrationError if the converter is at its limit, or if the load has not come to
+        rest in time.
         """
         rate, wanted, counts = self._load_cell.sample_rate, self._steadiness, block.counts
         whole = self._next in (None, block.first_index)
@@ -168,7 +169,10 @@ class StaticCalibration:
 
 
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
-    """Fit zero and sensitivity to points. Raises CalibrationError unless two masses differ."""
+    """Fit zero and sensitivity to points with at least two different masses.
+
+    Raises CalibrationError if the points do not determine zero and sensitivity.
+    """
     values = np.array([astuple(point) for point in points]).reshape(-1, 4)
     masses, readings, of_readings, of_masses = values.T
     if not np.isfinite(values).all():
@@ -201,7 +205,10 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
 
 
 def zero_only(empty: CalibrationPoint, counts_per_kg: float) -> StaticCalibration:
-    """Return a calibration with a new zero and the old sensitivity of unknown uncertainty (NaN)."""
+    """Return a calibration with a new reading of the empty belt and the old sensitivity.
+
+    The uncertainty of the sensitivity is unknown, and therefore NaN.
+    """
     return StaticCalibration(
         zero_counts=empty.reading,
         counts_per_kg=counts_per_kg,

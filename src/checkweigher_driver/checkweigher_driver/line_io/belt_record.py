@@ -33,9 +33,11 @@ _EMPTY_BEFORE = b'[false, [], []]'
 
 @dataclass(frozen=True)
 class OnBelt:
-    """State of the belt: names of its `items`, and `doubts` that no person has resolved yet.
+    """State of the belt.
 
-    `released` is true if the belt may have run since it was known to be empty.
+    `released` is true if the belt may have run since it was known to be empty. `items` contains the
+    names of the items on the belt. `doubts` contains the messages on missed products for which no
+    person has looked yet.
     """
 
     released: bool = False
@@ -73,9 +75,10 @@ class OnBelt:
 
 
 class BeltRecord:
-    """File with the state of the belt, locked for one driver. `found` is that of the last run.
+    """File with the state of the belt, locked for one driver at a time.
 
-    Raises ParameterError if the file cannot be used.
+    `found` is the state at the end of the previous run. The constructor raises ParameterError if
+    the file cannot be used.
     """
 
     def __init__(self, path: Path) -> None:

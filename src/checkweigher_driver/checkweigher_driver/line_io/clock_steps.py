@@ -16,7 +16,8 @@ _TRIES = 5
 def read_clocks() -> tuple[int, int]:
     """Return simultaneous readings in ns of the monotonic and the real-time clock.
 
-    Of several readings, the closest are returned, because the thread may be suspended in between.
+    The clocks are read several times. The readings that are closest together are returned, because
+    the thread may be suspended between two readings.
     """
 
     def reading() -> tuple[int, int, int]:
@@ -28,7 +29,11 @@ def read_clocks() -> tuple[int, int]:
 
 
 class ClockStepWatch:
-    """Detector of steps of the real-time clock by more than `tolerance` in ns between two looks."""
+    """Detector of steps of the real-time clock.
+
+    A step is a change of the offset between the clocks by more than `tolerance` in ns between two
+    calls of `look`.
+    """
 
     def __init__(self, tolerance: int, clocks: Callable[[], tuple[int, int]] = read_clocks) -> None:
         self._tolerance = tolerance

@@ -101,7 +101,11 @@ class EdgePolling:
         return [EyesLost(since + to_stamp - self._delay, text)]
 
     def figures(self) -> dict[str, float]:
-        """Return figures for the diagnostics, such as the mean uncertainty of an edge in ms."""
+        """Return figures for the diagnostics.
+
+        ``edge uncertainty ms`` is computed from the mean period and round-trip time. ``largest edge
+        uncertainty ms`` is the maximum over all edges.
+        """
         polls = max(self._polls, 1)
         period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls
         return {

@@ -63,7 +63,8 @@ class GpioEyesParameters(Parameters):
 class EdgeOrder:
     """Conversion of kernel events to edges, with detection of lost events.
 
-    The kernel numbers the events from 1. `eyes` maps the offset of each line to its photo-eye.
+    The kernel numbers the events from 1, and drops the oldest event if its buffer is full. `eyes`
+    maps the offset of each line to its photo-eye.
     """
 
     def __init__(self, eyes: dict[int, Eye]) -> None:

@@ -146,7 +146,10 @@ class InputWatch:
 
 
 class InputPort(ABC):
-    """Device with the inputs of a machine. A failure raises OSError or ValueError."""
+    """Device with the inputs of a machine. Only one thread uses it.
+
+    `open` and `read` raise OSError or ValueError if the inputs cannot be read.
+    """
 
     @abstractmethod
     def open(self) -> None:
@@ -162,7 +165,10 @@ class InputPort(ABC):
 
 
 class MachineInputs:
-    """Inputs of a machine (None: no inputs), which a thread reads from `open` to `close`."""
+    """Inputs of a machine, which a thread reads from `open` to `close`.
+
+    If `port` is None, the machine has no inputs. After an error, the thread opens the port again.
+    """
 
     def __init__(self, port: InputPort | None, bin_time: float = 0.0) -> None:
         self.exist = port is not None  # whether the machine has inputs

@@ -139,7 +139,11 @@ class ModbusEyes(EdgeSource):
 
 
 def _to_stamp() -> int:
-    """Return real time minus monotonic time in ns, at each poll, because the clock may be set."""
+    """Return real time minus monotonic time in ns.
+
+    The function is called at each poll, so that a step of the clock of the host shifts edges and
+    samples by the same time.
+    """
     monotonic, real = read_clocks()
     return real - monotonic
 

@@ -20,9 +20,9 @@ class ModbusLinkError(ValueError):
 class ModbusLink:
     """Connection to one device. Only one thread uses it.
 
-    `timeout` is the longest wait in s for a connection and for each answer. A request without a
-    valid answer raises ModbusLinkError and closes the connection, because a late answer could be
-    taken for the answer to the next request.
+    `device_id` is the Modbus unit identifier. `timeout` is the longest wait in s for a connection
+    and for each answer. A request without a valid answer raises ModbusLinkError. The connection is
+    then closed, because a late answer could be taken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
@@ -40,7 +40,10 @@ class ModbusLink:
             )
 
     def read_inputs(self, kind: str, addresses: Collection[int]) -> dict[int, bool]:
-        """Return states by address, read at once. `kind` of input: ``discrete`` or ``coil``."""
+        """Return the states of discrete inputs or coils by address, read with one request.
+
+        `kind` is ``discrete`` or ``coil``.
+        """
         client, address = self._client, min(addresses)
         count = max(addresses) - address + 1
         read = client.read_discrete_inputs if kind == 'discrete' else client.read_coils

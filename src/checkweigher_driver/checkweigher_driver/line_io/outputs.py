@@ -23,8 +23,8 @@ class OutputPort(ABC):
     """Device with the outputs and the belt input of a machine. Only one thread uses it.
 
     All methods except `close` raise OSError or ValueError if the device cannot be reached. `name`
-    identifies the outputs, `permits` is true if the permit output is connected, and `stations` is
-    the number of sorting stations.
+    identifies the outputs, and is the same at each start. `permits` is true if the permit output is
+    connected. `stations` is the number of sorting stations in addition to the rejector.
     """
 
     name: str
@@ -41,7 +41,10 @@ class OutputPort(ABC):
 
     @abstractmethod
     def refresh(self, levels: Levels) -> bool | None:
-        """Set all outputs, and send a heartbeat; return whether the belt runs, None if unknown."""
+        """Set all outputs, and send a heartbeat.
+
+        Return whether the belt runs, or None without a belt input.
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -51,11 +54,15 @@ class OutputPort(ABC):
 class MachineOutputs:
     """Outputs that reject items at the times in their verdicts, and stop the line.
 
-    In the safe state (until `activate`, and after `safe` or `close`), the rejector has the state of
-    the parameter `safe_state`, and the stop output is set. The stop output is also set during a
-    fault, without a fresh permission to run, after a missed product, and if the previous run may
-    have left items on the belt. The last two causes hold until `reset`, or until a stop request
-    that shows the product is reset. If `port` is None, the machine has no outputs.
+    In the safe state the rejector has the state of the parameter `safe_state`, and the stop output
+    is set. The outputs are in the safe state from `open` until `activate`, and after `safe` or
+    `close`. The stop output is also set during a fault, without a fresh permission to run, after a
+    product that the rejector may have missed, and if the previous run may have left items on the
+    belt. The last two causes hold until `reset`, or until a stop request that shows the product is
+    reset.
+
+    A thread opens the port, and opens it again after an error. If `port` is None, the machine has
+    no outputs.
     """
 
     def __init__(self, port: OutputPort | None, parameters: OutputParameters) -> None:
@@ -82,8 +89,8 @@ class MachineOutputs:
     def trouble_with(self, source: str) -> str:
         """Return the one-line text of a new stop request, or '' if no new one is needed.
 
-        It contains each fault, also `source` (of the source or the inputs), and the missed
-        products, because it replaces the text of the previous stop request.
+        `source` is the present fault of the source or the inputs. The text contains each fault and
+        also the missed products, because it replaces the text of the previous stop request.
         """
         with self._changed:
             missed = self._control.missed
@@ -145,8 +152,9 @@ class MachineOutputs:
     def open(self, held: Callable[[], bool] = lambda: False) -> None:
         """Start the thread that opens and switches the outputs.
 
-        In each cycle, `held` returns whether a fault of source or inputs must stop the line. Raises
-        `ParameterError` if the file with the state of the belt cannot be used.
+        The thread calls `held` in each cycle. `held` returns whether the line has to stop because
+        of a fault of the source or the inputs. Raises `ParameterError` if the file with the state
+        of the belt cannot be used.
         """
         if self._port is None or self.is_open:
             return

@@ -83,12 +83,15 @@ class OutputParameters(Parameters):
 class RejectorControl:
     """Levels of the outputs as a function of time, and products that may have been missed.
 
-    `now` is always a time in ns on the monotonic clock. In the safe state `active` is false, and
-    only the rejector removes items. `connected` is false while the outputs cannot be switched. The
-    line has to stop without a fresh permission of the node reject, while `held` is true, and after
-    a missed product. After a stop of the belt that no belt input has measured, the positions of the
-    items are unknown. All permits are then cancelled, and the line stops until a person has looked
-    for the rejected items.
+    `now` is always a time in ns on the monotonic clock. `active` is false in the safe state.
+    `connected` is false while the outputs cannot be switched. The line has to stop without a fresh
+    permission of the node reject, while `held` is true, and after a missed product.
+
+    The times of pulses and permits follow from the positions of the items. After a stop of the belt
+    that no belt input has measured, the positions are unknown. All permits are then cancelled, and
+    the line stops until a person has looked for the rejected items. `permits` is true if the
+    machine has a permit output. `stations` is the number of sorting stations in addition to the
+    rejector. In the safe state the stations are off, so that only the rejector removes items.
     """
 
     def __init__(

@@ -74,12 +74,16 @@ def _command(text: str) -> bytes:
 
 
 class LineDecoder(Decoder):
-    """Decoder of a stream of lines, which end with CR, LF or both.
+    """Decoder of a stream of lines.
 
-    `pattern` is a regular expression of a whole line, whose first group is the number with
-    `decimals` decimals. It should fix the number of digits, because a line that has lost a digit
-    would be read as another number. A line that does not match counts as one lost reading, or as
-    several if it is longer than the previous reading.
+    `pattern` is a regular expression that matches a whole line without its line end. The first
+    group of the pattern matches the number. The pattern should fix the number of digits, because
+    without a checksum a line that has lost a digit would be read as another number. One count is
+    one unit of the last decimal, and `decimals` is the number of decimals. Raises ValueError if the
+    pattern is invalid.
+
+    Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
+    several if it is longer than the previous reading. Bytes before the first line end are skipped.
     """
 
     waiting = 0  # every complete line is returned at once

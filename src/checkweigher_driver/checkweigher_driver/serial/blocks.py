@@ -17,9 +17,12 @@ class BlockMaker:
     """Conversion of reads to blocks of samples.
 
     The index continues after a break of the connection, and jumps by the number of lost samples.
-    Blocks are held back while their stamps are uncertain (see `SampleClock.settled`). `latency` is
-    the shortest time in s from a sample to the read that returns it. `limits` are the limits of the
-    converter in counts.
+    Blocks are held back while their stamps are uncertain: for 1 s at the start, while reads are
+    over 20 ms late, and for 1 s after a step of the clock of the host or an undetected loss of
+    samples. If the step or loss exceeds 20 ms, an item on the belt becomes a fault.
+
+    `latency` is the shortest time in s from a sample to the read that returns it. `limits` are the
+    lower and the upper limit of the converter in counts.
     """
 
     def __init__(self, sample_rate: float, latency: float, limits: tuple[int, int]) -> None:
@@ -32,7 +35,10 @@ class BlockMaker:
         self._lost = self._samples = 0
 
     def resume(self, reads: Sequence[Read]) -> None:
-        """Add the samples that were lost in a break to the index, by the earliest of `reads`."""
+        """Increase the index by the number of samples that were lost in a break.
+
+        The number is computed from one of the first `reads`, the one with the smallest delay.
+        """
         index, least = self.index - 1, math.inf
         for read in reads:
             index += len(read.values.counts) + int(read.values.lost.sum())

@@ -97,10 +97,14 @@ class _Places:
 class FrameDecoder(Decoder):
     """Decoder of binary frames.
 
-    Without `checksum`, the fourth byte of a frame is the status of the device, and wrong bytes
-    cannot be detected. `trailer` is 'crlf', 'none' or, if it is unknown, 'auto'. After an invalid
-    frame, the decoder searches for the next place at which five consecutive frames are valid. The
-    number of lost readings follows from the number of skipped bytes.
+    With `checksum`, the fourth byte of a frame is the XOR of the other bytes. Without `checksum`,
+    the fourth byte is the status of the device, and wrong bytes cannot be detected. `trailer` is
+    'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without a
+    checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
+
+    After an invalid frame, the decoder searches for the next place at which five consecutive frames
+    are valid. The number of lost readings is computed from the number of skipped bytes, rounded up
+    to whole frames. A loss of whole frames is detected only by the clock of the samples.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:

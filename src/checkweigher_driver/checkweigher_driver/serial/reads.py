@@ -29,9 +29,9 @@ class Read(NamedTuple):
 class ValueReader:
     """Reader of one device, which ends when `closed` is set.
 
-    `rate` is the nominal sample rate in Hz, and `in_block` the number of readings in a read.
-    `comes` is true while readings arrive. `trouble` is a message if the sample rate is wrong by 5 %
-    or more.
+    `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings in a read. The
+    device counts as silent after `timeout` s without a reading. `comes` is true while readings
+    arrive. `trouble` is a message if the measured sample rate differs from `rate` by 5 % or more.
     """
 
     def __init__(self, rate: float, in_block: int, timeout: float, closed: threading.Event) -> None:
@@ -86,7 +86,10 @@ class ValueReader:
         return f'no bytes arrive {during}; check the cable and the supply of the device'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
-        """Return the first reads after a break, up to one whose bytes did not wait."""
+        """Return the first reads after a break, up to a read whose time of arrival is known.
+
+        The time of arrival is unknown if the bytes have waited in the port.
+        """
         first, number = [], 0
         for read in reads:
             first.append(read)

@@ -69,8 +69,11 @@ class SampleClock:
     """Estimator of the stamps of samples, by a line that is fitted to the times of the reads.
 
     The true sample rate may differ by 2 % from `sample_rate` in Hz. `latency` is the shortest time
-    in s from a sample to the read that returns it. The stamps of a settled clock approach the line
-    at a relative rate of at most 0.2 %, or jump to it if they differ by more than 20 ms.
+    in s from a sample to the read that returns it.
+
+    A stamp depends only on the reads so far. In a settled clock, the stamps approach the line at a
+    relative rate of at most 0.2 %, or jump to the line if they differ from it by more than 20 ms.
+    `add` must be called before `stamp`, with increasing indices.
     """
 
     def __init__(self, sample_rate: float, *, latency: float = 0.0) -> None:
@@ -207,7 +210,12 @@ class SampleClock:
         return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))
 
     def figures(self) -> dict[str, float]:
-        """Return figures for the diagnostics. The delays are those of the last second."""
+        """Return figures for the diagnostics.
+
+        ``clock drift ppm`` is the relative error of the sample period, and ``clock offset ms`` is
+        the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms`` are the
+        mean and the maximum delay of a read in the last second.
+        """
         drift = offset = 0.0
         if self._fit is not None and self._out is not None:
             drift = self._fit.slope / self._period

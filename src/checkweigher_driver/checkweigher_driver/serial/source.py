@@ -92,8 +92,9 @@ class SerialParameters(Parameters):
 class SerialSource(Source):
     """Load cell that streams readings over a serial port.
 
-    If the port disappears or the device is silent, the source opens the port and sets up the device
-    again. The index then increases by the number of samples that were lost in the meantime.
+    The constructor opens the port and sets up the device. If the port disappears or the device is
+    silent, the source opens the port again and sets up the device again. The index then increases
+    by the number of samples that were lost in the meantime.
     """
 
     paced = False
@@ -191,7 +192,10 @@ class SerialSource(Source):
                 self._end(port)
 
     def close(self) -> None:
-        """Stop the device and close the port for good. A read ends within 0.1 s."""
+        """Stop the device and close the port. A read ends within 0.1 s.
+
+        A closed source cannot be iterated again.
+        """
         self._closed.set()
         if not self._reading:
             self._let_go()

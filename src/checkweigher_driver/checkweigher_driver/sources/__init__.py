@@ -18,14 +18,19 @@ _SWITCH_INTERVAL = 0.0005  # s
 
 
 def shorten_switch_interval() -> None:
-    """Shorten the thread switch interval of the interpreter for threads with exact times."""
+    """Shorten the thread switch interval of the interpreter.
+
+    With the default interval, threads that time photo-eyes or switch the rejector would wait too
+    long for the lock of the interpreter.
+    """
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))
 
 
 class Device(ABC):
     """Common interface of the sources of samples and of edges.
 
-    The constructor raises ValueError with a line for a technician if the device cannot be opened.
+    `parameters` is the class of the parameter set. The constructor raises ValueError if the device
+    cannot be opened; the message is one line for a technician.
     """
 
     parameters: ClassVar[type[Parameters]]

@@ -61,9 +61,10 @@ class ReplayedParameters(BagParameters):
 
 
 class ReplayedEyes(EdgeSource):
-    """Edges of a bag, for a load cell on a serial port that sends the samples of the same bag.
+    """Edges of a bag for a device that sends the samples of the same bag.
 
-    Each edge is sent between the same samples as in the bag.
+    A load cell on a serial port can thus be tested without photo-eyes. Each edge is sent between
+    the same samples as in the bag. The device must begin with the first sample of the bag.
     """
 
     parameters = ReplayedParameters

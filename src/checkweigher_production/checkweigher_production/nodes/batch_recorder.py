@@ -36,9 +36,20 @@ class LineBatches:
     batch. `first` is the name of the first batch, `clock` returns the time for the records (ISO
     8601, UTC), and `log` is the audit log of the line.
 
-    `production` has the counts of all products and batches, and `selected` the selection of the
-    last run. `doubt`, `not_kept` and `broken` are reasons, or empty: why no batch is in progress,
-    why product and batch could not be saved, and why a record is broken.
+    Raises `RecordError` if the folder cannot be created.
+
+    Attributes
+    ----------
+    production : ProductionRecord
+        Counts of all products and batches.
+    selected : Selection or None
+        Selection of the last run, or None if it is unknown.
+    doubt : str
+        Reason why no batch is in progress, or empty.
+    not_kept : str
+        Reason why product and batch could not be saved for the next start, or empty.
+    broken : str
+        Reason why a record that was opened is broken, or empty.
     """
 
     def __init__(
@@ -89,8 +100,8 @@ class LineBatches:
     def open(self, note: Callable[[RecordState], object]) -> None:
         """Begin to write to the records. `note` writes a state of a record to the audit log.
 
-        Without this entry before the first event, the event would look as if it had been added
-        while the machine was off.
+        The audit log must state that the record continues before an event is added. Otherwise,
+        after a kill, the event would look as if it had been added while the machine was off.
         """
         self._note = note
         self._note_states()
@@ -104,7 +115,10 @@ class LineBatches:
                 self._note(state)
 
     def _batch_in_progress(self, first: str) -> str:
-        """Return the only batch without an end, or the batch `first`. Raises `RecordError`."""
+        """Return the only batch without an end or, if there is none, the batch `first`.
+
+        Raises `RecordError` if the batch in progress is uncertain, or the batch `first` has ended.
+        """
         if len(self._open) > 1 or self._left_out:
             several = '; '.join([*map(str, self._open.values()), *self._left_out])
             raise RecordError(f'it is not certain which batch is in progress: {several}')
@@ -113,7 +127,10 @@ class LineBatches:
         return next(iter(self._open), first)
 
     def _continue(self, writer: RecordWriter, batch: str, before: str) -> None:
-        """Continue a batch, and end the record of the batch `before`. Raises `RecordError`."""
+        """Continue a batch, and end the record of the batch `before` if it has no end.
+
+        Raises `RecordError` if the counts of the batch are lost.
+        """
         self.production.batch, path = batch, record_path(self._folder, batch)
         interrupted = before != batch and before in self._open
         goes_on = self._open.pop(batch, None) is not None
@@ -236,7 +253,11 @@ class LineBatches:
         return self._writer is not None and record_path(self._folder, batch).exists()
 
     def may_begin(self, batch: str) -> bool:
-        """Return whether a batch may begin: its name is new, or that of a record without an end."""
+        """Return whether a batch of this name may begin.
+
+        The name must be unused. After a restart without a batch in progress, it may also be that of
+        a record without an end.
+        """
         if self.doubt and batch in self._open:
             return True
         return not (self.production.has_batch(batch) or self.has_record(batch))

@@ -31,10 +31,13 @@ _CALL_PATIENCE = 150.0  # longest time from the announcement of a service call t
 class LineAudit:
     """Writer of the audit log of a line.
 
-    The parameters of a node are written when the node starts, and a change before it is made. They
-    are read again later, so that the log is right even if the change was not made. `log` may be
-    None. `node` is the full name of this node, `line` the client for the parameters of all nodes.
-    `has_record` returns whether a batch has a record.
+    The parameters of a node are written when the node starts. A change of a parameter is written
+    before it is made. The parameters are read again later, so that the log is right even if the
+    change was not made.
+
+    `log` may be None. `node` is the full name of this node, `clock` returns the time of an entry
+    (ISO 8601, UTC), and `line` is the client for the parameters of all nodes. `has_record` returns
+    whether a batch has a record, and `warn` logs a warning.
     """
 
     def __init__(
@@ -78,7 +81,10 @@ class LineAudit:
         self._unread |= nodes.intersection(ports.NODES)
 
     def announce(self, changes: Mapping[str, Values], by: Author) -> None:
-        """Write the parameters that are about to be set, by node, or raise `AuditError`."""
+        """Write the parameters that are about to be set, by node.
+
+        If `AuditError` is raised, the caller must not set the parameters.
+        """
         for node, values in changes.items():
             if node not in ports.NODES:
                 raise AuditError(f'{node}: is no node of the line')
@@ -179,7 +185,11 @@ class LineAudit:
             self.trail.saw_state(changes.CLOCK, 'reference', reference)
 
     def claimed_by(self, service: str, who: str, why: str) -> Author:
-        """Return the person who calls a service: announced by the page or a gateway, or a claim."""
+        """Return the person who calls a service.
+
+        A person whom the page or a gateway has announced is trusted. The name in a request, `who`,
+        is only a claim.
+        """
         announced = self._authors.of(service, '', time.monotonic())
         if not announced.who.startswith('graph:'):
             return announced

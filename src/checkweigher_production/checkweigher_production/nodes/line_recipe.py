@@ -25,14 +25,21 @@ class LineRecipe:
     """Setter of limits and parameters of the selected product, in all nodes or in none.
 
     A product is "on the line" when it is published to the reject node. While the parameters of the
-    nodes are set, no product is on the line, and the reject node accepts no item. The methods await
-    the confirmation of the reject node, and raise `RefusedError` if a node refuses or does not
-    answer. `publish` publishes the product on the line, and `tally` returns the counts of a product
-    in a batch.
+    nodes are set, no product is on the line, and the reject node accepts no item. After each
+    publication, the methods await the confirmation of the reject node. The methods raise
+    `RefusedError` if a node refuses a parameter or does not answer.
 
-    `selected` is the product that may not be on the line yet, `on_line` the last published product
-    (without a name if none is on the line), and `in_use` the product that the reject node has
-    confirmed.
+    `line` is the client for the parameters of all nodes, `publish` publishes the product on the
+    line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
+
+    Attributes
+    ----------
+    selected : ProductOnLine or None
+        Selected product with its limits. It may not be on the line yet.
+    on_line : ProductOnLine
+        Last published product. Its name is empty if no product is on the line.
+    in_use : ProductOnLine or None
+        Product that the reject node has confirmed, or None before the first confirmation.
     """
 
     line: LineParametersClient
@@ -93,10 +100,11 @@ class LineRecipe:
         selected: ProductOnLine,
         announce: Callable[[dict[str, Values]], object],
     ) -> None:
-        """Set the parameters of a product in all nodes or in none, and put it on the line.
+        """Set the parameters of a product, and put the product on the line.
 
-        `announce` is called with the new parameters by node before the first one is set. If it
-        raises an exception, no parameter is set.
+        If a node refuses a parameter, all nodes keep their parameters. `selected` has the limits of
+        the product. `announce` is called with the new parameters by node before the first one is
+        set. If it raises an exception, no parameter is set.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)

@@ -28,7 +28,10 @@ _COUNTED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 
 
 
 def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
-    """Return all products of a recipe file, and the product `name`, or raise `SettingsError`."""
+    """Return all products of a recipe file, and the product `name`.
+
+    Raises `SettingsError` if the file is not valid or has no such product.
+    """
     if not file:
         raise SettingsError('the parameter recipes of the node product names no file')
     products = read_recipes(Path(file))
@@ -39,9 +42,11 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
 
 @dataclass(eq=False)
 class LineSelection:
-    """Selection of product and batch, which is written to the audit log before it is made.
+    """Selection of product and batch.
 
-    `file` is the path of the recipe file and `first` the product at the first start, or empty.
+    Each change is written to the audit log before it is made. `file` is the path of the recipe file
+    and `first` the name of the product at the first start; both may be empty. `warn` logs a
+    warning.
     """
 
     file: str
@@ -59,7 +64,11 @@ class LineSelection:
         self._begun = not self.file  # whether the selection at the start is completed
 
     async def select(self, name: str, by: Author) -> None:
-        """Select a product. If a node refuses, the previous one stays if its parameters do."""
+        """Select a product.
+
+        If a node refuses, the previous product remains selected, or no product if parameters were
+        already set.
+        """
         products, product = find(self.file, name)
         if self.batches.doubt:
             raise SettingsError(self.batches.doubt)
@@ -150,7 +159,10 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Begin a batch and end the previous one, unless that fails; return its statistics."""
+        """Begin a batch, end the previous one, and return the statistics of the previous one.
+
+        If an exception is raised, the previous batch continues.
+        """
         continues = bool(self.batches.doubt) and self.batches.has_record(name)
         is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
         if not name or is_known or not self.batches.may_begin(name):

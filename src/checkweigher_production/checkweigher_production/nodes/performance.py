@@ -49,7 +49,10 @@ class LineTest:
         self.publish(self._tests.state)
 
     async def begin(self, by: Author) -> str:
-        """Begin a test, and return an instruction for the person who makes it."""
+        """Begin a test, and return an instruction for the person who makes it.
+
+        Raises `ValueError` or `RefusedError` if the test cannot begin.
+        """
         who = by.who.strip()
         if not who:
             raise ValueError('the person who makes the performance test must be named')

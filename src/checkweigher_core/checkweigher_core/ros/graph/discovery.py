@@ -39,7 +39,8 @@ def set_profiles() -> None:
 def _written(text: str) -> Path:
     """Write profiles to a file that all processes of a user share, and return its path.
 
-    If that fails, return the file of the package, with which four processes discover each other.
+    If the file cannot be written, return the file of the package, with which only four processes of
+    a computer reliably discover each other.
     """
     path = _FOLDER / f'{blake2b(text.encode(), digest_size=8).hexdigest()}.xml'
     try:

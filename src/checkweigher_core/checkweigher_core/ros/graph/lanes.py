@@ -8,7 +8,10 @@ from checkweigher_core.ros import ports
 
 
 def running_lanes(node: Node) -> set[str]:
-    """Return the namespaces, without slashes, of the lanes with a publisher of verdicts."""
+    """Return the namespaces, without slashes, in which verdicts are published.
+
+    A topic without a publisher is ignored, because `run` subscribes to it before its nodes start.
+    """
     kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
     return {
         topic.removesuffix(ending).strip('/')

@@ -26,8 +26,12 @@ class Place:
     """Place of a node, which is held until `free` is called or the process ends.
 
     `name` is the full name of the node in the ROS `domain`. After a call of `sign`, `is_held` can
-    distinguish the node from a node of the same name in another process. Raises `ParameterError` if
-    another node holds the place.
+    distinguish the node from a node of the same name in another process.
+
+    Raises
+    ------
+    ParameterError
+        If another node holds the place.
     """
 
     def __init__(self, domain: int, name: str) -> None:

@@ -119,8 +119,9 @@ def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave, and so has a process with all its nodes. The page and each
-    gateway serve all lanes from one process. The commands `status` and `run --line` are in no lane.
+    Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
+    page and each gateway serve all lanes from one process, with one enclave each. The commands
+    `status` and `run --line` are in no lane.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}

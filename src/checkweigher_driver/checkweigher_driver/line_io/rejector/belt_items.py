@@ -16,9 +16,10 @@ _MAX_NAMES = 10
 class BeltItem:
     """Item between the infeed eye and the rejector.
 
-    `entered` and `cleared` are the stamps in ns of its edges at the infeed eye. `number` is 0 as
-    long as it is unknown. `end` is the belt time in ns at which it has passed the rejector, None
-    before its verdict. `reported` is true if it has caused a stop.
+    `entered` and `cleared` are the stamps in ns at which the item has blocked and cleared the
+    infeed eye. `number` is 0 as long as it is unknown. `end` is the belt time in ns at which the
+    item has passed the rejector, None before its verdict. `reported` is true if the item has caused
+    a stop.
     """
 
     entered: int | None

@@ -31,7 +31,10 @@ class BeltMotion:
         return self.time.run(now) if running and self.time.stopped else None
 
     def allow(self, run: bool, now: int) -> bool:
-        """Allow or forbid the belt to run; return whether it stops without a measured stop time."""
+        """Allow or forbid the belt to run; return whether the positions of its items are unknown.
+
+        The positions are unknown if the belt stops and no belt input measures the time of the stop.
+        """
         self._may_run = run
         unmeasured = not run and self.released and self.measured is None
         if unmeasured:
@@ -48,7 +51,10 @@ class BeltMotion:
         self._heartbeat = begun, self._may_run
 
     def is_silent(self, now: int) -> bool:
-        """Return, once a stop, whether the machine has stopped the belt without a heartbeat."""
+        """Return whether the machine has stopped the belt because it got no heartbeat.
+
+        True is returned only once for each stop.
+        """
         last, ran = self._heartbeat or (now, False)
         if not ran or now - last <= self._watchdog_time:
             return False

@@ -65,9 +65,10 @@ class BeltTime:
     def arrival(self, due: int, since: int | None, entered: int | None) -> tuple[int, bool]:
         """Return the belt time at which an item arrives at the rejector, and whether it is delayed.
 
-        `due` is the time of the arrival without a stop, `since` that at the outfeed eye, and
-        `entered` that at the infeed eye. If the belt was stopped between the eyes, `due` is
-        corrected, because the measured speed is too low.
+        An item is delayed by a stop of the belt. The arguments are times on the clock: `due` is the
+        arrival without a stop, `since` the time at the outfeed eye, and `entered` the time at the
+        infeed eye. If the belt was stopped while the item was between the eyes, its measured speed
+        is too low, and `due` is corrected.
         """
         begin, stood = self.at(due), False
         if since is not None:
@@ -117,7 +118,10 @@ class RejectPulses:
         self._put(here, here + self._times.duration, here)
 
     def add(self, due: int, since: int | None, now: int, entered: int | None = None) -> int:
-        """Add the pulse of an item (arguments of `BeltTime.arrival`); return its delay in ns."""
+        """Add the pulse of an item; return the delay of the pulse in ns, 0 if it is in time.
+
+        The arguments `due`, `since` and `entered` are those of `BeltTime.arrival`.
+        """
         begin, delayed = self.belt.arrival(due, since, entered)
         here = self.belt.at(now)
         if here - begin > self._times.late_tolerance:

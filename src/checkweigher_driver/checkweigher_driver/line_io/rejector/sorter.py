@@ -17,8 +17,8 @@ from checkweigher_driver.line_io.rejector.switching import Switches
 class Sorter:
     """Schedules of the pulses of rejector and `stations`, and of the permits to pass.
 
-    `permit_margin` in ns is None without a permit output. An item that may have taken a wrong route
-    is added to `missed`.
+    A permit has a margin of `permit_margin` in ns at both ends. If `permit_margin` is None, the
+    machine has no permit output. An item that may have taken a wrong route is added to `missed`.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class Sorter:
     def _was_looked_for(self, verdict: Verdict) -> bool:
         """Return whether a person has cleared the belt while the item was on it.
 
-        If the item is still there, it later passes the outfeed eye without a verdict, which stops
-        the line.
+        The verdict of a removed item comes after the longest travel time of an item. If the item is
+        still on the belt, it later passes the outfeed eye without a verdict, which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)

@@ -26,7 +26,8 @@ class Switches(NamedTuple):
 class SwitchTiming:
     """Timing errors of the outputs. A change is late if its error exceeds `late_tolerance` in ns.
 
-    `figures` contains the errors of the rejector in ms, positive if late.
+    `figures` contains the number of switches of the rejector, their mean and largest error in ms,
+    positive if late, and their largest uncertainty in ms.
     """
 
     def __init__(self, late_tolerance: int) -> None:
