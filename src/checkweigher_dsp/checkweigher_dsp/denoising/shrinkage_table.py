@@ -18,7 +18,10 @@ SHRUNK_LEVELS = (5, 6, 7)
 class ShrinkageTable:
     """Shrinkage of the wavelet bands 5 to 7 for each belt speed. Bands 1 to 4 are removed.
 
-    Raises `ValueError` if the speeds do not ascend, or the columns differ in length.
+    Raises
+    ------
+    ValueError
+        If there is no speed, the speeds do not ascend, or the columns differ in length.
     """
 
     speeds: tuple[float, ...]  # belt speeds in m/s, ascending

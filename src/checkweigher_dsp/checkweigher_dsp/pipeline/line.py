@@ -42,8 +42,12 @@ class LineParameters:
     def from_file(cls, path: Path, lane: str | None = None) -> Self:
         """Read the parameters of the stages from a ROS parameter file.
 
-        `lane` is the namespace of the line, if the file contains several lines. Raises
-        `ParameterError` if the file cannot be read or a value is not valid.
+        `lane` is the namespace of the line, if the file contains several lines.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be read or a value is not valid.
         """
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
         with opened(path) as sections:
@@ -57,7 +61,10 @@ class LineParameters:
     def with_values(self, changes: Mapping[str, object]) -> Self:
         """Return a copy with changed values by parameter name, such as ``denoise.stretch``.
 
-        Raises `ParameterError` if a parameter does not exist or a value is not valid.
+        Raises
+        ------
+        ParameterError
+            If a parameter does not exist or a value is not valid.
         """
         stages: dict[str, Parameters] = vars(self)
         given: dict[str, dict[str, object]] = {}

@@ -35,8 +35,30 @@ class Segmenter:
     depend on the size of the blocks or on the order in which samples and edges arrive, if samples
     are at most ``sample_lateness`` late and edges at most ``edge_lateness``.
 
-    `item_count` is the number of the last item before this stream. Raises `ParameterError` if the
-    windows need too many samples at the sample rate of the load cell.
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Calibration, sample rate and distance between the eyes.
+    parameters : SegmenterParameters
+        Parameters of the stage.
+    item_count : int
+        Number of the last item before this stream, or 0.
+    failures : Failures
+        Handler of exceptions that are raised while an item is processed.
+
+    Raises
+    ------
+    ParameterError
+        If the windows need too many samples at the sample rate of the load cell.
+
+    Attributes
+    ----------
+    samples, edges : int
+        Numbers of processed samples and edges, including repeated ones.
+    cutter : WindowCutter
+        Cutter of the windows.
+    zero_keeper : ZeroKeeper
+        Zero of the scale, with the requests to set it.
     """
 
     def __init__(

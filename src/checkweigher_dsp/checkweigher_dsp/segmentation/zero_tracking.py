@@ -129,10 +129,18 @@ class ZeroTracker:
     An unseen object may be on the belt. So after the first reading, a reading that is further from
     the zero than a drift explains is not accepted until a second segment confirms it.
 
-    `initial` is the zero of calibration, and `initial_std_dev` the standard deviation of its change
-    since then, in counts. The standard deviation of the `random_walk` is in counts/sqrt(s), and
-    that of the `drift` in counts/s; with 0, the filter with a drift is not used. The limits are
-    those of OIML R 51.
+    Parameters
+    ----------
+    initial, initial_std_dev : float
+        Zero of calibration, and standard deviation of its change since calibration, in counts.
+    random_walk : float
+        Standard deviation of the random walk in counts/sqrt(s).
+    sample_rate : float
+        Sample rate in Hz.
+    limits : ZeroLimits
+        Limits of zero tracking according to OIML R 51.
+    drift : float
+        Standard deviation of the drift in counts/s. With 0, the filter with a drift is not used.
 
     References
     ----------

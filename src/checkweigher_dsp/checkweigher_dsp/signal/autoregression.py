@@ -121,8 +121,18 @@ _ROUNDING = 1e-28
 def pooled_autocovariance(segments: Iterable[Array], count: int) -> Array:
     """Return the biased autocovariance of several segments of the same process, about zero.
 
-    The segments, (n_i,) each, may be empty. The result, (count,) in the squared unit of the
-    samples, begins with lag 0. It is 0 at lags that are longer than all segments.
+    Parameters
+    ----------
+    segments : iterable of ndarray, (n_i,) float64
+        Successive samples of each segment. A segment may be empty.
+    count : int
+        Number of lags, beginning with 0.
+
+    Returns
+    -------
+    ndarray, (count,) float64
+        Autocovariance in the squared unit of the samples. It is 0 at lags that are longer than all
+        segments.
     """
     sums, seen = np.zeros(count), 0
     for each in segments:

@@ -17,7 +17,17 @@ def batch_mean_std_error(samples: Array) -> float:
     """Return the standard error of the mean of successive samples with coloured noise.
 
     The method of batch means is used, because the means of ten successive batches are nearly
-    independent. `samples`, (n,), are at least ten samples of a constant load.
+    independent.
+
+    Parameters
+    ----------
+    samples : ndarray, (n,) float64
+        At least ten successive samples of a constant load.
+
+    Returns
+    -------
+    float
+        Standard error in the unit of `samples`.
     """
     means = [np.mean(batch) for batch in np.array_split(samples, BATCHES)]
     return float(np.std(means, ddof=1) / math.sqrt(BATCHES))

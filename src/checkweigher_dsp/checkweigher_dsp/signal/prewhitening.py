@@ -22,8 +22,12 @@ from checkweigher_dsp.signal.autoregression import burg
 class Prewhitener:
     """Filter that converts stationary autoregressive noise to white noise of variance 1.
 
-    The reflection coefficients, (p,), are between -1 and 1. `std_dev` is the standard deviation of
-    the innovations in the unit of the signal.
+    Parameters
+    ----------
+    reflections : sequence of float, (p,)
+        Reflection coefficients, each between -1 and 1.
+    std_dev : float
+        Standard deviation of the innovations, in the unit of the signal.
 
     Examples
     --------
@@ -75,7 +79,11 @@ def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, fl
     segments, (n_i,) each, whose mean must be 0. Short segments are therefore sufficient, and no
     taper is needed. Segments that are not longer than `order` are ignored. Returns the reflection
     coefficients, (order,) between -1 and 1, and the standard deviation of the innovations.
-    Raises `ValueError` if the segments contain no noise, or none is longer than `order`.
+
+    Raises
+    ------
+    ValueError
+        If the segments contain no noise, or no segment is longer than `order`.
 
     References
     ----------

@@ -91,7 +91,12 @@ def fir_weights(knots: Array, count: int) -> Array:
     """Return the weights of `count` samples, with sum 1.
 
     The weights are interpolated linearly between the values `knots`, (k,), which are equally spaced
-    from the first sample to the last sample. Raises `ValueError` if their sum is 0.
+    from the first sample to the last sample.
+
+    Raises
+    ------
+    ValueError
+        If the weights cannot be scaled to a sum of 1.
 
     Examples
     --------
